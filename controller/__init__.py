@@ -1,0 +1,1 @@
+"""Decides the torque of a virtual wall; knows no serial port."""

@@ -1,0 +1,1 @@
+"""The stability theory of sampled virtual walls."""

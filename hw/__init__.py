@@ -1,0 +1,1 @@
+"""Moves the servo; knows no wall."""

@@ -1,0 +1,1 @@
+"""An emulated Dynamixel bus, down to the bytes."""

@@ -1,0 +1,132 @@
+"""The servo interface: what the controller may know of a servo, simulated, emulated or real."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+
+class Outcome(IntEnum):
+    """What became of one request for the position."""
+
+    OK = 0
+    LOST = 1
+    """No reply before the deadline."""
+    CORRUPT = 2
+    """Bytes arrived that are not a valid reply."""
+
+
+class Reading(NamedTuple):
+    """The answer to one request. A failed one holds no position: it is NaN."""
+
+    outcome: Outcome
+    position: float
+    """Multi-turn position [rad]; NaN unless the outcome is OK."""
+    counts: int
+    """The encoder's integer behind it; 0 unless the outcome is OK and the servo has an encoder."""
+    sampled_ns: int
+    """The instant the request was sent [ns]: the earliest at which the sample can have been
+    taken, so that an age computed from it hides nothing."""
+    torque: float
+    """Torque from the measured current [N·m]; NaN where the servo gives none."""
+    alert: bool
+    """The servo has latched a hardware error; the position is still valid."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What does not change while the servo is open."""
+
+    name: str
+    """For people: model, id, port."""
+    counts_per_rev: int
+    """Encoder counts per revolution; 0: the position is not quantised."""
+    torque_limit: float
+    """Largest torque it accepts [N·m]."""
+    torque_step: float
+    """Smallest difference between two torques it can be sent [N·m]; 0: none."""
+    has_bus: bool
+    """Replies travel over a bus, where they can be lost."""
+
+
+@dataclass(slots=True)
+class BusCounts:
+    """What happened on the bus since the servo was started."""
+
+    cycles: int = 0
+    lost: int = 0
+    late: int = 0
+    """Replies that came after their request had been given up; never used."""
+    corrupt: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the start-up sequence: what was found against what was wanted."""
+
+    name: str
+    ok: bool
+    found: str
+    wanted: str
+
+
+class Servo(Protocol):
+    """One servo, commanded in torque. Opened by ``hw.open``, closed by ``close``.
+
+    The order of calls is ``start``, any number of cycles, ``stop``, ``close``. A cycle is
+    ``request``, ``collect``, ``write``. The request may be sent in the period before the one
+    that collects it (the reply then travels while the loop sleeps).
+    """
+
+    facts: Facts
+    counts: BusCounts
+
+    def start(self) -> list[Check]:
+        """Check everything that must hold, then enable torque at zero torque.
+
+        Returns:
+            What was checked, in order.
+
+        Raises:
+            UnfitServoError: A check failed; torque is off.
+            ServoMissingError: Nothing answers.
+        """
+        ...
+
+    def request(self) -> None:
+        """Ask for the position. Does not wait."""
+        ...
+
+    def collect(self, deadline_ns: int) -> Reading:
+        """The answer to the last ``request``, waiting for it until ``deadline_ns`` [ns] at most.
+
+        Never raises for what the bus did: a lost or broken reply is an outcome.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        ...
+
+    def write(self, torque: float) -> float:
+        """Send a torque [N·m], limited and rounded to what the servo can do.
+
+        Returns:
+            The torque really sent [N·m].
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        ...
+
+    def stop(self) -> bool:
+        """Zero torque, torque off, read back. Safe to call at any time, and twice.
+
+        Returns:
+            Whether torque off was read back.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the servo; stops it first if it was started and not stopped."""
+        ...

@@ -1,0 +1,77 @@
+"""What a servo is made of: plain values, handed in from outside; the configuration fills them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+HandName = Literal["none", "push", "tap", "lean"]
+Schedule = Literal["immediate", "pipelined"]
+
+
+@dataclass(frozen=True, slots=True)
+class TrueServo:
+    """What a simulated or emulated servo *is* (never what the controller believes of it)."""
+
+    inertia: float
+    """[kg·m²], > 0"""
+    damping: float = 0.0
+    """Viscous friction [N·m·s/rad], >= 0"""
+    coulomb: float = 0.0
+    """Coulomb friction [N·m], >= 0"""
+    counts_per_rev: int = 4096
+    """Encoder counts per revolution; 0: the position is not quantised"""
+    delay: float = 0.0
+    """From a torque's arrival at the servo to its action [s], >= 0"""
+    torque_limit: float = 4.1
+    """The servo saturates here [N·m], > 0"""
+    torque_step: float = 0.0
+    """Torques are rounded to multiples of it [N·m]; 0: none (a simulated servo only; an emulated
+    one rounds to its current unit)"""
+    backlash: float = 0.0
+    """Play between the shaft and the encoder [rad], full width, >= 0"""
+    torque_constant: float = 0.0
+    """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
+    position: float = 0.0
+    """Position at the start, at rest [rad]"""
+    hand: HandName = "none"
+    hand_origin: float = 0.0
+    """Where the wall stands for the scripted hand [rad]"""
+    hand_direction: int = 1
+    """+1: the wall fills the positions above ``hand_origin``; -1: below"""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedSettings:
+    """A servo simulated in the controller's own process."""
+
+    true: TrueServo
+
+
+@dataclass(frozen=True, slots=True)
+class DynamixelSettings:
+    """A Dynamixel on a serial port, real or emulated: the driver cannot tell which."""
+
+    port: str
+    """Device path; empty: an emulated bus in memory (``emulated`` must be given)"""
+    baud: int
+    id: int
+    model: str
+    """Model name as in the control tables, e.g. XM430-W350"""
+    torque_constant: float = 0.0
+    """[N·m/A]; 0: the model's stall ratio"""
+    torque_limit: float = 0.0
+    """[N·m]; 0: what the servo's own Current Limit allows"""
+    watchdog_s: float = 0.04
+    """Bus Watchdog [s], in steps of 0.02"""
+    probe_torque: float = 0.3
+    """Largest torque of the probe that proves the torque's sign [N·m]; 0: no probe"""
+    probe_direction: int = -1
+    """Direction of the probe: away from the wall"""
+    keep_out: tuple[float, float] | None = None
+    """Positions the servo must not be in at the start (inside the wall) [rad]; None: anywhere"""
+    emulated: TrueServo | None = None
+    """Truth of the emulated servo where the bus is in memory"""
+
+
+ServoSettings = SimulatedSettings | DynamixelSettings
