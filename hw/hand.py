@@ -1,0 +1,114 @@
+"""Scripted hands: a soft spring and damper toward a reference that is piecewise linear in time.
+
+A hand does not know what it touches; its script is given relative to the wall (depth: positive
+inside). It first leads from where the servo stands to the first depth of its script, so that the
+start is no blow, and then repeats the script for ever.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from hw.settings import HandName, TrueServo
+
+STIFFNESS = 4.0
+"""[N·m/rad] A relaxed wrist; softer than any wall worth feeling. With a reference 0.5 rad inside
+a wall of 15 N·m/rad and a Coulomb friction of 0.1 N·m the servo rests 0.1 rad inside, at a
+torque of 1.5 N·m: clear of the friction and of a servo's saturation (4.1 N·m)."""
+
+DAMPING = 0.2
+"""[N·m·s/rad] Damping ratio of about 0.5 with a free inertia of 0.01 kg·m²: a wrist does not
+ring."""
+
+LEAD_IN_S = 0.5
+"""From where the servo stands to the first depth of the script [s]."""
+
+
+class Stretch(NamedTuple):
+    """The reference while it moves linearly."""
+
+    reference: float
+    """At the instant asked for [rad]"""
+    slope: float
+    """[rad/s]"""
+    until_ns: int
+    """When the slope changes next [ns since the start]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """Depths in the wall over one period, joined by straight lines."""
+
+    times_s: tuple[float, ...]
+    """From 0 up, increasing; the last one is the period [s]"""
+    depths: tuple[float, ...]
+    """At those times [rad]; the last equals the first"""
+
+
+SCRIPTS: dict[HandName, Script] = {
+    # 0.64 rad/s: slowly in and out of the wall.
+    "push": Script((0.0, 0.4, 1.65, 2.35, 3.6, 4.0), (-0.3, -0.3, 0.5, 0.5, -0.3, -0.3)),
+    # 6 rad/s: a knock, then time to see what is left of it.
+    "tap": Script((0.0, 0.3, 0.4, 0.5, 1.0), (-0.2, -0.2, 0.4, -0.2, -0.2)),
+    "lean": Script((0.0, 4.0), (0.5, 0.5)),
+}
+
+
+class ScriptedHand:
+    """A hand's reference over time."""
+
+    __slots__ = ("_knots_ns", "_lead_in_ns", "_origin", "_period_ns", "_references", "_slopes")
+
+    def __init__(self, script: Script, position: float, origin: float, direction: int) -> None:
+        """Lay the script out at the wall.
+
+        Args:
+            script: What the hand does.
+            position: Where the servo stands at the start [rad].
+            origin: Where the wall stands [rad].
+            direction: +1: depths count upward; -1: downward.
+        """
+        self._lead_in_ns = round(LEAD_IN_S * 1e9)
+        self._knots_ns = [round(time * 1e9) for time in script.times_s]
+        self._period_ns = self._knots_ns[-1]
+        self._origin = position
+        self._references = [origin + direction * depth for depth in script.depths]
+        self._slopes = [
+            (after - before) / ((end - start) * 1e-9)
+            for before, after, start, end in zip(
+                self._references,
+                self._references[1:],
+                self._knots_ns,
+                self._knots_ns[1:],
+                strict=False,
+            )
+        ]
+
+    def pull(self, elapsed_ns: int) -> Stretch:
+        """The reference and its slope at ``elapsed_ns`` [ns since the start], and for how long."""
+        since_ns = elapsed_ns - self._lead_in_ns
+        if since_ns < 0:
+            slope = (self._references[0] - self._origin) / LEAD_IN_S
+            return Stretch(self._origin + slope * elapsed_ns * 1e-9, slope, self._lead_in_ns)
+        phase_ns = since_ns % self._period_ns
+        index = bisect_right(self._knots_ns, phase_ns) - 1
+        start_ns, slope = self._knots_ns[index], self._slopes[index]
+        return Stretch(
+            self._references[index] + slope * (phase_ns - start_ns) * 1e-9,
+            slope,
+            elapsed_ns - phase_ns + self._knots_ns[index + 1],
+        )
+
+
+def hand_of(true: TrueServo) -> ScriptedHand | None:
+    """The hand on this servo; None where nobody touches it.
+
+    ``push`` and ``tap`` act on the wall, whatever its side; ``lean`` pushes in the positive
+    direction whatever the wall's side.
+    """
+    if true.hand == "none":
+        return None
+    direction = 1 if true.hand == "lean" else true.hand_direction
+    return ScriptedHand(SCRIPTS[true.hand], true.position, true.hand_origin, direction)

@@ -1,0 +1,166 @@
+"""The moving servo in time: torques that act late, a hand, and an encoder with play.
+
+Made of ``hw.plant`` between the instants at which something changes: a torque begins to act, or
+the hand's reference turns. Times are integer nanoseconds of whatever clock the caller has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from hw.hand import DAMPING, STIFFNESS, hand_of
+from hw.plant import PlantParameters, Pull, State, step
+from hw.settings import TrueServo
+
+
+class Mechanism:
+    """One servo, its motor side commanded in torque, its encoder read.
+
+    The encoder rounds to the nearest count and counts on over turns. With backlash it follows
+    the shaft as a play of that full width does, starting in the middle: the turning points of
+    the shaft within a step count.
+    """
+
+    __slots__ = (
+        "_backlash",
+        "_counts_per_radian",
+        "_delay_ns",
+        "_followed",
+        "_hand",
+        "_parameters",
+        "_pending",
+        "_start_ns",
+        "_state",
+        "_torque",
+        "_torque_limit",
+        "_torque_step",
+        "time_ns",
+    )
+
+    def __init__(self, true: TrueServo, start_ns: int) -> None:
+        """A servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
+
+        Raises:
+            ValueError: A value is out of range.
+        """
+        self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
+        self._state = State(true.position, 0.0)
+        self._hand = hand_of(true)
+        self._start_ns = start_ns
+        self._delay_ns = round(true.delay * 1e9)
+        if self._delay_ns < 0:
+            raise ValueError(f"delay is {true.delay} s; give a value from 0 up")
+        self._torque_limit = true.torque_limit
+        self._torque_step = true.torque_step
+        self._torque = 0.0
+        self._pending: deque[tuple[int, float]] = deque()
+        self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
+        self._backlash = true.backlash
+        self._followed = true.position
+        self.time_ns = start_ns
+
+    @property
+    def position(self) -> float:
+        """True position of the shaft [rad], at the time last advanced to."""
+        return self._state.position
+
+    @property
+    def velocity(self) -> float:
+        """True velocity of the shaft [rad/s], at the time last advanced to."""
+        return self._state.velocity
+
+    @property
+    def torque(self) -> float:
+        """The torque that acts [N·m], from the time last advanced to."""
+        return self._torque
+
+    def advance(self, now_ns: int) -> None:
+        """Let time pass until ``now_ns`` [ns].
+
+        Raises:
+            ValueError: ``now_ns`` lies before the time last advanced to.
+        """
+        if now_ns < self.time_ns:
+            raise ValueError(
+                f"time went back from {self.time_ns} to {now_ns} ns; advance in order of time"
+            )
+        pending = self._pending
+        while pending and pending[0][0] <= now_ns:
+            acts_ns, torque = pending.popleft()
+            if acts_ns > self.time_ns:
+                self._move(acts_ns)
+            self._torque = torque
+        if now_ns > self.time_ns:
+            self._move(now_ns)
+
+    def command(self, torque: float, now_ns: int) -> float:
+        """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
+
+        Args:
+            torque: Wanted [N·m]. Limited to the servo's limit, then rounded to its step (toward
+                zero where the nearest step would pass the limit).
+            now_ns: When the command arrives; time is advanced to it.
+
+        Returns:
+            The torque that will act [N·m].
+
+        Raises:
+            ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
+        """
+        if not math.isfinite(torque):
+            raise ValueError(f"torque is {torque}; command a finite number of N·m")
+        self.advance(now_ns)
+        limit, step_size = self._torque_limit, self._torque_step
+        acting = min(max(torque, -limit), limit)
+        if step_size > 0.0:
+            steps = round(acting / step_size)
+            if abs(steps * step_size) > limit:
+                steps -= int(math.copysign(1, steps))
+            acting = steps * step_size
+        if self._delay_ns == 0:
+            self._torque = acting
+        else:
+            self._pending.append((now_ns + self._delay_ns, acting))
+        return acting
+
+    def encoder(self) -> int:
+        """What the encoder counts, rounded to the nearest, multi-turn.
+
+        Raises:
+            ValueError: The servo has no encoder (counts_per_rev is 0).
+        """
+        if self._counts_per_radian == 0.0:
+            raise ValueError("counts_per_rev is 0, so nothing is counted; read measured_position")
+        return round(self._followed * self._counts_per_radian)
+
+    def measured_position(self) -> float:
+        """The position the encoder gives [rad]: past the play, and quantised if it counts."""
+        if self._counts_per_radian == 0.0:
+            return self._followed
+        return self.encoder() / self._counts_per_radian
+
+    def _move(self, until_ns: int) -> None:
+        """Move under the torque that acts, cutting where the hand's reference turns."""
+        turns: list[float] | None = [] if self._backlash > 0.0 else None
+        if self._hand is None:
+            duration = (until_ns - self.time_ns) * 1e-9
+            self._state = step(self._state, self._parameters, self._torque, duration, turns=turns)
+            self.time_ns = until_ns
+        else:
+            while self.time_ns < until_ns:
+                elapsed_ns = self.time_ns - self._start_ns
+                reference, slope, turn_ns = self._hand.pull(elapsed_ns)
+                cut_ns = min(until_ns, self._start_ns + turn_ns)
+                duration = (cut_ns - self.time_ns) * 1e-9
+                pull = Pull(STIFFNESS, DAMPING, reference, slope)
+                self._state = step(
+                    self._state, self._parameters, self._torque, duration, pull, turns=turns
+                )
+                self.time_ns = cut_ns
+        if turns is None:
+            self._followed = self._state.position
+        else:
+            half = 0.5 * self._backlash
+            for position in (*turns, self._state.position):
+                self._followed = min(max(self._followed, position - half), position + half)

@@ -1,0 +1,172 @@
+"""Exact motion of a one-axis servo under held torque, with friction and a hand; no stepping.
+
+The motion over a step solves ::
+
+    m x'' = u - b x' - c sign(x') + k_h (r0 + r1 t - x) + b_h (r1 - x')
+
+with the torque u held and the hand a spring and damper toward a reference that moves linearly.
+While the velocity keeps its sign the equation is linear and its solution is written down
+(``hw.response``). What is left are the instants where the velocity reaches zero, and where a stuck
+body breaks away: each is solved for, and the step is cut there.
+
+At rest the body is stuck while the applied torque is at most c (static friction equals
+kinetic friction).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+from hw.response import Slide, response, time_to_rest
+
+_cached_response = lru_cache(maxsize=1024)(response)
+
+
+@dataclass(frozen=True, slots=True)
+class PlantParameters:
+    """What the body is.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+
+    inertia: float
+    """[kg·m²], > 0"""
+    damping: float = 0.0
+    """Viscous friction [N·m·s/rad], >= 0"""
+    coulomb: float = 0.0
+    """Coulomb friction [N·m], >= 0"""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.inertia < math.inf:
+            raise ValueError(f"inertia is {self.inertia} kg·m²; give a finite value above 0")
+        if not 0.0 <= self.damping < math.inf:
+            raise ValueError(f"damping is {self.damping} N·m·s/rad; give a finite value from 0 up")
+        if not 0.0 <= self.coulomb < math.inf:
+            raise ValueError(f"coulomb is {self.coulomb} N·m; give a finite value from 0 up")
+
+
+class State(NamedTuple):
+    """Where the body is and how it moves."""
+
+    position: float
+    """[rad]"""
+    velocity: float
+    """[rad/s]"""
+
+
+class Pull(NamedTuple):
+    """A hand on the body during one step: a spring and a damper toward a moving reference."""
+
+    stiffness: float
+    """[N·m/rad], >= 0"""
+    damping: float
+    """[N·m·s/rad], >= 0"""
+    reference: float
+    """Where the hand wants the body at the start of the step [rad]"""
+    slope: float
+    """Speed of the reference during the step [rad/s]"""
+
+
+_NO_PULL = Pull(0.0, 0.0, 0.0, 0.0)
+
+
+def step(
+    state: State,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    pull: Pull | None = None,
+    *,
+    turns: list[float] | None = None,
+) -> State:
+    """The state after ``duration`` [s] under a held torque.
+
+    Args:
+        state: Position [rad] and velocity [rad/s] at the start.
+        parameters: The body.
+        torque: Held over the whole step [N·m].
+        duration: Length of the step [s], >= 0, of any size.
+        pull: The hand; None: no hand.
+        turns: When given, the positions [rad] at which the velocity reached zero within the
+            step are appended to it in order: between them the motion is monotone.
+    """
+    if pull is None and turns is None:
+        inertia, coulomb = parameters.inertia, parameters.coulomb
+        position, velocity = state
+        if coulomb == 0.0:
+            net = torque
+        elif velocity != 0.0:
+            net = torque - math.copysign(coulomb, velocity)
+        elif abs(torque) <= coulomb:
+            return state
+        else:
+            net = torque - math.copysign(coulomb, torque)
+        h1, h, s, _ = _cached_response(parameters.damping / inertia, 0.0, duration)
+        push = net / inertia
+        end = velocity * h1 + push * h
+        # The velocity is monotone without a spring: with its sign kept it was never zero.
+        if coulomb == 0.0 or end * velocity > 0.0 or velocity == 0.0:
+            return State(position + velocity * h + push * s, end)
+    return _step_with_events(
+        state, parameters, torque, duration, pull=pull or _NO_PULL, turns=turns
+    )
+
+
+def _step_with_events(
+    state: State,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    *,
+    pull: Pull,
+    turns: list[float] | None,
+) -> State:
+    """The general step: slide to the next event, decide, go on.
+
+    The number of events is bounded: a body that breaks away from rest slides for at least half
+    a period of the hand's spring, but for one short slide against the reference's motion, after
+    which it sticks or slides with it. The bound in the loop only matters where rounding makes
+    events coincide; the body is at rest then.
+    """
+    position, velocity = state
+    inertia = parameters.inertia
+    decay = (parameters.damping + pull.damping) / inertia
+    spring = pull.stiffness / inertia
+    ramp = spring * pull.slope
+    friction = parameters.coulomb / inertia
+    held = (torque + pull.damping * pull.slope) / inertia
+    elapsed = 0.0
+    for _ in range(8 + int(4.0 * duration * math.sqrt(spring))):
+        # The acceleration a body at rest here would have without friction.
+        push = held + spring * (pull.reference + pull.slope * elapsed - position)
+        if velocity != 0.0:
+            direction = math.copysign(1.0, velocity)
+            push -= direction * friction
+        elif abs(push) > friction:
+            direction = math.copysign(1.0, push)
+            push -= direction * friction
+        elif ramp == 0.0:
+            return State(position, 0.0)
+        else:
+            direction = math.copysign(1.0, ramp)
+            elapsed += (direction * friction - push) / ramp
+            if elapsed >= duration:
+                return State(position, 0.0)
+            push = 0.0
+        left = duration - elapsed
+        slide = Slide(velocity, push, ramp, decay, spring)
+        rest = time_to_rest(slide, left)
+        if rest is None:
+            distance, velocity = slide.moved(_cached_response(decay, spring, left))
+            # An end that rounding put on the other side of zero is at zero.
+            return State(position + distance, velocity if velocity * direction > 0.0 else 0.0)
+        position += slide.moved(response(decay, spring, rest))[0]
+        velocity = 0.0
+        elapsed += rest
+        if turns is not None:
+            turns.append(position)
+    return State(position, 0.0)

@@ -1,0 +1,103 @@
+"""A servo simulated in the controller's own process, behind the servo interface.
+
+It models what ``hw.mechanism`` models: inertia, viscous and Coulomb friction, a scripted hand,
+the encoder's rounding and play, saturation, torque steps, and a lag between a torque's sending
+and its action. It does *not* model a bus (no reply is ever late or lost, and reading and writing
+take no time), a current sensor, the motor's electrical side, temperature, gravity, or a loop of
+current control.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hw.clock import Clock
+from hw.mechanism import Mechanism
+from hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from hw.settings import SimulatedSettings
+
+
+class SimulatedServo:
+    """A servo whose motion is computed whenever it is asked or commanded."""
+
+    __slots__ = ("_clock", "_mechanism", "_reading", "_running", "_true", "counts", "facts")
+
+    facts: Facts
+    counts: BusCounts
+
+    def __init__(self, settings: SimulatedSettings, clock: Clock) -> None:
+        """Open it; its time begins with ``start``.
+
+        Raises:
+            ValueError: A setting is out of range.
+        """
+        true = settings.true
+        self._true = true
+        self._clock = clock
+        self._mechanism = Mechanism(true, clock.now_ns())
+        self._reading: Reading | None = None
+        self._running = False
+        self.counts = BusCounts()
+        self.facts = Facts(
+            name="simulated servo",
+            counts_per_rev=true.counts_per_rev,
+            torque_limit=true.torque_limit,
+            torque_step=true.torque_step,
+            has_bus=False,
+        )
+
+    def start(self) -> list[Check]:
+        """Let its time begin; there is nothing to check."""
+        self._mechanism = Mechanism(self._true, self._clock.now_ns())
+        self._reading = None
+        self._running = True
+        self.counts = BusCounts()
+        return []
+
+    def request(self) -> None:
+        """Sample the position now."""
+        now_ns = self._clock.now_ns()
+        mechanism = self._mechanism
+        mechanism.advance(now_ns)
+        counts = mechanism.encoder() if self.facts.counts_per_rev else 0
+        self._reading = Reading(
+            Outcome.OK, mechanism.measured_position(), counts, now_ns, math.nan, alert=False
+        )
+
+    def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
+        """The sample of the last ``request``, at once.
+
+        Raises:
+            RuntimeError: There was no request.
+        """
+        reading = self._reading
+        if reading is None:
+            raise RuntimeError("a reading was collected without a request; call request first")
+        self._reading = None
+        self.counts.cycles += 1
+        return reading
+
+    def write(self, torque: float) -> float:
+        """Command a torque [N·m].
+
+        Returns:
+            The torque after limit and rounding [N·m].
+
+        Raises:
+            ValueError: The torque is not a finite number.
+            RuntimeError: The servo is not started.
+        """
+        if not self._running:
+            raise RuntimeError("a torque was written while torque is off; call start first")
+        return self._mechanism.command(torque, self._clock.now_ns())
+
+    def stop(self) -> bool:
+        """Torque off; the servo moves on by itself. Always succeeds."""
+        if self._running:
+            self._mechanism.command(0.0, self._clock.now_ns())
+            self._running = False
+        return True
+
+    def close(self) -> None:
+        """Stop it if it runs."""
+        self.stop()
