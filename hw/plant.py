@@ -71,9 +71,6 @@ class Pull(NamedTuple):
     """Speed of the reference during the step [rad/s]"""
 
 
-_NO_PULL = Pull(0.0, 0.0, 0.0, 0.0)
-
-
 def step(
     state: State,
     parameters: PlantParameters,
@@ -94,25 +91,46 @@ def step(
         turns: When given, the positions [rad] at which the velocity reached zero within the
             step are appended to it in order: between them the motion is monotone.
     """
-    if pull is None and turns is None:
-        inertia, coulomb = parameters.inertia, parameters.coulomb
-        position, velocity = state
-        if coulomb == 0.0:
-            net = torque
-        elif velocity != 0.0:
-            net = torque - math.copysign(coulomb, velocity)
-        elif abs(torque) <= coulomb:
+    if turns is not None:
+        return _step_with_events(state, parameters, torque, duration, pull=pull, turns=turns)
+    position, velocity = state
+    inertia, damping, coulomb = parameters.inertia, parameters.damping, parameters.coulomb
+    if coulomb == 0.0:
+        if pull is None:
+            h1, h, s, _ = _cached_response(damping / inertia, 0.0, duration)
+            push = torque / inertia
+            return State(position + velocity * h + push * s, velocity * h1 + push * h)
+        slide = _slide(position, velocity, parameters, torque, pull)
+        distance, end = slide.moved(_cached_response(slide.decay, slide.spring, duration))
+        return State(position + distance, end)
+    if pull is None:
+        if velocity == 0.0 and abs(torque) <= coulomb:
             return state
-        else:
-            net = torque - math.copysign(coulomb, torque)
-        h1, h, s, _ = _cached_response(parameters.damping / inertia, 0.0, duration)
-        push = net / inertia
+        direction = velocity or torque
+        h1, h, s, _ = _cached_response(damping / inertia, 0.0, duration)
+        push = (torque - math.copysign(coulomb, direction)) / inertia
         end = velocity * h1 + push * h
-        # The velocity is monotone without a spring: with its sign kept it was never zero.
-        if coulomb == 0.0 or end * velocity > 0.0 or velocity == 0.0:
+        # Without a spring the velocity is monotone: with its sign kept it was never zero.
+        if end * direction > 0.0:
             return State(position + velocity * h + push * s, end)
-    return _step_with_events(
-        state, parameters, torque, duration, pull=pull or _NO_PULL, turns=turns
+    return _step_with_events(state, parameters, torque, duration, pull=pull)
+
+
+def _slide(
+    position: float, velocity: float, parameters: PlantParameters, torque: float, pull: Pull | None
+) -> Slide:
+    """The motion per unit inertia, without Coulomb friction."""
+    inertia = parameters.inertia
+    if pull is None:
+        return Slide(velocity, torque / inertia, 0.0, parameters.damping / inertia, 0.0)
+    stiffness, damping, reference, slope = pull
+    spring = stiffness / inertia
+    return Slide(
+        velocity,
+        (torque + damping * slope + stiffness * (reference - position)) / inertia,
+        spring * slope,
+        (parameters.damping + damping) / inertia,
+        spring,
     )
 
 
@@ -122,27 +140,24 @@ def _step_with_events(
     torque: float,
     duration: float,
     *,
-    pull: Pull,
-    turns: list[float] | None,
+    pull: Pull | None,
+    turns: list[float] | None = None,
 ) -> State:
     """The general step: slide to the next event, decide, go on.
 
     The number of events is bounded: a body that breaks away from rest slides for at least half
     a period of the hand's spring, but for one short slide against the reference's motion, after
-    which it sticks or slides with it. The bound in the loop only matters where rounding makes
-    events coincide; the body is at rest then.
+    which it sticks or slides along with it. The bound in the loop only matters where rounding
+    makes events coincide; the body is at rest then.
     """
     position, velocity = state
-    inertia = parameters.inertia
-    decay = (parameters.damping + pull.damping) / inertia
-    spring = pull.stiffness / inertia
-    ramp = spring * pull.slope
-    friction = parameters.coulomb / inertia
-    held = (torque + pull.damping * pull.slope) / inertia
+    _, start_push, ramp, decay, spring = _slide(position, velocity, parameters, torque, pull)
+    start_position = position
+    friction = parameters.coulomb / parameters.inertia
     elapsed = 0.0
     for _ in range(8 + int(4.0 * duration * math.sqrt(spring))):
-        # The acceleration a body at rest here would have without friction.
-        push = held + spring * (pull.reference + pull.slope * elapsed - position)
+        # The acceleration that a body at rest here would have without friction.
+        push = start_push + ramp * elapsed - spring * (position - start_position)
         if velocity != 0.0:
             direction = math.copysign(1.0, velocity)
             push -= direction * friction
@@ -150,13 +165,13 @@ def _step_with_events(
             direction = math.copysign(1.0, push)
             push -= direction * friction
         elif ramp == 0.0:
-            return State(position, 0.0)
+            break
         else:
             direction = math.copysign(1.0, ramp)
             elapsed += (direction * friction - push) / ramp
-            if elapsed >= duration:
-                return State(position, 0.0)
             push = 0.0
+            if elapsed >= duration:
+                break
         left = duration - elapsed
         slide = Slide(velocity, push, ramp, decay, spring)
         rest = time_to_rest(slide, left)
