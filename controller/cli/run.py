@@ -1,0 +1,133 @@
+"""``haptic-wall run``: render the wall, then report, log and picture."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from controller import __version__
+from controller.cli.options import as_json, config_argument, json_option, set_option
+from controller.cli.text import report_text
+from controller.config import Config
+from controller.config_load import load_config
+from controller.errors import UserError
+
+SIMULATED_S = 5.0
+"""Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
+
+
+@click.command()
+@config_argument(default="simulated")
+@set_option
+@click.option("--duration", type=float, metavar="S", help="How long the wall is on [s].")
+@click.option("--log", "log_path", type=click.Path(path_type=Path), help="Where the log goes.")
+@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Where the PNG goes.")
+@click.option(
+    "--witness",
+    type=click.Path(path_type=Path),
+    help="Where the emulated bus records every frame and the true motion (CSV).",
+)
+@json_option
+def command(
+    config: str,
+    sets: tuple[str, ...],
+    duration: float | None,
+    log_path: Path | None,
+    plot_path: Path | None,
+    witness: Path | None,
+    as_json_wanted: bool,
+) -> None:
+    """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
+
+    On hardware it runs until Ctrl-C; simulated and emulated for 5 s unless --duration says
+    otherwise. Whatever ends it, the torque is off when it ends.
+    """
+    from controller import report as reports
+    from controller import supervisor
+
+    loaded = load_config(config, sets)
+    effective = loaded.config
+    seconds = _duration(effective, duration)
+    if witness is not None and (effective.servo.kind != "emulated" or _in_memory(effective)):
+        raise UserError(
+            "--witness: only an emulated bus in its own process keeps a record; run"
+            " emulated-xm430 on the monotonic clock, or leave the option out"
+        )
+    log, plot = _places(log_path, plot_path, Path(loaded.name).stem)
+    plan = supervisor.Plan(
+        config=effective,
+        duration_s=seconds,
+        log=log,
+        metadata={
+            "program": f"haptic-wall {__version__}",
+            "name": loaded.name,
+            "config": effective.model_dump(mode="json"),
+        },
+        witness=witness,
+    )
+    _say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
+    ended = supervisor.run(plan, _say)
+    warning = _draw(log, plot)
+    if warning is not None:
+        ended.warnings.append(warning)
+    report = reports.run_report(
+        effective,
+        ended,
+        str(log) if log.exists() else None,
+        None if warning is not None else str(plot),
+    )
+    sys.stdout.write((as_json(report) if as_json_wanted else report_text(report)) + "\n")
+    sys.stdout.flush()
+    sys.exit(reports.exit_status(ended.stop_reason))
+
+
+def _in_memory(config: Config) -> bool:
+    return config.loop.clock == "simulated"
+
+
+def _duration(config: Config, asked: float | None) -> float | None:
+    if asked is None:
+        return None if config.servo.kind == "hardware" else SIMULATED_S
+    if not 0.0 < asked < float("inf"):
+        raise UserError(f"--duration: found {asked:g}, wanted a time above 0 s")
+    return asked
+
+
+def _places(log: Path | None, plot: Path | None, name: str) -> tuple[Path, Path]:
+    """Where log and picture go; what is not said goes into ./runs/."""
+    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+    log = stem.with_suffix(".hwlog") if log is None else log
+    plot = stem.with_suffix(".png") if plot is None else plot
+    for option, path in (("--log", log), ("--plot", plot)):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"{option}: the folder {path.parent} cannot be made ({error.strerror}); name"
+                " another place"
+            ) from error
+        if path.is_dir():
+            raise UserError(f"{option}: {path} is a folder; name a file")
+    return log, plot
+
+
+def _draw(log: Path, plot: Path) -> str | None:
+    """Draw the picture from the log; what went wrong, or None."""
+    from controller.logfile import read_log
+    from controller.plot import plot_run
+
+    try:
+        metadata, rows = read_log(log)
+        if rows.size == 0:
+            return "no picture: the log holds no rows"
+        plot_run(rows, metadata, plot)
+    except (OSError, UserError) as error:
+        return f"no picture: {error}"
+    return None
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)

@@ -1,0 +1,38 @@
+"""The delay ring: a torque comes out a whole number of periods after it went in."""
+
+from __future__ import annotations
+
+
+class DelayRing:
+    """Delays a value by ``steps`` periods; before the first one comes out, zeros do.
+
+    It counts periods, not calls: periods that the loop skipped shift it too, as if the value
+    before had been pushed again in each of them.
+
+    Args:
+        steps: Whole periods of delay, 0 or more.
+    """
+
+    __slots__ = ("_at", "_last", "_ring", "steps")
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self._ring = [0.0] * (steps + 1)
+        self._at = 0
+        self._last = 0.0
+
+    def push(self, value: float, periods: int = 1) -> float:
+        """Put a value in, ``periods`` after the one before; what comes out now."""
+        if self.steps == 0:
+            return value
+        ring = self._ring
+        size = self.steps + 1
+        if periods > 1:
+            # More skipped periods than the ring is long leave nothing else in it.
+            for _ in range(min(periods - 1, size)):
+                ring[self._at] = self._last
+                self._at = (self._at + 1) % size
+        ring[self._at] = value
+        self._last = value
+        self._at = (self._at + 1) % size
+        return ring[self._at]

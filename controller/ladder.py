@@ -1,0 +1,125 @@
+"""Which of the guard's decisions holds now: a ladder of delays, climbed by measured sample ages.
+
+The guard's mathematics takes milliseconds to seconds, a tick has microseconds. So the decisions
+are computed before the start for a ladder of sample ages, and the tick only picks the rung.
+
+The rule: over a window, the percentile of the ages picks the rung. A run of ages above the rung
+lowers at once, without waiting for the window; a single hiccup does neither. Going back to a
+stiffer rung takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact,
+because raising K at a penetration x would put the energy ΔK x²/2 into the spring.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+
+from controller.guard import Decision
+
+RUN = 10
+"""Ages in a row above the rung that lower at once."""
+RAISE_WINDOWS = 5
+"""Windows in a row that must allow a stiffer rung before it is taken."""
+
+
+def rung_ages_ns() -> list[int]:
+    """Sample ages of the rungs [ns]: fine where buses are quick, coarse where they are slow."""
+    microseconds = [*range(0, 600, 20), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
+    return [us * 1000 for us in microseconds]
+
+
+class GuardLadder:
+    """Picks the decision for the ages it is shown.
+
+    Args:
+        decisions: One for each age, by rising age.
+        ages_ns: The ages the decisions were made for [ns], rising.
+        percentile: Which percentile of the window's ages must be covered [%].
+        window: Ages in a window.
+    """
+
+    def __init__(
+        self,
+        decisions: Sequence[Decision],
+        ages_ns: Sequence[int],
+        percentile: float,
+        window: int,
+    ) -> None:
+        self._decisions = decisions
+        self._ages = ages_ns
+        self._top = len(ages_ns) - 1
+        self._allowed_above = window * (1.0 - percentile / 100.0)
+        self._window = window
+        self._counts = [0] * len(ages_ns)
+        self._seen = 0
+        self._run = 0
+        self._run_rung = 0
+        self._raise_windows = 0
+        self._raise_rung = 0
+        self.rung = 0
+
+    @property
+    def decision(self) -> Decision:
+        """The decision that holds."""
+        return self._decisions[self.rung]
+
+    @property
+    def age_ns(self) -> int:
+        """The sample age that decision counts with [ns]."""
+        return self._ages[self.rung]
+
+    def observe(self, age_ns: int, may_raise: bool) -> bool:
+        """Count one age [ns]; whether another decision holds from now on.
+
+        Args:
+            age_ns: Age of the sample when its torque was sent.
+            may_raise: Nothing is touched now, so the stiffness may go up.
+        """
+        before = self.rung
+        rung = min(bisect_left(self._ages, age_ns), self._top)
+        self._counts[rung] += 1
+        self._seen += 1
+        if rung > before:
+            self._run += 1
+            self._run_rung = rung if self._run == 1 else min(rung, self._run_rung)
+            if self._run >= RUN:
+                self.rung = self._run_rung
+                self._run = 0
+        else:
+            self._run = 0
+        if self._seen >= self._window:
+            self._end_window()
+        if may_raise and self._raise_windows >= RAISE_WINDOWS and self._raise_rung < self.rung:
+            self.rung = self._raise_rung
+            self._raise_windows = 0
+        return self.rung != before
+
+    def settle(self) -> None:
+        """End the warm-up: take the rung its ages ask for, stiffer or softer, and start afresh."""
+        if self._seen:
+            self.rung = self._percentile_rung(self._seen)
+        self._restart_window()
+        self._run = self._raise_windows = 0
+
+    def _percentile_rung(self, seen: int) -> int:
+        allowed = self._allowed_above * seen / self._window
+        above = 0
+        for rung in range(self._top, -1, -1):
+            above += self._counts[rung]
+            if above > allowed:
+                return rung
+        return 0
+
+    def _restart_window(self) -> None:
+        self._counts = [0] * (self._top + 1)
+        self._seen = 0
+
+    def _end_window(self) -> None:
+        rung = self._percentile_rung(self._seen)
+        self._restart_window()
+        if rung >= self.rung:
+            self.rung = rung
+            self._raise_windows = 0
+            return
+        self._raise_rung = rung if self._raise_windows == 0 else max(rung, self._raise_rung)
+        self._raise_windows += 1

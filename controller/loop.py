@@ -1,0 +1,108 @@
+"""The fixed grid of deadlines: when the next tick is, and how to be there in time."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+from hw.clock import Clock, SimulatedClock
+
+SPIN_MIN_NS = 50_000
+SPIN_MAX_NS = 300_000
+
+
+def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, int]:
+    """Next point on the fixed grid, and how many whole periods were missed.
+
+    A tick that is less than one period late runs at once and keeps its place on the grid;
+    a longer stall skips whole periods. The grid never shifts, so the rate cannot drift and a
+    stall is never followed by a burst.
+
+    Args:
+        deadline_ns: The deadline just served [ns].
+        now_ns: The present time on the same monotonic clock [ns].
+        period_ns: The sampling period [ns].
+    """
+    missed = max(0, (now_ns - deadline_ns) // period_ns - 1)
+    return deadline_ns + (missed + 1) * period_ns, missed
+
+
+class Waiter(Protocol):
+    """Waits for a deadline and tells when it really woke."""
+
+    def wait(self, deadline_ns: int) -> int:
+        """Return at ``deadline_ns`` [ns] or as soon after as possible; the present time [ns]."""
+        ...
+
+
+class ClockWaiter:
+    """Waits on the given clock: on a simulated one it arrives exactly.
+
+    Args:
+        clock: The clock that passes while waiting.
+    """
+
+    __slots__ = ("_clock",)
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def wait(self, deadline_ns: int) -> int:
+        """See ``Waiter``."""
+        self._clock.wait_until(deadline_ns)
+        return self._clock.now_ns()
+
+
+class SpinWaiter:
+    """Sleeps until a margin before the deadline, then spins: wake-up latency is spent early.
+
+    It never spins for a whole period: a thread that does so under SCHED_FIFO is throttled by
+    the kernel for 50 ms of every second.
+
+    Args:
+        margin_ns: How long before the deadline to stop sleeping [ns].
+    """
+
+    __slots__ = ("margin_ns",)
+
+    def __init__(self, margin_ns: int) -> None:
+        self.margin_ns = margin_ns
+
+    def wait(self, deadline_ns: int) -> int:
+        """See ``Waiter``."""
+        now = time.monotonic_ns()
+        remaining = deadline_ns - self.margin_ns - now
+        if remaining > 0:
+            time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
+            now = time.monotonic_ns()
+        while now < deadline_ns:
+            now = time.monotonic_ns()
+        return now
+
+
+def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
+    """How early to wake so that 95 % of sleeps end before the deadline [ns], within bounds.
+
+    Args:
+        naps: How many sleeps to try.
+        nap_ns: How long each is [ns].
+    """
+    overshoots = []
+    for _ in range(naps):
+        wanted = time.monotonic_ns() + nap_ns
+        time.sleep(nap_ns * 1e-9)
+        overshoots.append(time.monotonic_ns() - wanted)
+    overshoots.sort()
+    return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
+
+
+def waiter_for(clock: Clock, spin_ns: int | None) -> Waiter:
+    """The waiter that suits a clock.
+
+    Args:
+        clock: Simulated or monotonic.
+        spin_ns: Spin margin [ns]; None: measured now.
+    """
+    if isinstance(clock, SimulatedClock):
+        return ClockWaiter(clock)
+    return SpinWaiter(measured_spin_margin_ns() if spin_ns is None else spin_ns)

@@ -1,0 +1,89 @@
+"""The loop's own process: takes its orders on standard input, reports on standard output.
+
+Orders are one JSON object; reports are one JSON object a line, each with an ``event``. Nothing
+else runs here: a busy thread beside the loop would cost it stalls of 5 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from dataclasses import asdict, dataclass
+
+from controller import realtime
+from controller.config import Config
+from controller.session import run_session
+from controller.telemetry import State, Telemetry, Word
+from hw.clock import MonotonicClock
+from hw.errors import ServoError
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the supervisor tells the loop."""
+
+    config: str
+    """The effective configuration as JSON"""
+    telemetry: int
+    """Descriptor of the shared memory"""
+    port: int | None
+    """Descriptor of the open serial port"""
+    parent: int
+    """Process id of the supervisor"""
+    core: int
+    duration_s: float | None
+
+
+def main() -> None:
+    """Run one session as ordered; ends with torque off, whatever happens."""
+    orders = Orders(**json.loads(sys.stdin.readline()))
+    telemetry = Telemetry(orders.telemetry)
+
+    def stop(_signal: int, _frame: object) -> None:
+        telemetry.words[Word.STOP] = 1
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    config = Config.model_validate_json(orders.config)
+    settings = realtime.apply(config.realtime.profile, config.realtime.priority, {orders.core})
+    _tell("realtime", settings=[asdict(setting) for setting in settings])
+    missing = realtime.missing_for_strict(settings) if config.realtime.profile == "strict" else []
+    if missing:
+        _tell("refused", message=_strict_message(missing))
+        return
+    try:
+        result = run_session(
+            config,
+            MonotonicClock(),
+            telemetry,
+            orders.duration_s,
+            orders.port,
+            tell=lambda text: _tell("tell", text=text),
+        )
+    except ServoError as error:
+        telemetry.words[Word.STATE] = State.TORQUE_OFF
+        _tell("refused", message=str(error))
+        return
+    _tell("ended", result=asdict(result))
+
+
+def _strict_message(missing: list[realtime.Setting]) -> str:
+    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
+    return (
+        f"realtime.profile is strict, and the system did not grant what it needs ({wishes}); or"
+        " run with --set realtime.profile=best-effort to take what is granted"
+    )
+
+
+def _tell(event: str, **content: object) -> None:
+    try:
+        os.write(sys.stdout.fileno(), (json.dumps({"event": event, **content}) + "\n").encode())
+    except BrokenPipeError:
+        return  # the supervisor is gone; torque off does not depend on it
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Linux process settings for the loop: what was wanted, what was granted, what would grant it."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Profile = Literal["off", "best-effort", "strict"]
+
+_PR_SET_PDEATHSIG = 1
+_PR_SET_TIMERSLACK = 29
+_PR_GET_TIMERSLACK = 30
+_MCL_CURRENT_AND_FUTURE = 3
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_DMA_LATENCY = Path("/dev/cpu_dma_latency")
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One wish and what became of it."""
+
+    name: str
+    wanted: str
+    got: str
+    ok: bool
+    remedy: str
+    """The command that grants it; empty where it was granted."""
+
+
+def die_with_parent(parent: int, signal_number: int) -> None:
+    """Have the kernel send this process a signal when its parent ends.
+
+    Args:
+        parent: Process id the caller believes its parent has: when it is gone already, the
+            signal is sent at once.
+        signal_number: The signal.
+    """
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal_number)
+
+
+def pick_cores() -> tuple[int, set[int]]:
+    """The core for the loop, and the cores for everything else.
+
+    The loop takes the last core it may use (the first one serves most interrupts); with a single
+    core everything shares it.
+    """
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[-1], set(allowed[:-1]) or set(allowed)
+
+
+def _scheduler(priority: int) -> str:
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    return f"SCHED_FIFO {priority}, reset on fork"
+
+
+def _memory() -> str:
+    if _LIBC.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return "all memory locked"
+
+
+def _core(cores: set[int]) -> str:
+    os.sched_setaffinity(0, cores)
+    return "core " + ", ".join(map(str, sorted(cores)))
+
+
+def _timer_slack() -> str:
+    _LIBC.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    return f"{_LIBC.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)} ns"
+
+
+_held: list[int] = []
+
+
+def _cpu_latency() -> str:
+    descriptor = os.open(_DMA_LATENCY, os.O_WRONLY)
+    os.write(descriptor, (0).to_bytes(4, "little"))
+    _held.append(descriptor)  # the request lasts as long as the descriptor is open
+    return "0 µs"
+
+
+def _attempt(name: str, wanted: str, action: Callable[[], str], remedy: str) -> Setting:
+    try:
+        return Setting(name, wanted, action(), True, "")
+    except OSError as error:
+        return Setting(name, wanted, f"refused: {error.strerror}", False, remedy)
+
+
+def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
+    """Take the settings of a profile for this process, as far as they are granted.
+
+    Args:
+        profile: ``off`` takes none but the core.
+        priority: Of SCHED_FIFO, 1 to 99.
+        cores: Where this process may run.
+
+    Returns:
+        Wanted against got, a line each. With ``strict`` the caller refuses to go on unless all
+        the required ones (scheduler, memory) are ok.
+    """
+    settings = [_attempt("core", _names(cores), lambda: _core(cores), "")]
+    if profile == "off":
+        return settings
+    settings.append(
+        _attempt(
+            "scheduler",
+            f"SCHED_FIFO {priority}",
+            lambda: _scheduler(priority),
+            "add 'YOU - rtprio 95' to /etc/security/limits.d/haptic-wall.conf and log in again,"
+            " or once: sudo prlimit --rtprio=95 --pid $$",
+        )
+    )
+    settings.append(
+        _attempt(
+            "memory",
+            "all memory locked",
+            _memory,
+            "add 'YOU - memlock unlimited' to /etc/security/limits.d/haptic-wall.conf and log in"
+            " again, or once: sudo prlimit --memlock=unlimited --pid $$",
+        )
+    )
+    settings.append(_attempt("timer slack", "1 ns", _timer_slack, ""))
+    settings.append(
+        _attempt(
+            "cpu latency",
+            "0 µs",
+            _cpu_latency,
+            "sudo chmod o+w /dev/cpu_dma_latency (until the next boot)",
+        )
+    )
+    return settings
+
+
+def missing_for_strict(settings: list[Setting]) -> list[Setting]:
+    """The settings a strict profile cannot do without and did not get."""
+    return [s for s in settings if s.name in ("scheduler", "memory") and not s.ok]
+
+
+def freeze_garbage() -> None:
+    """Collect garbage once, then never again: a collection costs milliseconds."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+def _names(cores: set[int]) -> str:
+    return "core " + ", ".join(map(str, sorted(cores)))

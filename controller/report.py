@@ -1,0 +1,81 @@
+"""The report of a run: everything it measured, under the names that outside tools read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from controller.config import Config
+from controller.safety import EXPLANATIONS, Trip
+from controller.supervisor import Ended
+
+
+def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
+    """The report as JSON-ready values; what is not known is None.
+
+    Args:
+        config: The effective configuration.
+        ended: What the supervisor knows.
+        log: Where the log is.
+        plot: Where the picture is.
+    """
+    result = ended.result or {}
+    statistics = ended.statistics
+    elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz
+    return {
+        "ticks": ended.ticks,
+        "duration_s": elapsed,
+        "missed_ticks": ended.missed,
+        "rate_hz": ended.ticks / elapsed if elapsed else None,
+        "grid_hz": result.get("grid_hz"),
+        "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
+        "work_us": statistics.work.as_report(50, 99, 99.9),
+        "bus_us": statistics.bus.as_report(50, 99, 99.9),
+        "bus": _bus(result.get("bus"), ended),
+        "delay_s": result.get("delay"),
+        "guard": result.get("guard"),
+        "oscillation": None,
+        "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
+        "stop_reason": ended.stop_reason,
+        "explanation": explanation(ended),
+        "torque_off": result.get("torque_off"),
+        "servo_checks": result.get("checks", []),
+        "realtime": ended.realtime,
+        "warnings": _warnings(ended),
+        "log": log,
+        "plot": plot,
+    }
+
+
+def explanation(ended: Ended) -> str | None:
+    """What a trip means and what to do; None where the run ended as planned."""
+    kind, _, name = ended.stop_reason.partition(":")
+    if kind != "trip":
+        return None
+    message = (ended.result or {}).get("message", "")
+    return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
+
+
+def exit_status(stop_reason: str) -> int:
+    """The exit status that goes with a stop reason."""
+    if stop_reason == f"trip:{Trip.SERVO_LOST}":
+        return 4
+    return {"duration": 0, "interrupted": 130}.get(stop_reason, 3)
+
+
+def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
+    if counts is None:
+        return None
+    return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}
+
+
+def _warnings(ended: Ended) -> list[str]:
+    warnings = list(ended.warnings)
+    for setting in ended.realtime:
+        if not setting["ok"]:
+            warnings.append(
+                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']}"
+                + (f"; to grant it: {setting['remedy']}" if setting["remedy"] else "")
+            )
+    if ended.statistics.unread:
+        warnings.append(f"{ended.statistics.unread} rows were not read in time for the statistics")
+    return warnings

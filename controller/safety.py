@@ -1,0 +1,123 @@
+"""Trips: what ends a run at once with torque off, each under its own name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hw.servo import Reading
+
+
+class Trip(StrEnum):
+    """Why a run was ended."""
+
+    NOT_A_NUMBER = "not_a_number"
+    """A position, velocity or torque was NaN or infinite."""
+    OVERSPEED = "overspeed"
+    """The position moved further than the speed limit allows."""
+    LOSSES_IN_ROW = "losses_in_row"
+    """Too many readings in a row failed."""
+    LOSS_RATE = "loss_rate"
+    """Too large a share of the readings in the window failed."""
+    HARDWARE_ERROR = "hardware_error"
+    """The servo has latched a hardware error."""
+    SERVO_LOST = "servo_lost"
+    """The port vanished."""
+    LOOP_HUNG = "loop_hung"
+    """The loop's process gave no sign of life."""
+    LOOP_DIED = "loop_died"
+    """The loop's process ended without saying so."""
+    EMULATOR_DIED = "emulator_died"
+    """The process of the emulated bus ended."""
+    INTERNAL_ERROR = "internal_error"
+    """The program raised an error it should not have."""
+
+
+EXPLANATIONS = {
+    Trip.NOT_A_NUMBER: "a position, velocity or torque was not a finite number; this is a defect"
+    " or a broken servo: please report it with the log",
+    Trip.OVERSPEED: "the position moved faster than safety.max_speed allows; check the encoder"
+    " and the wall's stability, or raise safety.max_speed",
+    Trip.LOSSES_IN_ROW: "more readings in a row failed than safety.max_losses_in_row allows;"
+    " check cable, power, baud rate and adapter",
+    Trip.LOSS_RATE: "a larger share of the readings failed than safety.max_loss allows; check"
+    " cable, power, baud rate and adapter, or lower loop.rate_hz",
+    Trip.HARDWARE_ERROR: "the servo has latched a hardware error (overload, overheating, voltage,"
+    " encoder or shock); let it cool, check its supply, then reboot it",
+    Trip.SERVO_LOST: "the port is gone; check that the adapter is plugged in and powered",
+    Trip.LOOP_HUNG: "the loop gave no sign of life for safety.heartbeat_s; the supervisor has"
+    " switched the torque off",
+    Trip.LOOP_DIED: "the loop's process died; the supervisor has switched the torque off",
+    Trip.EMULATOR_DIED: "the emulated bus died; start it again",
+    Trip.INTERNAL_ERROR: "the loop met an error it does not know; torque is off, please report it"
+    " with the log",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyLimits:
+    """When to trip."""
+
+    max_speed: float
+    """[rad/s]"""
+    position_step: float
+    """Encoder step [rad], which a reading may be off by"""
+    max_loss: float
+    """Share of failed readings in the window [1]"""
+    loss_window: int
+    """Readings in the window"""
+    max_losses_in_row: int
+
+
+class Safety:
+    """Watches readings and torques; O(1) a tick.
+
+    Args:
+        limits: When to trip.
+    """
+
+    __slots__ = ("_at", "_failed", "_in_row", "_limits", "_position", "_sampled_ns", "_window")
+
+    def __init__(self, limits: SafetyLimits) -> None:
+        self._limits = limits
+        self._window = bytearray(limits.loss_window)
+        self._at = 0
+        self._failed = 0
+        self._in_row = 0
+        self._position = math.nan
+        self._sampled_ns = 0
+
+    def good(self, reading: Reading) -> Trip | None:
+        """Judge a good reading: its position, and how far it is from the one before."""
+        self._count(0)
+        self._in_row = 0
+        position = reading.position
+        if not math.isfinite(position):
+            return Trip.NOT_A_NUMBER
+        if reading.alert:
+            return Trip.HARDWARE_ERROR
+        limits = self._limits
+        elapsed = (reading.sampled_ns - self._sampled_ns) * 1e-9
+        moved = abs(position - self._position)  # NaN the first time: compares false
+        self._position = position
+        self._sampled_ns = reading.sampled_ns
+        if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
+            return Trip.OVERSPEED
+        return None
+
+    def failed(self) -> Trip | None:
+        """Count a reading that failed."""
+        self._count(1)
+        self._in_row += 1
+        if self._in_row > self._limits.max_losses_in_row:
+            return Trip.LOSSES_IN_ROW
+        if self._failed > self._limits.max_loss * self._limits.loss_window:
+            return Trip.LOSS_RATE
+        return None
+
+    def _count(self, failed: int) -> None:
+        window = self._window
+        self._failed += failed - window[self._at]
+        window[self._at] = failed
+        self._at = (self._at + 1) % len(window)

@@ -1,0 +1,248 @@
+"""One run of the loop: build its parts, check the servo, run the grid, end with torque off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from controller.config import Config
+from controller.delay import DelayRing
+from controller.guard import Decision, Situation, decide, decision_report
+from controller.ladder import GuardLadder, rung_ages_ns
+from controller.loop import Waiter, next_deadline, waiter_for
+from controller.realtime import freeze_garbage
+from controller.safety import Safety, SafetyLimits, Trip
+from controller.telemetry import State, Telemetry, Word
+from controller.tick import Tick, TickParts
+from controller.velocity import velocity_estimator
+from controller.wall import Wall
+from hw.clock import Clock, SimulatedClock
+from hw.errors import ServoLostError
+from hw.open import open_servo
+from hw.servo import Check, Servo
+
+RAMP_S = 0.05
+"""How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+BLOCK = 4096
+"""Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How a run ended; everything in it can be sent as JSON."""
+
+    stop_reason: str
+    message: str
+    """What the program itself wants to add; empty mostly"""
+    ticks: int
+    missed: int
+    elapsed_s: float
+    grid_hz: float
+    guard: dict[str, Any]
+    delay: dict[str, float]
+    bus: dict[str, int] | None
+    torque_off: bool
+    checks: list[Check] = field(default_factory=list)
+
+
+def run_session(
+    config: Config,
+    clock: Clock,
+    telemetry: Telemetry,
+    duration_s: float | None,
+    port: int | None = None,
+    on_block: Callable[[], None] = lambda: None,
+    tell: Callable[[str], None] = lambda _text: None,
+) -> Result:
+    """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
+
+    Args:
+        config: The effective configuration.
+        clock: What the loop runs on.
+        telemetry: Where rows go, and where a stop is asked for.
+        duration_s: How long the wall is on [s]; None: until stopped.
+        port: Descriptor of the open serial port, where there is one.
+        on_block: Called now and then between ticks, where the same process must also record.
+        tell: Called with what a person should know before the wall is on.
+
+    Raises:
+        ServoError: The servo could not be started; torque is off.
+    """
+    servo = open_servo(config.servo_settings(), clock, port)
+    try:
+        ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+        checks = servo.start()
+        tell(f"{servo.facts.name}: torque is on, {len(checks)} start-up checks passed")
+        tick = Tick(_parts(config, clock, servo, telemetry, ladder))
+        waiter = waiter_for(clock, _spin_ns(config))
+        grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
+        telemetry.words[Word.STATE] = State.RUNNING
+        reason, message = _run(grid, config, servo, duration_s)
+        torque_off = servo.stop()
+        telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
+        on_block()
+    finally:
+        servo.close()
+    decision = ladder.decision
+    return Result(
+        stop_reason=reason,
+        message=message,
+        ticks=tick.ticks,
+        missed=tick.missed,
+        elapsed_s=grid.elapsed_s,
+        grid_hz=1e9 / grid.period_ns,
+        guard=decision_report(decision),
+        delay=delay_report(config, decision, ladder.age_ns),
+        bus=asdict(servo.counts) if servo.facts.has_bus else None,
+        torque_off=torque_off,
+        checks=checks,
+    )
+
+
+def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
+    """The parts of the delay that the guard counted with, and their sum [s]."""
+    inserted = config.delay.steps * config.period_ns * 1e-9
+    return {
+        "inserted": inserted,
+        "device": config.belief().delay.high,
+        "measured": age_ns * 1e-9,
+        "total": decision.delay,
+    }
+
+
+def _spin_ns(config: Config) -> int | None:
+    spin_us = config.realtime.spin_us
+    return None if spin_us is None else round(spin_us * 1000.0)
+
+
+class _Grid:
+    """Deadlines served one after the other, from one start."""
+
+    def __init__(
+        self,
+        tick: Tick,
+        waiter: Waiter,
+        clock: Clock,
+        telemetry: Telemetry,
+        period_ns: int,
+        on_block: Callable[[], None],
+    ) -> None:
+        self.tick = tick
+        self.period_ns = period_ns
+        self._waiter = waiter
+        self._clock = clock
+        self._words = telemetry.words
+        self._on_block = on_block
+        self._deadline = clock.now_ns() + period_ns
+        self._missed = 0
+        self._begun = self._deadline
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time on the grid since the wall was switched on [s]."""
+        return (self._deadline - self._begun) * 1e-9
+
+    def begin(self) -> None:
+        """Count time, ticks and missed periods from here on."""
+        self._begun = self._deadline
+        self.tick.ticks = 0
+        self.tick.missed = 0
+
+    def serve(self, duration_s: float | None) -> str | None:
+        """Serve deadlines for a while; why it ended before, or None."""
+        end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
+        tick, words, period_ns = self.tick, self._words, self.period_ns
+        wait, run, now = self._waiter.wait, tick.run, self._clock.now_ns
+        deadline, missed = self._deadline, self._missed
+        block = BLOCK
+        try:
+            while deadline < end:
+                woke = wait(deadline)
+                if words[Word.STOP] or words[Word.CUT]:
+                    return "interrupted"
+                run(deadline, woke, missed)
+                if tick.trip is not None:
+                    deadline += period_ns
+                    return f"trip:{tick.trip}"
+                deadline, missed = next_deadline(deadline, now(), period_ns)
+                block -= 1
+                if block == 0:
+                    self._on_block()
+                    block = BLOCK
+        finally:
+            self._deadline, self._missed = deadline, missed
+        return None
+
+
+def _run(grid: _Grid, config: Config, servo: Servo, duration_s: float | None) -> tuple[str, str]:
+    """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
+    freeze_garbage()
+    try:
+        reason = None
+        if servo.facts.has_bus or config.loop.clock == "monotonic":
+            reason = grid.serve(config.loop.warm_up_s)
+        grid.tick.wall_on()
+        grid.begin()
+        return reason or grid.serve(duration_s) or "duration", ""
+    except ServoLostError as error:
+        return f"trip:{Trip.SERVO_LOST}", str(error)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
+        return f"trip:{Trip.INTERNAL_ERROR}", f"{type(error).__name__}: {error}"
+
+
+def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
+    """The guard's decisions for every sample age that may come."""
+    period = config.period_ns * 1e-9
+    counts = servo.facts.counts_per_rev
+    situation = Situation(
+        belief=config.belief(),
+        period=period,
+        torque_limit=servo.facts.torque_limit,
+        position_step=2.0 * math.pi / counts if counts else 0.0,
+    )
+    # In the same process on the simulated clock a sample has no age.
+    ages_ns = [0] if simulated and not servo.facts.has_bus else rung_ages_ns()
+    inserted = config.delay.steps * period
+    least_ns = round(config.guard.sample_age * 1e9)
+    ages_ns = [max(age, least_ns) for age in ages_ns]
+    decisions = decide(
+        config.request(),
+        config.guard_settings(),
+        situation,
+        [inserted + age * 1e-9 for age in ages_ns],
+        inserted,
+    )
+    window = max(1, round(config.guard.window_s / period))
+    return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window)
+
+
+def _parts(
+    config: Config, clock: Clock, servo: Servo, telemetry: Telemetry, ladder: GuardLadder
+) -> TickParts:
+    period_ns = config.period_ns
+    period = period_ns * 1e-9
+    counts = servo.facts.counts_per_rev
+    wall, safety = config.wall, config.safety
+    return TickParts(
+        clock=clock,
+        servo=servo,
+        wall=Wall(0.0, 0.0, wall.position, wall.side),
+        velocity=velocity_estimator(period, wall.velocity_samples),
+        ring=DelayRing(config.delay.steps),
+        ladder=ladder,
+        safety=Safety(
+            SafetyLimits(
+                max_speed=safety.max_speed,
+                position_step=2.0 * math.pi / counts if counts else 0.0,
+                max_loss=safety.max_loss,
+                loss_window=max(1, round(safety.loss_window_s / period)),
+                max_losses_in_row=safety.max_losses_in_row,
+            )
+        ),
+        telemetry=telemetry,
+        period_ns=period_ns,
+        ramp_ticks=max(1, round(RAMP_S / period)),
+        pipelined=config.servo.schedule == "pipelined",
+    )

@@ -1,0 +1,329 @@
+"""The process tree of a run: who starts, watches and ends whom.
+
+The command's own process is the supervisor. It opens the port, passes its descriptor to the
+loop's process and stays silent; it writes to the bus only when the loop is dead or hung, and then
+nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes
+too. With the simulated clock there is nothing to supervise: everything runs in one process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from controller.config import Config
+from controller.logfile import LogWriter
+from controller.loop_process import Orders
+from controller.processes import Child, first_line
+from controller.realtime import pick_cores
+from controller.recorder import Recorder
+from controller.safety import Trip
+from controller.session import run_session
+from controller.statistics import RunStatistics
+from controller.telemetry import ROW, State, Telemetry, Word
+from hw.clock import MonotonicClock, SimulatedClock
+from hw.errors import ServoError
+from hw.open import cut_torque, open_port
+from hw.settings import DynamixelSettings, TrueServo
+
+START_S = 60.0
+"""How long the loop may take to start [s]: the checked start-up, and the guard's mathematics."""
+END_S = 2.0
+"""How long a child may take to end after it was asked to [s]."""
+POLL_MS = 20
+"""How often the heartbeat is looked at [ms]."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class Ended:
+    """What the supervisor knows when a run is over."""
+
+    stop_reason: str
+    statistics: RunStatistics
+    ticks: int
+    missed: int
+    result: dict[str, Any] | None = None
+    """The loop's own ``session.Result``; None: it ended without one"""
+    realtime: list[dict[str, Any]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run, and where its traces go."""
+
+    config: Config
+    duration_s: float | None
+    log: Path
+    metadata: dict[str, Any]
+    witness: Path | None
+    """Record of the emulated bus; None: none"""
+
+
+def run(plan: Plan, tell: Tell) -> Ended:
+    """Run a plan to its end.
+
+    Args:
+        plan: What to run.
+        tell: Called with what a person should know meanwhile.
+
+    Raises:
+        ServoError: The servo could not be started.
+    """
+    telemetry = Telemetry.create()
+    with _stop_on_signals(telemetry):
+        if plan.config.loop.clock == "simulated":
+            return _run_here(plan, telemetry)
+        return _Supervisor(plan, telemetry, tell).run()
+
+
+@contextlib.contextmanager
+def _stop_on_signals(telemetry: Telemetry) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP ask the loop to stop, however often they come."""
+
+    def stop(_signal: int, _frame: object) -> None:
+        telemetry.words[Word.STOP] = 1
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, stop) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _run_here(plan: Plan, telemetry: Telemetry) -> Ended:
+    """Loop, recorder and statistics in this process, on the simulated clock."""
+    statistics = RunStatistics()
+    log: LogWriter | None = None
+    warnings: list[str] = []
+    try:
+        log = LogWriter(plan.log, plan.metadata, ROW)
+        recorder = Recorder(telemetry, log)
+    except OSError as error:
+        warnings.append(_log_warning(plan.log, error))
+    counted = 0
+
+    def on_block() -> None:
+        nonlocal counted
+        rows, counted = telemetry.read(counted)
+        statistics.add(rows)
+        if log is not None and not warnings:
+            try:
+                recorder.drain()
+            except OSError as error:
+                warnings.append(_log_warning(plan.log, error))
+
+    clock = SimulatedClock()
+    result = run_session(plan.config, clock, telemetry, plan.duration_s, on_block=on_block)
+    if log is not None:
+        with contextlib.suppress(OSError):  # a full disk was reported when it was met
+            log.close()
+    return Ended(
+        result.stop_reason, statistics, result.ticks, result.missed, asdict(result), [], warnings
+    )
+
+
+def _log_warning(log: Path, error: OSError) -> str:
+    return f"the log {log} is incomplete: {error.strerror or error}; the run went on without it"
+
+
+class _Supervisor:
+    """Starts the children, watches them, and cuts the torque when the loop cannot."""
+
+    def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
+        self._plan = plan
+        self._telemetry = telemetry
+        self._words = telemetry.words
+        self._tell = tell
+        self._statistics = RunStatistics()
+        self._counted = 0
+        self._warnings: list[str] = []
+        self._realtime: list[dict[str, Any]] = []
+        self._result: dict[str, Any] | None = None
+        self._refused: str | None = None
+        self._settings = plan.config.servo_settings()
+        self._port: int | None = None
+        core, others = pick_cores()
+        self._core = plan.config.realtime.core if plan.config.realtime.core is not None else core
+        self._others = others
+
+    def run(self) -> Ended:
+        with contextlib.ExitStack() as children:
+            emulator = self._start_emulator(children)
+            recorder = self._start_recorder(children)
+            loop = self._start_loop(children)
+            reason = self._watch(loop, emulator)
+            self._words[Word.FINISHED] = 1
+            self._end_recorder(recorder)
+        self._count()
+        if self._refused is not None:
+            raise ServoError(self._refused)
+        words = self._words
+        return Ended(
+            reason,
+            self._statistics,
+            words[Word.TICKS],
+            words[Word.MISSED],
+            self._result,
+            self._realtime,
+            self._warnings,
+        )
+
+    def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
+        settings = self._settings
+        if not isinstance(settings, DynamixelSettings):
+            return None
+        emulator = None
+        config = self._plan.config
+        if config.servo.kind == "emulated":
+            arguments = emulator_arguments(settings, config.true_servo(), self._plan.witness)
+            emulator = Child("emulator", arguments, None, (), self._others)
+            children.callback(emulator.dismiss, END_S)
+            path = first_line(emulator, START_S)
+            if path is None:
+                raise ServoError("the emulated bus did not start; see its message above")
+            settings = replace(settings, port=path)
+        self._port = open_port(settings)
+        children.callback(os.close, self._port)
+        return emulator
+
+    def _start_recorder(self, children: contextlib.ExitStack) -> Child:
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "parent": os.getpid(),
+            "log": str(self._plan.log),
+            "metadata": self._plan.metadata,
+        }
+        recorder = Child(
+            "recorder",
+            ["controller.recorder"],
+            orders,
+            [self._telemetry.descriptor],
+            self._others,
+        )
+        children.callback(recorder.dismiss, END_S)
+        return recorder
+
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        orders = Orders(
+            config=self._plan.config.model_dump_json(),
+            telemetry=self._telemetry.descriptor,
+            port=self._port,
+            parent=os.getpid(),
+            core=self._core,
+            duration_s=self._plan.duration_s,
+        )
+        descriptors = [self._telemetry.descriptor]
+        if self._port is not None:
+            descriptors.append(self._port)
+        loop = Child("loop", ["controller.loop_process"], asdict(orders), descriptors)
+        children.callback(loop.dismiss, END_S)
+        return loop
+
+    def _watch(self, loop: Child, emulator: Child | None) -> str:
+        """Until the loop has ended, by itself or by force; why."""
+        poll = select.poll()
+        poll.register(loop.pidfd, select.POLLIN)
+        poll.register(loop.output, select.POLLIN)
+        started = time.monotonic()
+        stop_asked: float | None = None
+        while not loop.ended():
+            poll.poll(POLL_MS)
+            self._hear(loop)
+            self._count()
+            now = time.monotonic()
+            if stop_asked is None and (
+                self._words[Word.STOP] or (emulator is not None and emulator.ended())
+            ):
+                stop_asked = now
+            hung = self._hung(now, started)
+            if hung or (stop_asked is not None and now - stop_asked > END_S):
+                return self._cut(loop, Trip.LOOP_HUNG)
+        self._hear(loop)
+        if self._result is not None:
+            if not self._result["torque_off"]:
+                self._warnings.append(self._cut_text())
+            return str(self._result["stop_reason"])
+        if self._refused is not None:
+            return "refused"
+        return self._cut(loop, Trip.LOOP_DIED)
+
+    def _hung(self, now: float, started: float) -> bool:
+        state = self._words[Word.STATE]
+        if state == State.STARTING:
+            return now - started > START_S
+        silent = now - self._words[Word.HEARTBEAT_NS] * 1e-9
+        running = state == State.RUNNING and self._words[Word.HEARTBEAT_NS] > 0
+        return bool(running and silent > self._plan.config.safety.heartbeat_s)
+
+    def _cut(self, loop: Child, trip: Trip) -> str:
+        """Take the bus from a loop that is dead or hung; the loop is killed when that is done."""
+        self._words[Word.CUT] = 1
+        text = self._cut_text()
+        loop.send(signal.SIGKILL)
+        loop.wait(END_S)
+        self._warnings.append(f"the loop's process {loop.exit_text()}; {text}")
+        return f"trip:{trip}"
+
+    def _cut_text(self) -> str:
+        if self._port is None or not isinstance(self._settings, DynamixelSettings):
+            return "the simulated servo ended with it"
+        if cut_torque(self._settings, self._port, MonotonicClock()):
+            return "the supervisor switched the torque off and read it back"
+        return (
+            "torque off could not be read back: switch the servo's power off; its Bus Watchdog"
+            " should have stopped it"
+        )
+
+    def _hear(self, loop: Child) -> None:
+        for line in loop.lines():
+            event = json.loads(line)
+            match event.pop("event"):
+                case "realtime":
+                    self._realtime = event["settings"]
+                case "refused":
+                    self._refused = event["message"]
+                case "tell":
+                    self._tell(event["text"])
+                case "ended":
+                    self._result = event["result"]
+
+    def _count(self) -> None:
+        rows, self._counted = self._telemetry.read(self._counted)
+        self._statistics.add(rows)
+
+    def _end_recorder(self, recorder: Child) -> None:
+        recorder.wait(5.0)
+        lines = recorder.lines()
+        error = json.loads(lines[-1])["error"] if lines else f"the recorder {recorder.exit_text()}"
+        if error is not None:
+            recorded = self._words[Word.TAIL]
+            self._warnings.append(
+                f"the log is incomplete ({error}): it holds the first {recorded} of"
+                f" {self._words[Word.HEAD]} rows; the run was not disturbed"
+            )
+
+
+def emulator_arguments(
+    settings: DynamixelSettings, true: TrueServo, witness: Path | None
+) -> list[str]:
+    """The command that starts an emulated bus with one servo, after ``python -m``."""
+    arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
+    arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
+    for part in fields(true):
+        arguments += ["--set", f"servo.{part.name}={getattr(true, part.name)}"]
+    if witness is not None:
+        arguments += ["--record", str(witness)]
+    return arguments

@@ -1,0 +1,131 @@
+"""Rows and control words in shared memory: one writer, any number of readers, no locks.
+
+The memory is an anonymous file (memfd) whose descriptor is passed on to child processes: it
+vanishes with the last of them, whatever way they end. The first page holds control words, the
+rest a ring of rows. A row is complete before ``HEAD`` counts it; a reader that was overtaken
+sees it by the row's own sequence number.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+INT_FIELDS = (
+    "seq",
+    "deadline_ns",
+    "lateness_ns",
+    "work_ns",
+    "bus_ns",
+    "sampled_ns",
+    "age_ns",
+    "outcome",
+    "missed",
+    "flags",
+)
+FLOAT_FIELDS = (
+    "position",
+    "velocity",
+    "wall_torque",
+    "torque",
+    "stiffness",
+    "damping",
+    "delay_s",
+)
+ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
+"""One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
+[N·m/rad] and damping [N·m·s/rad], the total delay the guard counts with [s]. ``work_ns`` and
+``bus_ns`` are those of the tick before, so that they include the writing of its row."""
+
+FLAG_SATURATED = 1
+"""The torque limit cut what the wall asked for."""
+FLAG_CONTACT = 2
+"""The position is inside the wall."""
+FLAG_WARM_UP = 4
+"""The wall is not on yet: torque is zero while the delay is measured."""
+
+_ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
+_PAGE = 4096
+CAPACITY = 1 << 16
+
+
+class Word(IntEnum):
+    """Places of the control words; each has one writer, named."""
+
+    HEAD = 0
+    """Rows written (loop)."""
+    HEARTBEAT_NS = 1
+    """When the loop last lived (loop)."""
+    STATE = 2
+    """A ``State`` (loop)."""
+    STOP = 3
+    """Not 0: end the run with torque off (supervisor)."""
+    CUT = 4
+    """Not 0: the supervisor has taken the bus; never write again (supervisor)."""
+    TAIL = 5
+    """Rows recorded (recorder)."""
+    FINISHED = 6
+    """Not 0: no more rows will come (supervisor)."""
+    TICKS = 7
+    """Ticks executed (loop)."""
+    MISSED = 8
+    """Whole periods skipped (loop)."""
+
+
+class State(IntEnum):
+    """Where the loop is."""
+
+    STARTING = 0
+    RUNNING = 1
+    TORQUE_OFF = 2
+    """Torque off was commanded and read back."""
+    TORQUE_UNKNOWN = 3
+    """The loop is done, but torque off could not be read back."""
+
+
+class Telemetry:
+    """The shared memory, from one process's side.
+
+    Args:
+        descriptor: Of a memory made by ``create``, possibly inherited.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self._map = mmap.mmap(descriptor, _PAGE + CAPACITY * _ROW_STRUCT.size)
+        self.words = memoryview(self._map)[:_PAGE].cast("q")
+        self._rows = np.frombuffer(self._map, dtype=ROW, offset=_PAGE)
+        self._head = int(self.words[Word.HEAD])
+
+    @classmethod
+    def create(cls) -> Telemetry:
+        """New, empty shared memory."""
+        descriptor = os.memfd_create("haptic-wall-telemetry")
+        os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_STRUCT.size)
+        return cls(descriptor)
+
+    def write(self, *row: float) -> None:
+        """Append one row: the fields of ``ROW`` after ``seq``, in order. The loop's only."""
+        head = self._head
+        _ROW_STRUCT.pack_into(self._map, _PAGE + (head % CAPACITY) * _ROW_STRUCT.size, head, *row)
+        self._head = head + 1
+        self.words[0] = head + 1
+
+    def read(self, tail: int) -> tuple[NDArray[np.void], int]:
+        """Copies of the rows from ``tail`` on, and the next tail.
+
+        Returns:
+            Rows, shape (n,), dtype ``ROW``, and the sequence number that follows the last. Where
+            the writer has overtaken the reader, the rows start later than ``tail``: the gap
+            shows in ``seq``.
+        """
+        head = int(self.words[Word.HEAD])
+        start = max(tail, head - CAPACITY + 1)
+        rows = self._rows[np.arange(start, head) % CAPACITY]
+        # Rows that were overwritten while they were copied carry another sequence number.
+        return rows[rows["seq"] == np.arange(start, head)], head

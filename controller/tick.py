@@ -1,0 +1,193 @@
+"""One period, start to end: read, estimate, render, delay, check, write, tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from controller.delay import DelayRing
+from controller.ladder import GuardLadder
+from controller.safety import Safety, Trip
+from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
+from controller.velocity import VelocityEstimator
+from controller.wall import Wall
+from hw.clock import Clock
+from hw.servo import Outcome, Servo
+
+COLLECT_SHARE = 0.8
+"""How much of a period a reply may take before it is given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class TickParts:
+    """Everything a tick works with."""
+
+    clock: Clock
+    servo: Servo
+    wall: Wall
+    velocity: VelocityEstimator
+    ring: DelayRing
+    ladder: GuardLadder
+    safety: Safety
+    telemetry: Telemetry
+    period_ns: int
+    ramp_ticks: int
+    """Ticks over which a new stiffness is reached [1]"""
+    pipelined: bool
+    """Requests are sent at the end of the period before"""
+
+
+class Tick:
+    """The controller's state between periods.
+
+    Attributes:
+        trip: Why the run must end; None while all is well. Once set, no torque was sent.
+        warm_up: While true the torque is zero, and only the delay is measured.
+        ticks: Periods executed.
+        missed: Whole periods skipped.
+    """
+
+    def __init__(self, parts: TickParts) -> None:
+        self._parts = parts
+        self._now = parts.clock.now_ns
+        self._words = parts.telemetry.words
+        self._position = math.nan
+        self._sampled_ns: int | None = None
+        self._since_good = 0
+        self._limit = parts.servo.facts.torque_limit
+        self._work_ns = 0
+        self._bus_ns = 0
+        self._bus_now_ns = 0
+        self._outcome = Outcome.OK
+        self._collect_ns = int(COLLECT_SHARE * parts.period_ns)
+        self._ramp_left = 0
+        self._ramp_stiffness = 0.0
+        self._ramp_damping = 0.0
+        self._delay_s = 0.0
+        self.trip: Trip | None = None
+        self.warm_up = True
+        self.ticks = 0
+        self.missed = 0
+        if parts.pipelined:
+            parts.servo.request()
+
+    def wall_on(self) -> None:
+        """End the warm-up: the guard's decision for the measured ages is in force at once."""
+        parts = self._parts
+        parts.ladder.settle()
+        decision = parts.ladder.decision
+        parts.wall.stiffness = decision.stiffness
+        parts.wall.damping = decision.damping
+        self._delay_s = decision.delay
+        self.warm_up = False
+
+    def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
+        """Serve one deadline.
+
+        Args:
+            deadline_ns: The deadline served [ns].
+            woke_ns: When the loop woke for it [ns].
+            missed: Whole periods skipped since the tick before.
+        """
+        parts = self._parts
+        periods = 1 + missed
+        self._since_good += periods
+
+        velocity = self._sense(woke_ns)
+        position = self._position
+
+        flags = 0
+        wall_torque = 0.0
+        contact = parts.wall.in_contact(position)
+        if self.warm_up:
+            flags = FLAG_WARM_UP
+        elif self._sampled_ns is not None:
+            wall_torque = parts.wall.torque(position, velocity)
+        if contact:
+            flags |= FLAG_CONTACT
+        torque = parts.ring.push(wall_torque, periods)
+        if self.trip is None and not math.isfinite(torque):
+            self.trip = Trip.NOT_A_NUMBER
+        if self.trip is not None:
+            torque = 0.0
+        if abs(torque) > self._limit:
+            flags |= FLAG_SATURATED
+        if self._words[Word.CUT]:
+            return  # the supervisor has taken the bus: not one byte more
+        sent = parts.servo.write(torque)
+        written_ns = self._now()
+        if parts.pipelined:
+            parts.servo.request()
+
+        sampled_ns = self._sampled_ns
+        age_ns = 0 if sampled_ns is None else written_ns - sampled_ns
+        self._follow_guard(age_ns, contact)
+        parts.telemetry.write(
+            deadline_ns,
+            woke_ns - deadline_ns,
+            self._work_ns,
+            self._bus_ns,
+            sampled_ns or 0,
+            age_ns,
+            self._outcome,
+            missed,
+            flags,
+            position,
+            velocity,
+            wall_torque,
+            sent,
+            parts.wall.stiffness,
+            parts.wall.damping,
+            self._delay_s,
+        )
+        self.ticks += 1
+        self.missed += missed
+        words = self._words
+        words[7] = self.ticks  # Word.TICKS, Word.MISSED, Word.HEARTBEAT_NS: plain numbers are
+        words[8] = self.missed  # twice as quick as enumeration members
+        ended_ns = self._now()
+        words[1] = ended_ns
+        self._bus_ns = self._bus_now_ns
+        self._work_ns = ended_ns - woke_ns - self._bus_now_ns
+
+    def _sense(self, woke_ns: int) -> float:
+        """Take the reading; the velocity it implies [rad/s]."""
+        parts = self._parts
+        servo = parts.servo
+        if not parts.pipelined:
+            servo.request()
+        asked_ns = self._now()
+        reading = servo.collect(woke_ns + self._collect_ns)
+        self._bus_now_ns = self._now() - asked_ns
+        self._outcome = reading.outcome
+        if reading.outcome != Outcome.OK:
+            # The last position once more, so dx = 0; the next difference is divided by the
+            # periods that really passed. Before the first good reading nothing acts.
+            self.trip = parts.safety.failed()
+            return 0.0
+        self.trip = parts.safety.good(reading)
+        self._position = reading.position
+        self._sampled_ns = reading.sampled_ns
+        periods, self._since_good = self._since_good, 0
+        return parts.velocity.update(reading.position, periods)
+
+    def _follow_guard(self, age_ns: int, contact: bool) -> None:
+        """Count the age; move the commanded stiffness and damping along the ray if need be."""
+        parts = self._parts
+        wall = parts.wall
+        if parts.ladder.observe(age_ns, may_raise=not contact) and not self.warm_up:
+            decision = parts.ladder.decision
+            self._delay_s = decision.delay
+            # Raised only out of contact, so at once: a ramp could run on into the contact.
+            raised = decision.stiffness > wall.stiffness
+            self._ramp_left = 1 if raised else parts.ramp_ticks
+            self._ramp_stiffness = (decision.stiffness - wall.stiffness) / parts.ramp_ticks
+            self._ramp_damping = (decision.damping - wall.damping) / parts.ramp_ticks
+        if self._ramp_left:
+            self._ramp_left -= 1
+            if self._ramp_left:
+                wall.stiffness += self._ramp_stiffness
+                wall.damping += self._ramp_damping
+            else:
+                wall.stiffness = parts.ladder.decision.stiffness
+                wall.damping = parts.ladder.decision.damping

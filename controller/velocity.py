@@ -1,0 +1,74 @@
+"""Velocity estimators on sampled positions: the backward difference and its N-sample form."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class VelocityEstimator(Protocol):
+    """Estimates velocity from positions that arrive one a period, some of them missing."""
+
+    def update(self, position: float, periods: int) -> float:
+        """Velocity [rad/s] from a new position [rad], ``periods`` after the last good one.
+
+        The first call has no history and returns 0.
+        """
+        ...
+
+
+class BackwardDifference:
+    """``(x[k] - x[k-1]) / T``: the estimator the stability theory is written for.
+
+    After lost readings the difference is divided by the periods that really passed.
+
+    Args:
+        period: Sampling period T [s].
+    """
+
+    __slots__ = ("_last", "_period")
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._last: float | None = None
+
+    def update(self, position: float, periods: int) -> float:
+        """See ``VelocityEstimator``."""
+        last, self._last = self._last, position
+        return 0.0 if last is None else (position - last) / (periods * self._period)
+
+
+class SampleDifference:
+    """``(x[k] - x[k-N]) / (N T)``: a finer velocity step, for (N-1)/2 periods more lag.
+
+    While fewer than N periods are known it uses those there are.
+
+    Args:
+        period: Sampling period T [s].
+        samples: N, at least 1.
+    """
+
+    __slots__ = ("_history", "_index", "_period", "_samples")
+
+    def __init__(self, period: float, samples: int) -> None:
+        self._period = period
+        self._samples = samples
+        self._index = 0
+        self._history: list[tuple[int, float]] = []
+
+    def update(self, position: float, periods: int) -> float:
+        """See ``VelocityEstimator``."""
+        self._index += periods
+        history = self._history
+        history.append((self._index, position))
+        # The oldest one kept is the youngest that is at least N periods old.
+        while len(history) > 2 and history[1][0] <= self._index - self._samples:
+            del history[0]
+        index, oldest = history[0]
+        if index == self._index:
+            return 0.0
+        return (position - oldest) / ((self._index - index) * self._period)
+
+
+def velocity_estimator(period: float, samples: int) -> VelocityEstimator:
+    """The estimator over ``samples`` periods [1] of ``period`` [s]."""
+    return BackwardDifference(period) if samples == 1 else SampleDifference(period, samples)

@@ -1,0 +1,44 @@
+"""The law of the virtual wall: a spring and a damper, one- or two-sided."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Side = Literal["above", "below", "both"]
+
+
+class Wall:
+    """A virtual wall at a position; ``stiffness`` and ``damping`` may be changed at any time.
+
+    ``above`` fills the positions above ``position`` and pushes down, ``below`` the positions
+    below and pushes up; both never pull. ``both`` acts everywhere, like a spring to the wall.
+
+    Attributes:
+        stiffness: [N·m/rad]
+        damping: [N·m·s/rad]
+        position: Where the wall's surface is [rad].
+    """
+
+    __slots__ = ("_sign", "damping", "position", "stiffness")
+
+    def __init__(self, stiffness: float, damping: float, position: float, side: Side) -> None:
+        self.stiffness = stiffness
+        self.damping = damping
+        self.position = position
+        self._sign = {"above": 1, "below": -1, "both": 0}[side]
+
+    def in_contact(self, position: float) -> bool:
+        """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
+        return self._sign == 0 or self._sign * (position - self.position) > 0.0
+
+    def torque(self, position: float, velocity: float) -> float:
+        """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
+        torque = -self.stiffness * (position - self.position) - self.damping * velocity
+        sign = self._sign
+        if sign == 0:
+            return torque
+        # Outside nothing acts; inside a one-sided wall pushes outward or not at all. Written
+        # so that NaN falls through and is seen by the safety checks.
+        if sign * (position - self.position) <= 0.0 or sign * torque >= 0.0:
+            return 0.0
+        return torque

@@ -1,0 +1,67 @@
+"""The grid never drifts, never bursts, and is served on time."""
+
+import time
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.loop import (
+    SPIN_MAX_NS,
+    SPIN_MIN_NS,
+    ClockWaiter,
+    SpinWaiter,
+    measured_spin_margin_ns,
+    next_deadline,
+    waiter_for,
+)
+from hw.clock import MonotonicClock, SimulatedClock
+
+PERIOD = 1_000_000
+
+
+def test_a_tick_in_time_is_followed_by_the_next_point():
+    assert next_deadline(5 * PERIOD, 5 * PERIOD + 300_000, PERIOD) == (6 * PERIOD, 0)
+
+
+def test_less_than_a_period_late_runs_at_once_and_keeps_its_place():
+    assert next_deadline(5 * PERIOD, 6 * PERIOD + 900_000, PERIOD) == (6 * PERIOD, 0)
+
+
+def test_a_stall_skips_whole_periods_and_counts_them():
+    assert next_deadline(5 * PERIOD, 9 * PERIOD + 100, PERIOD) == (9 * PERIOD, 3)
+
+
+@given(st.integers(0, 10**18), st.integers(0, 10**12), st.integers(500_000, 20_000_000))
+def test_grid_properties(deadline, late, period):
+    now = deadline + late
+    following, missed = next_deadline(deadline, now, period)
+    assert (following - deadline) % period == 0, "the grid never shifts"
+    assert following - deadline == (missed + 1) * period, "what is skipped is counted"
+    assert following > deadline, "a deadline is served once"
+    assert following > now - period, "no burst: at most one deadline is due"
+
+
+def test_a_simulated_clock_arrives_exactly():
+    clock = SimulatedClock(7)
+    assert ClockWaiter(clock).wait(10**9) == 10**9
+    assert ClockWaiter(clock).wait(5) == 10**9, "time does not go back"
+
+
+def test_the_spinning_waiter_is_never_early():
+    waiter = SpinWaiter(200_000)
+    for _ in range(20):
+        deadline = time.monotonic_ns() + 1_000_000
+        assert waiter.wait(deadline) >= deadline
+    past = time.monotonic_ns() - 1
+    assert waiter.wait(past) > past
+
+
+def test_the_margin_is_measured_within_its_bounds():
+    assert SPIN_MIN_NS <= measured_spin_margin_ns(naps=20) <= SPIN_MAX_NS
+
+
+def test_the_waiter_suits_the_clock():
+    assert isinstance(waiter_for(SimulatedClock(), None), ClockWaiter)
+    waiter = waiter_for(MonotonicClock(), 70_000)
+    assert isinstance(waiter, SpinWaiter)
+    assert waiter.margin_ns == 70_000

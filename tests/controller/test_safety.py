@@ -1,0 +1,58 @@
+"""Trips come when they must, and not before."""
+
+import math
+
+from controller.safety import EXPLANATIONS, Safety, SafetyLimits, Trip
+from hw.servo import Outcome, Reading
+
+LIMITS = SafetyLimits(
+    max_speed=10.0, position_step=0.0015, max_loss=0.05, loss_window=100, max_losses_in_row=3
+)
+
+
+def reading(position, at_ms, alert=False):
+    return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
+
+
+def test_motion_within_the_speed_limit_passes():
+    safety = Safety(LIMITS)
+    for k in range(100):
+        assert safety.good(reading(0.0099 * k, k)) is None
+
+
+def test_a_jump_trips_and_the_first_reading_is_none():
+    safety = Safety(LIMITS)
+    assert safety.good(reading(500.0, 1)) is None
+    assert safety.good(reading(500.02, 2)) is Trip.OVERSPEED
+
+
+def test_the_time_that_passed_counts():
+    safety = Safety(LIMITS)
+    safety.good(reading(0.0, 1))
+    assert safety.good(reading(0.04, 6)) is None
+
+
+def test_not_a_number_and_alert_trip():
+    assert Safety(LIMITS).good(reading(math.nan, 1)) is Trip.NOT_A_NUMBER
+    assert Safety(LIMITS).good(reading(math.inf, 1)) is Trip.NOT_A_NUMBER
+    assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
+
+
+def test_losses_in_a_row():
+    safety = Safety(LIMITS)
+    assert [safety.failed() for _ in range(4)] == [None, None, None, Trip.LOSSES_IN_ROW]
+
+
+def test_loss_rate_over_the_window():
+    safety = Safety(LIMITS)
+    trips = []
+    for k in range(200):  # one in ten is twice the allowed share
+        trips.append(safety.failed() if k % 10 == 0 else safety.good(reading(0.0, k)))
+    assert trips.index(Trip.LOSS_RATE) == 50, "the sixth loss within a hundred readings"
+    safety = Safety(LIMITS)
+    for k in range(2000):  # one in twenty-five for ever is allowed
+        assert (safety.failed() if k % 25 == 0 else safety.good(reading(0.0, k))) is None
+
+
+def test_every_trip_is_explained():
+    assert set(EXPLANATIONS) == set(Trip)

@@ -1,0 +1,39 @@
+"""Rows survive the trip through shared memory; a slow reader loses rows, never gets wrong ones."""
+
+import numpy as np
+
+from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
+
+VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
+
+
+def test_what_is_written_is_read():
+    telemetry = Telemetry.create()
+    telemetry.write(*VALUES)
+    rows, tail = telemetry.read(0)
+    assert tail == 1
+    assert list(rows[0].tolist()) == [0, *VALUES]
+    rows, tail = telemetry.read(tail)
+    assert rows.size == 0
+    assert tail == 1
+
+
+def test_another_process_side_sees_the_same_memory():
+    ours = Telemetry.create()
+    theirs = Telemetry(ours.descriptor)
+    ours.write(*VALUES)
+    ours.words[Word.STOP] = 1
+    assert theirs.read(0)[0].size == 1
+    assert theirs.words[Word.STOP] == 1
+
+
+def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap():
+    telemetry = Telemetry.create()
+    total = CAPACITY + 500
+    for k in range(total):
+        telemetry.write(k, *VALUES[1:])
+    rows, tail = telemetry.read(0)
+    assert tail == total
+    assert rows.dtype == ROW
+    np.testing.assert_array_equal(rows["seq"], np.arange(total - CAPACITY + 1, total))
+    np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
