@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from controller.guard import Decision
+if TYPE_CHECKING:
+    from controller.guard import Decision
 
 RUN = 10
 """Ages in a row above the rung that lower at once."""
@@ -48,7 +50,7 @@ class GuardLadder:
         self._decisions = decisions
         self._ages = ages_ns
         self._top = len(ages_ns) - 1
-        self._allowed_above = window * (1.0 - percentile / 100.0)
+        self._allowed_above = window * (100.0 - percentile) / 100.0
         self._window = window
         self._counts = [0] * len(ages_ns)
         self._seen = 0

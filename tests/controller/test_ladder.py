@@ -1,0 +1,94 @@
+"""The rung follows the measured ages: down at once on a run, up only slowly and untouched."""
+
+import itertools
+from dataclasses import dataclass
+
+import pytest
+
+from controller.ladder import RAISE_WINDOWS, RUN, GuardLadder, rung_ages_ns
+
+AGES = [0, 100_000, 200_000, 400_000, 800_000]
+WINDOW = 100
+
+
+@dataclass(frozen=True)
+class Rung:
+    stiffness: float
+    delay: float
+
+
+def ladder(percentile=90.0):
+    rungs = [Rung(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
+    return GuardLadder(rungs, AGES, percentile, WINDOW)
+
+
+def test_the_rung_covers_the_age():
+    subject = ladder()
+    for age in (150_000,) * 50:
+        subject.observe(age, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 200_000
+
+
+def test_warm_up_may_settle_on_any_rung():
+    subject = ladder()
+    for age in (700_000,) * 50:
+        subject.observe(age, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 800_000
+
+
+def test_the_percentile_is_covered_and_not_the_worst():
+    subject = ladder(percentile=90.0)
+    for k in range(WINDOW):
+        subject.observe(700_000 if k % 20 == 0 else 50_000, may_raise=True)
+    assert subject.age_ns == 100_000
+    subject = ladder(percentile=90.0)
+    for k in range(WINDOW):
+        subject.observe(700_000 if k % 5 == 0 else 50_000, may_raise=True)
+    assert subject.age_ns == 800_000
+
+
+def test_a_run_of_high_ages_lowers_at_once():
+    subject = ladder()
+    changed = [subject.observe(350_000, may_raise=False) for _ in range(RUN)]
+    assert changed == [False] * (RUN - 1) + [True]
+    assert subject.age_ns == 400_000
+
+
+def test_a_hiccup_does_not_lower():
+    subject = ladder()
+    for k in range(WINDOW * 3):
+        assert not subject.observe(800_000 if k % 60 == 0 else 0, may_raise=True)
+
+
+def test_raised_only_after_whole_windows_and_out_of_contact():
+    subject = ladder()
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=True)
+    assert subject.age_ns == 800_000
+    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
+        assert not subject.observe(50_000, may_raise=False), "never while touched"
+    assert subject.observe(50_000, may_raise=True)
+    assert subject.age_ns == 100_000
+    subject = ladder()
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=True)
+    early = [subject.observe(0, may_raise=True) for _ in range((RAISE_WINDOWS + 1) * WINDOW)]
+    assert early.index(True) >= (RAISE_WINDOWS - 1) * WINDOW
+
+
+def test_ages_beyond_the_ladder_take_its_last_rung():
+    subject = ladder()
+    for _ in range(RUN):
+        subject.observe(10**9, may_raise=False)
+    assert subject.age_ns == AGES[-1]
+
+
+def test_the_real_rungs_rise_and_are_fine_where_buses_are_quick():
+    ages = rung_ages_ns()
+    assert ages == sorted(set(ages))
+    assert ages[0] == 0
+    assert ages[-1] == 20_000_000
+    assert max(b - a for a, b in itertools.pairwise(ages) if b <= 600_000) == 20_000
+    assert len(ages) == pytest.approx(60, abs=15)

@@ -1,0 +1,195 @@
+"""One period against a scripted servo on the simulated clock: every stage, and every failure."""
+
+import math
+
+import pytest
+
+from controller.delay import DelayRing
+from controller.ladder import GuardLadder
+from controller.safety import Safety, SafetyLimits, Trip
+from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
+from controller.tick import Tick, TickParts
+from controller.velocity import BackwardDifference
+from controller.wall import Wall
+from hw.clock import SimulatedClock
+from hw.servo import BusCounts, Facts, Outcome, Reading
+
+PERIOD_NS = 1_000_000
+LOST = object()
+
+
+class Rung:
+    def __init__(self, stiffness, damping, delay):
+        self.stiffness, self.damping, self.delay = stiffness, damping, delay
+
+
+class ScriptedServo:
+    """Answers with the positions it is given; LOST is no reply."""
+
+    facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0, has_bus=True)
+
+    def __init__(self, clock, positions, age_ns=0):
+        self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
+        self.counts = BusCounts()
+        self.sent = []
+        self.calls = []
+
+    def request(self):
+        self.calls.append("request")
+        self.asked_ns = self.clock.now_ns()
+
+    def collect(self, deadline_ns):  # noqa: ARG002 - it is never late
+        self.calls.append("collect")
+        position = self.positions.pop(0)
+        if position is LOST:
+            return Reading(Outcome.LOST, math.nan, 0, self.asked_ns, math.nan, False)
+        self.clock.wait_until(self.asked_ns + self.age_ns)
+        return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
+
+    def write(self, torque):
+        self.calls.append("write")
+        limited = min(max(torque, -5.0), 5.0)
+        self.sent.append(limited)
+        return limited
+
+
+class Rig:
+    def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall):
+        self.clock = SimulatedClock(10**9)
+        self.servo = ScriptedServo(self.clock, positions, age_ns)
+        self.telemetry = Telemetry.create()
+        rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
+        self.ladder = GuardLadder(rungs, list(ages), 90.0, 100)
+        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"))
+        self.tick = Tick(
+            TickParts(
+                clock=self.clock,
+                servo=self.servo,
+                wall=self.wall,
+                velocity=BackwardDifference(1e-3),
+                ring=DelayRing(steps),
+                ladder=self.ladder,
+                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3)),
+                telemetry=self.telemetry,
+                period_ns=PERIOD_NS,
+                ramp_ticks=50,
+                pipelined=wall.get("pipelined", False),
+            )
+        )
+        self.deadline = self.clock.now_ns()
+
+    def run(self, count, missed=0):
+        for _ in range(count):
+            self.deadline += (1 + missed) * PERIOD_NS
+            self.clock.wait_until(self.deadline)
+            self.tick.run(self.deadline, self.clock.now_ns(), missed)
+        return self
+
+    @property
+    def rows(self):
+        return self.telemetry.read(0)[0]
+
+
+def on(rig):
+    rig.tick.wall_on()
+    return rig
+
+
+def test_the_torque_is_the_walls():
+    rig = on(Rig([0.1, 0.11, 0.11], stiffness=10.0, damping=0.02)).run(3)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
+
+
+def test_order_of_a_cycle_in_both_schedules():
+    assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
+    piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
+    assert piped.servo.calls == ["request", *["collect", "write", "request"] * 2]
+
+
+def test_warm_up_sends_zero():
+    rig = Rig([0.5, 0.5])
+    assert rig.run(2).servo.sent == [0.0, 0.0]
+
+
+def test_delay_counts_periods():
+    rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(4)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
+
+
+def test_skipped_periods_divide_the_difference_and_shift_the_delay():
+    rig = on(Rig([0.1, 0.13], steps=1, stiffness=0.0, damping=0.1)).run(1).run(1, missed=2)
+    row = rig.rows[-1]
+    assert row["velocity"] == pytest.approx(10.0)
+    assert row["missed"] == 2
+    assert rig.telemetry.words[Word.MISSED] == 2
+
+
+def test_a_lost_reading_is_no_position_and_costs_one_period():
+    rig = on(Rig([0.1, LOST, 0.104, 0.106], stiffness=10.0, damping=0.1)).run(4)
+    positions = rig.rows["position"]
+    velocities = rig.rows["velocity"]
+    assert positions == pytest.approx([0.1, 0.1, 0.104, 0.106])
+    assert velocities == pytest.approx([0.0, 0.0, 2.0, 2.0])
+    assert rig.servo.sent[1] == pytest.approx(-1.0)
+
+
+def test_before_the_first_reading_nothing_acts():
+    rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0)).run(3)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+    assert rig.tick.trip is None
+
+
+def test_losses_trip_with_torque_off():
+    rig = on(Rig([0.1] + [LOST] * 4, stiffness=10.0)).run(5)
+    assert rig.tick.trip is Trip.LOSSES_IN_ROW
+    assert rig.servo.sent[-1] == 0.0
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+def test_a_broken_position_trips_with_torque_off(broken):
+    rig = on(Rig([0.1, broken], stiffness=10.0)).run(2)
+    assert rig.tick.trip is Trip.NOT_A_NUMBER
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_a_broken_torque_trips_with_torque_off():
+    rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
+    rig.wall.stiffness = math.nan
+    rig.run(1)
+    assert rig.tick.trip is Trip.NOT_A_NUMBER
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_a_jump_trips():
+    rig = on(Rig([0.1, 3.0], stiffness=10.0)).run(2)
+    assert rig.tick.trip is Trip.OVERSPEED
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_the_cut_flag_stops_every_write():
+    rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
+    rig.telemetry.words[Word.CUT] = 1
+    rig.run(1)
+    assert len(rig.servo.sent) == 1
+
+
+def test_saturation_and_contact_are_told():
+    rig = on(Rig([0.4, 0.6], stiffness=10.0)).run(2)
+    assert [bool(f & FLAG_SATURATED) for f in rig.rows["flags"]] == [False, True]
+    assert all(rig.rows["flags"] & FLAG_CONTACT)
+    assert rig.rows["torque"][-1] == -5.0
+
+
+def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
+    rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
+    rig.run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(70)
+    stiffness, damping = rig.rows["stiffness"], rig.rows["damping"]
+    assert stiffness[4] == 20.0
+    falling = (stiffness < 20.0) & (stiffness > 10.0)
+    assert 45 <= falling.sum() <= 50
+    assert damping[falling] == pytest.approx(stiffness[falling] / 1000)
+    assert (stiffness[-1], damping[-1]) == (10.0, 0.01)
+    assert rig.rows["delay_s"][-1] == 1e-3
