@@ -1,0 +1,85 @@
+"""Settings of a wall as pure numbers: one period long, unit inertia.
+
+Everything the sampled loop does depends on four numbers (the paper's Table I):
+``delta = b T / m``, ``alpha = K T² / m``, ``beta = B T / m`` and ``d = t_d / T``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Dimensionless settings, flat arrays of one common length, and the way back to units."""
+
+    delta: FloatArray
+    """Viscous damping, b T / m"""
+    beta: FloatArray
+    """Virtual damping, B T / m"""
+    delay: FloatArray
+    """Total delay in periods, t_d / T"""
+    samples: FloatArray
+    """N of the N-sample velocity difference, whole numbers"""
+    stiffness_unit: FloatArray
+    """m / T², which turns alpha into a stiffness [N·m/rad]"""
+    damping_unit: FloatArray
+    """m / T, which turns beta into a damping [N·m·s/rad]"""
+    period: FloatArray
+    """[s]"""
+    shape: tuple[int, ...]
+    """The broadcast shape of what was asked"""
+
+    def shaped(self, flat: FloatArray) -> FloatArray:
+        """A flat result in the shape that was asked for; a scalar for scalars."""
+        result: FloatArray = flat.reshape(self.shape)[()]
+        return result
+
+
+def settings(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike,
+) -> Settings:
+    """Dimensionless form of settings in SI units.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B, any sign [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        velocity_samples: N >= 1.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gil et al., ICRA 2007, Table I.
+    """
+    arrays = broadcast(
+        inertia=positive("inertia", inertia),
+        damping=not_negative("damping", damping),
+        virtual_damping=number("virtual_damping", virtual_damping),
+        period=positive("period", period),
+        delay=not_negative("delay", delay),
+        velocity_samples=samples("velocity_samples", velocity_samples),
+    )
+    m, b, big_b, t, t_d, n = (np.ravel(array) for array in arrays)
+    return Settings(
+        delta=b * t / m,
+        beta=big_b * t / m,
+        delay=t_d / t,
+        samples=n,
+        stiffness_unit=m / t**2,
+        damping_unit=m / t,
+        period=t,
+        shape=arrays[0].shape,
+    )

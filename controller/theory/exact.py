@@ -1,0 +1,163 @@
+"""The exact limits in SI units: critical stiffness, its frequency, the damping ceiling, the peak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controller.theory.boundary import critical, max_beta
+from controller.theory.checks import FloatArray
+from controller.theory.dimensionless import settings
+
+_PEAK_POINTS = 17
+_PEAK_ROUNDS = 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalPoint:
+    """Where the two-sided wall is on the edge of stability; arrays of one shape."""
+
+    stiffness: FloatArray
+    """[N·m/rad]; 0 where no stiffness is stable"""
+    virtual_damping: FloatArray
+    """[N·m·s/rad]"""
+    frequency: FloatArray
+    """Of the oscillation there [Hz]; 0 where no stiffness is stable"""
+
+
+def critical_stiffness(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> FloatArray:
+    """Stiffness below which a two-sided wall on a free device is stable.
+
+    Exact for an inertia with viscous damping, a held torque, and any delay, fractions of a period
+    included. It says nothing of a wall that never pulls, nor of a hand on the device.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        velocity_samples: N of the velocity difference (x_k - x_{k-N}) / (N T), >= 1.
+
+    Returns:
+        Stiffness [N·m/rad] in the broadcast shape; 0 where none is stable.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gil et al., ICRA 2007, eq. (11), solved on the unit circle for K and B.
+    """
+    return critical_point(
+        inertia, damping, virtual_damping, period, delay, velocity_samples
+    ).stiffness
+
+
+def critical_point(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> CriticalPoint:
+    """``critical_stiffness`` together with the frequency of the oscillation there.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
+    alpha, w = critical(s.delta, s.beta, s.delay, s.samples)
+    return CriticalPoint(
+        stiffness=s.shaped(alpha * s.stiffness_unit),
+        virtual_damping=s.shaped(s.beta * s.damping_unit),
+        frequency=s.shaped(w / (2 * np.pi * s.period)),
+    )
+
+
+def max_virtual_damping(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> FloatArray:
+    """Ceiling of the virtual damping: above it no stiffness, however small, is stable.
+
+    For whole delays of d periods and b -> 0 it is (2 m / T) tan(pi / (4 (d + 1))).
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Returns:
+        Virtual damping [N·m·s/rad] in the broadcast shape.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gil et al., ICRA 2007, eq. (11) with K = 0, solved on the unit circle.
+    """
+    s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
+    return s.shaped(max_beta(s.delta, s.delay, s.samples) * s.damping_unit)
+
+
+def peak(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> CriticalPoint:
+    """The greatest stiffness that any virtual damping makes stable, and that damping.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
+    low, high = -s.delta, max_beta(s.delta, s.delay, s.samples)
+    share = np.linspace(0.0, 1.0, _PEAK_POINTS)
+
+    def spread(a: FloatArray) -> FloatArray:
+        return np.repeat(a, _PEAK_POINTS)
+
+    rows = np.arange(low.size)
+    for _ in range(_PEAK_ROUNDS):
+        beta = low[:, None] + (high - low)[:, None] * share
+        alpha, _ = critical(spread(s.delta), beta.ravel(), spread(s.delay), spread(s.samples))
+        best = np.argmax(alpha.reshape(beta.shape), axis=1)
+        low = beta[rows, np.maximum(best - 1, 0)]
+        high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
+    beta = 0.5 * (low + high)
+    alpha, w = critical(s.delta, beta, s.delay, s.samples)
+    return CriticalPoint(
+        stiffness=s.shaped(alpha * s.stiffness_unit),
+        virtual_damping=s.shaped(beta * s.damping_unit),
+        frequency=s.shaped(w / (2 * np.pi * s.period)),
+    )

@@ -1,0 +1,121 @@
+"""Passivity: the stiffness up to which a wall is stable with any passive hand on the device.
+
+Seen from the sampled position at the angle ``theta`` (rad/sample), every passive hand puts the
+admittance of device and hand in one disk at each of the aliases that a sampled, held torque
+excites. Their sum is a disk too, and the loop is stable with every hand iff that disk, turned by
+the wall and the delay, stays clear of -1. With ``d = n + f`` periods of delay the condition is,
+for all 0 < theta <= pi::
+
+    1 + 2 Re(L c) - |L|² (1 - |c|²) > 0
+    L = -H (1 - e^{-j theta}) e^{-j d theta} T / (8 b sin²(theta/2))
+    H = K + (B / (N T)) (1 - e^{-j N theta})
+    c = e^{j theta f} ((1 - f) + f e^{-j theta})     (the fraction turns the aliases)
+
+and ``1 - |c|² = 4 f (1 - f) sin²(theta/2)``, which makes it quadratic in K at each theta.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controller.theory.checks import FloatArray
+from controller.theory.dimensionless import settings
+
+_ZOOMS = 12
+_ZOOM_POINTS = 9
+
+
+def passive_limit(
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> FloatArray:
+    """Stiffness up to which the wall is passive: stable with any passive hand on the device.
+
+    Independent of the inertia. Without delay it is 2 (b - abs(B)) / T; for B = 0 and whole delays
+    it is the linear condition b / (T/2 + t_d). It holds for a linear, two-sided wall.
+
+    Args:
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Returns:
+        Stiffness [N·m/rad] in the broadcast shape; 0 where no stiffness is passive.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Colgate and Schenkel, J. Robotic Systems 14(1), 1997, extended to any delay.
+    """
+    s = settings(1.0, damping, virtual_damping, period, delay, velocity_samples)
+    # per unit of b/T, so that the numbers are near 1
+    undamped = s.delta == 0
+    ratio = s.beta / np.where(undamped, 1.0, s.delta)
+    kappa = np.array(
+        [
+            _kappa(*row)
+            for row in zip(
+                ratio.tolist(), s.delay.tolist(), s.samples.astype(int).tolist(), strict=True
+            )
+        ]
+    )
+    return s.shaped(np.where(undamped, 0.0, kappa * s.delta * s.stiffness_unit))
+
+
+def _kappa(ratio: float, delay: float, n_samples: int) -> float:
+    """Largest K T / b, at B / b = ``ratio``: least over theta, scanned and then zoomed in."""
+    # sixteen points per turn of the fastest angle, and the limit theta -> 0
+    steps = 64 + 8 * int((delay + 2) + n_samples)
+    theta = np.linspace(0.0, np.pi, steps + 1)
+    theta[0] = 1e-5
+    values = _kappa_at(theta, ratio, delay, n_samples)
+    # every low point of the scan may hide the least one
+    lows = np.flatnonzero(
+        (values <= np.append(values[1:], np.inf)) & (values <= np.append(np.inf, values[:-1]))
+    )
+    left, right = theta[np.maximum(lows - 1, 0)], theta[np.minimum(lows + 1, steps)]
+    rows = np.arange(lows.size)
+    least = values[lows]
+    for _ in range(_ZOOMS):
+        points = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, _ZOOM_POINTS)
+        zoomed = _kappa_at(points, ratio, delay, n_samples)
+        best = np.argmin(zoomed, axis=1)
+        least = np.minimum(least, zoomed[rows, best])
+        left = points[rows, np.maximum(best - 1, 0)]
+        right = points[rows, np.minimum(best + 1, _ZOOM_POINTS - 1)]
+    return float(np.min(least))
+
+
+def _kappa_at(theta: FloatArray, ratio: float, delay: float, n_samples: int) -> FloatArray:
+    """Largest K T / b that meets the condition at ``theta``: positive root of a quadratic.
+
+    The condition times b, with k = K T / b and h = ratio (1 - e^{-jN theta}) / N::
+
+        free - k (slope + 2 a Re h) - a k² > 0
+    """
+    whole = int(delay)
+    f = delay - whole
+    a = f * (1 - f) / 4
+    half = 2 * np.sin(theta / 2)
+
+    def turned(offset: float, theta: FloatArray) -> FloatArray:
+        """Angle pair of the two taps of c, weighted; real part of -j e^{-j(n+1/2+offset) theta}."""
+        first = (whole + 0.5 + offset) * theta
+        weighted: FloatArray = (1 - f) * np.sin(first) + f * np.sin(first + theta)
+        return weighted
+
+    h_real = ratio * 2 * np.sin(n_samples * theta / 2) ** 2 / n_samples
+    h_square = (ratio * 2 * np.sin(n_samples * theta / 2) / n_samples) ** 2
+    slope = turned(0.0, theta) / half
+    by_damping = ratio / n_samples * (turned(0.0, theta) - turned(n_samples, theta)) / half
+    free = 1 - by_damping - a * h_square
+    linear = slope + 2 * a * h_real
+    root = linear + np.sqrt(np.maximum(linear**2 + 4 * a * free, 0.0))
+    kappa = np.where(root > 0, 2 * free / np.where(root > 0, root, 1.0), np.inf)
+    return np.where(free > 0, kappa, 0.0)
