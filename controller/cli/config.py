@@ -1,0 +1,88 @@
+"""``haptic-wall config``: what can be set, in what unit, and what is in force."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+from typing import Any
+
+import click
+
+from controller.cli.options import as_json, config_argument, json_option, set_option
+from controller.config_fields import Field, fields
+from controller.config_load import Loaded, load_config
+
+_VALUE_WIDTH = 24
+
+
+@click.command()
+@config_argument(default="simulated")
+@set_option
+@json_option
+def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
+    """Show the effective values of CONFIG: unit, where each came from, range and meaning.
+
+    Any line's name can be changed with --set NAME=VALUE, here and in every command that takes
+    CONFIG. A value marked - is not used by this kind of servo.
+    """
+    loaded = load_config(config, sets)
+    if as_json_wanted:
+        listed = {field.path: _entry(loaded, field) for field in fields().values()}
+        click.echo(as_json({"name": loaded.name, "servo": _kind(loaded), "fields": listed}))
+        return
+    click.echo(f"{loaded.name} ({_kind(loaded)} servo)")
+    width = max(60, shutil.get_terminal_size((100, 24)).columns)
+    section = ""
+    for field in fields().values():
+        name = field.path.split(".")[0]
+        if name != section:
+            click.echo()
+            section = name
+        click.echo(_row(loaded, field, width))
+
+
+def _kind(loaded: Loaded) -> str:
+    return loaded.config.servo.kind
+
+
+def _value(loaded: Loaded, field: Field) -> Any:  # noqa: ANN401 - values are what they are
+    section, key = field.path.split(".")
+    value = getattr(getattr(loaded.config, section), key)
+    if hasattr(value, "model_dump"):
+        bounds = value.model_dump()
+        return bounds["value"] if len(set(bounds.values())) == 1 else bounds
+    return value
+
+
+def _entry(loaded: Loaded, field: Field) -> dict[str, Any]:
+    return {
+        "value": _value(loaded, field),
+        "unit": field.unit or None,
+        "from": loaded.origins.get(field.path, "default"),
+        "wanted": field.wanted,
+        "meaning": field.meaning,
+        "used": _kind(loaded) in field.used_by,
+    }
+
+
+def _row(loaded: Loaded, field: Field, width: int) -> str:
+    """A field in two or more lines: name, value, unit and origin; then range and meaning."""
+    origin = loaded.origins.get(field.path, "default")
+    value = _text(_value(loaded, field))
+    mark = " " if _kind(loaded) in field.used_by else "-"
+    head = f"{mark} {field.path:<24}  {value:<{_VALUE_WIDTH}} {field.unit:<10}  {origin}".rstrip()
+    meaning = textwrap.fill(
+        f"{field.meaning} ({field.wanted})",
+        width,
+        initial_indent=" " * 6,
+        subsequent_indent=" " * 6,
+    )
+    return f"{head}\n{meaning}"
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if value is None:
+        return "null"
+    if isinstance(value, dict):
+        return f"{value['value']:g} ({value['low']:g} to {value['high']:g})"
+    return f"{value:.8g}" if isinstance(value, float) else str(value)

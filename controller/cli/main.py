@@ -1,0 +1,112 @@
+"""The command ``haptic-wall``: finds the command asked for, and gives every error its exit status.
+
+A command's module is imported only when it is called, so that help comes at once and a command
+needs only what it uses.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from controller import __version__
+from controller.errors import HapticWallError, PlatformError
+from hw.errors import ServoError
+
+COMMANDS = {
+    "run": ("controller.cli.run", "Run the wall; report, log and picture at the end."),
+    "emulate": ("controller.cli.emulate", "An emulated Dynamixel bus on a pseudo-terminal."),
+    "presets": ("controller.cli.presets", "The configurations that come with the program."),
+    "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
+    "log": ("controller.cli.log", "Summary of a log; export as CSV."),
+}
+"""Each command's module, which exports ``command``, and its line in the help."""
+NEEDS_LINUX = frozenset({"run", "emulate"})
+
+HARDWARE = 4
+USER = 2
+INTERRUPTED = 130
+
+
+class _Commands(click.Group):
+    """The commands of the table, imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        if cmd_name not in COMMANDS:
+            near = difflib.get_close_matches(cmd_name, COMMANDS, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"no command {cmd_name}{hint}", ctx)
+        if cmd_name in NEEDS_LINUX and sys.platform != "linux":
+            raise PlatformError(
+                f"this machine runs {sys.platform}, but {cmd_name} needs Linux: use a Linux "
+                "machine or a virtual one"
+            )
+        command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.command(
+    cls=_Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Start with: haptic-wall run",
+)
+@click.version_option(__version__, prog_name="haptic-wall")
+def haptic_wall() -> None:
+    """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard.
+
+    Exit status: 0 done; 2 the input is wrong; 3 ended by a safety trip; 4 the hardware could not
+    be reached, is unfit, or was lost; 130 interrupted.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; messages go to standard error, never a traceback for what is foreseen.
+
+    Args:
+        arguments: Of the command line; None: those of this process.
+
+    Returns:
+        The exit status.
+    """
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
+    try:
+        result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        return USER
+    except (click.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    except HapticWallError as error:
+        return _say(error, error.exit_status)
+    except ServoError as error:
+        return _say(error, HARDWARE)
+    except BrokenPipeError:
+        # The reader has seen enough (``| head``). Python flushes once more at exit: give it a
+        # place to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return result if isinstance(result, int) else 0
+
+
+def _say(error: Exception, status: int) -> int:
+    click.echo(f"haptic-wall: {error}", err=True)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,22 @@
+"""``haptic-wall presets``: the configurations that come with the program."""
+
+from __future__ import annotations
+
+import click
+
+from controller.cli.options import as_json, json_option
+from controller.config_load import preset_names, preset_summary
+
+
+@click.command()
+@json_option
+def command(as_json_wanted: bool) -> None:
+    """List the presets: names that can stand for CONFIG, and what each is for."""
+    presets = {name: preset_summary(name) for name in preset_names()}
+    if as_json_wanted:
+        listed = [{"name": name, "summary": summary} for name, summary in presets.items()]
+        click.echo(as_json({"presets": listed}))
+        return
+    width = max(map(len, presets))
+    for name, summary in presets.items():
+        click.echo(f"{name:<{width}}  {summary}")

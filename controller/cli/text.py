@@ -1,0 +1,165 @@
+"""The report of a run as readable text: what happened, what was commanded and why."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_WIDTH = 98
+_LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
+
+
+def report_text(report: Mapping[str, Any]) -> str:
+    """The report of ``haptic-wall run`` as text of some 25 lines.
+
+    Args:
+        report: As the command's ``--json`` gives it; what is None is left out.
+    """
+    return "\n".join(
+        [
+            *_ending(report),
+            *_timing(report),
+            *_delay(report.get("delay_s")),
+            *_guard(report.get("guard")),
+            *_motion(report),
+            *_realtime(report.get("realtime") or []),
+            *_notes(report),
+        ]
+    )
+
+
+def _ending(report: Mapping[str, Any]) -> Iterator[str]:
+    reason = str(report["stop_reason"])
+    how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
+    if reason.startswith("trip:"):
+        how = f"ENDED BY A SAFETY TRIP: {reason.removeprefix('trip:')}"
+    off = report.get("torque_off")
+    if off is not None:
+        how += "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
+    yield from _entry("run", how)
+    if report.get("explanation"):
+        yield from _entry("", str(report["explanation"]))
+
+
+def _timing(report: Mapping[str, Any]) -> Iterator[str]:
+    ticks, missed = report["ticks"], report["missed_ticks"]
+    share = f" ({100 * missed / (ticks + missed):.2f} %)" if missed else ""
+    yield from _entry(
+        "ticks",
+        f"{ticks} in {_number(report['duration_s'])} s: {_number(report['rate_hz'], 6)} Hz; "
+        f"{missed} missed{share}",
+    )
+    for key, meaning in (
+        ("lateness_us", "lateness"),
+        ("work_us", "work"),
+        ("bus_us", "bus wait"),
+    ):
+        times = report.get(key) or {}
+        if times.get("p50") is not None:
+            yield from _entry(meaning, _percentiles(times))
+    bus = report.get("bus")
+    if bus:
+        yield from _entry(
+            "bus",
+            f"{bus['cycles']} cycles: {bus['lost']} lost, {bus['late']} late, "
+            f"{bus['corrupt']} corrupt; sample age {_percentiles(bus['sample_age_us'])}",
+        )
+
+
+def _delay(delay: Mapping[str, Any] | None) -> Iterator[str]:
+    if delay:
+        parts = " + ".join(
+            f"{name} {_milli(delay[name])}" for name in ("inserted", "device", "measured")
+        )
+        yield from _entry("delay", f"{_milli(delay['total'])} ms = {parts} ms")
+
+
+def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
+    if not guard:
+        return
+    asked, commanded = guard["requested"], guard["commanded"]
+    for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
+        same = asked[key] == commanded[key]
+        note = "as requested" if same else f"requested {_number(asked[key])}"
+        yield from _entry(key, f"{_number(commanded[key])} {unit}, {note}")
+    limits = [
+        f"{name} {_number(guard['limit'][name])}"
+        + ("*" if name == guard["binding"] and guard["binding"] else "")
+        for name in _LIMITS
+        if guard["limit"].get(name) is not None
+    ]
+    if limits:
+        star = "; * binds" if guard["binding"] else ""
+        ceiling = guard.get("damping_ceiling")
+        above = "" if ceiling is None else f"; damping ceiling {_number(ceiling)}"
+        yield from _entry(
+            "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
+        )
+    for reason in guard["reasons"]:
+        yield from _entry("why", str(reason))
+    if guard.get("only_friction"):
+        yield from _entry("", "stable only because of friction: a larger push may set it ringing")
+
+
+def _motion(report: Mapping[str, Any]) -> Iterator[str]:
+    torque = report.get("torque") or {}
+    if torque.get("max") is not None:
+        ticks = torque["saturated_ticks"]
+        cut = f"; the limit cut it in {ticks} ticks" if ticks else ""
+        yield from _entry("torque", f"at most {_number(torque['max'])} N·m{cut}")
+    oscillation = report.get("oscillation")
+    if oscillation:
+        known = [
+            f"{_number(oscillation[key])} {unit}"
+            for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
+            if oscillation.get(key) is not None
+        ]
+        yield from _entry("oscillation", ", ".join([str(oscillation["state"]), *known]))
+
+
+def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
+    if settings:
+        granted = [str(setting["name"]) for setting in settings if setting["ok"]]
+        yield from _entry(
+            "real time",
+            f"granted: {', '.join(granted) or 'nothing'} ({len(granted)} of {len(settings)})",
+        )
+
+
+def _notes(report: Mapping[str, Any]) -> Iterator[str]:
+    for warning in report.get("warnings") or []:
+        yield from _entry("note", str(warning))
+    for key, label in (("log", "log"), ("plot", "picture")):
+        if report.get(key):
+            # A path is one word for whoever copies it: never folded.
+            yield f"{label:<12}{report[key]}"
+
+
+def _entry(label: str, text: str) -> list[str]:
+    """A label and its text, folded under itself."""
+    return textwrap.wrap(
+        text,
+        _WIDTH,
+        initial_indent=f"{label:<12}",
+        subsequent_indent=" " * 12,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _percentiles(times: Mapping[str, float | None]) -> str:
+    named = [
+        f"{key.replace('_', '.')} {_number(value, 3)}"
+        for key, value in times.items()
+        if value is not None
+    ]
+    return f"{', '.join(named)} µs" if named else "unknown"
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "unknown" if value is None else f"{value:.{digits}g}"
+
+
+def _milli(seconds: float | None) -> str:
+    return "unknown" if seconds is None else f"{1000 * seconds:.3f}"

@@ -1,0 +1,275 @@
+"""The run's picture: position against the wall, torque, what the guard or the hand did, timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from controller.config import Config
+from controller.errors import LogFormatError
+from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+_COLUMNS = 2500
+"""Longer runs are drawn as the envelope of this many slices: more than the picture has pixels."""
+_INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#f6dfcc", "#ececec"
+_SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+_LEAST_US = 0.1
+"""Times are drawn on a logarithmic axis from here [µs]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """What the panels draw from."""
+
+    rows: NDArray[np.void]
+    time: Floats
+    """Since the first row's deadline [s]"""
+    on: NDArray[np.bool_]
+    """The wall is on: the warm-up is over"""
+    config: Config
+
+
+def plot_run(rows: NDArray[np.void], metadata: Mapping[str, Any], path: Path) -> None:
+    """Draw a run as PNG: four panels over one time axis.
+
+    Args:
+        rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
+        metadata: Of the log: its ``config``, and its ``name`` for the title.
+        path: Where the picture goes.
+
+    Raises:
+        LogFormatError: The metadata holds no configuration this program knows.
+        OSError: The picture cannot be written.
+    """
+    # Late and local: it takes a second, and only who wants a picture should wait. The classes
+    # are used without pyplot, so no state outlives the call.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    run = _run(rows, metadata)
+    figure = Figure(figsize=(11, 9.5), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(4, 1, sharex=True, height_ratios=[3, 2, 1.6, 2])
+    figure.suptitle(_title(run, str(metadata.get("name", "run"))), fontsize=12, ha="left", x=0.01)
+    panels: list[Callable[[Axes, _Run], None]] = [_position, _torque, _third, _timing]
+    for panel, ax in zip(panels, axes, strict=True):
+        panel(ax, run)
+        _shade_warm_up(ax, run)
+        ax.grid(True, color="#e6e6e6", linewidth=0.6)
+        ax.set_axisbelow(True)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+        handles, labels = ax.get_legend_handles_labels()
+        if handles:
+            ax.legend(
+                handles,
+                labels,
+                loc="upper left",
+                bbox_to_anchor=(1.0, 1.0),
+                fontsize=8,
+                frameon=False,
+            )
+    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
+    figure.align_ylabels(axes)
+    figure.savefig(path, format="png")
+
+
+def _run(rows: NDArray[np.void], metadata: Mapping[str, Any]) -> _Run:
+    try:
+        config = Config.model_validate(metadata.get("config"))
+    except ValidationError as error:
+        raise LogFormatError(
+            f"the log's configuration is not one this program knows ({error.error_count()} "
+            "differences); draw it with the haptic-wall that wrote it"
+        ) from error
+    time = (rows["deadline_ns"] - rows["deadline_ns"][0]) * 1e-9
+    return _Run(rows, time, (rows["flags"] & FLAG_WARM_UP) == 0, config)
+
+
+def _title(run: _Run, name: str) -> str:
+    wall, servo = run.config.wall, run.config.servo
+    what = servo.model or f"{servo.kind} servo"
+    where = f" at {servo.port}" if servo.port and servo.kind == "hardware" else ""
+    if servo.kind == "emulated":
+        where = ", emulated"
+    last = run.rows[-1]
+    parts = [
+        _commanded("K", float(last["stiffness"]), wall.stiffness, "N·m/rad"),
+        _commanded("B", float(last["damping"]), wall.damping, "N·m·s/rad"),
+        f"delay {1000 * float(last['delay_s']):.2f} ms",
+        f"{run.config.loop.rate_hz:g} Hz",
+    ]
+    if not run.on.any():
+        parts = ["the wall was never on"]
+    return f"{name}: {what}{where}\n" + "   ".join(parts)
+
+
+def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:
+    as_asked = np.isclose(commanded, requested, rtol=1e-6)
+    asked = "as requested" if as_asked else f"of {requested:.4g} requested"
+    return f"{name} {commanded:.4g} {unit} ({asked})"
+
+
+def _position(ax: Axes, run: _Run) -> None:
+    wall, rows = run.config.wall, run.rows
+    _line(ax, run.time, rows["position"], _INK, "position", 1.3)
+    ax.set_ylabel("position [rad]")
+    ax.axhline(wall.position, color=_WALL, linewidth=1.2, label="wall's surface")
+    if wall.side == "both":
+        return  # always in contact: it has no inside to shade
+    low, high = ax.get_ylim()
+    margin = 0.12 * (high - low)
+    if wall.side == "above":
+        high = max(high, wall.position + margin)
+        inside = (wall.position, high)
+    else:
+        low = min(low, wall.position - margin)
+        inside = (low, wall.position)
+    ax.axhspan(
+        *inside,
+        facecolor="none",
+        edgecolor=_WALL,
+        hatch="//",
+        alpha=0.35,
+        linewidth=0,
+        label=f"wall (fills {wall.side})",
+    )
+    contact = (rows["flags"] & FLAG_CONTACT) != 0
+    _shade(ax, run.time, contact & run.on, _CONTACT, "in contact")
+    ax.set_ylim(low, high)
+
+
+def _torque(ax: Axes, run: _Run) -> None:
+    rows = run.rows
+    _line(ax, run.time, rows["wall_torque"], _ASKED, "wall (before delay and limit)", 1.0)
+    _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
+    ax.set_ylabel("torque [N·m]")
+    saturated = (rows["flags"] & FLAG_SATURATED) != 0
+    limit = _torque_limit(run, saturated)
+    if limit is not None:
+        largest = float(np.nanmax(np.abs(rows["torque"])))
+        if largest > 0.4 * limit:
+            for sign in (-1, 1):
+                if np.any(sign * rows["torque"] > 0.4 * limit):
+                    ax.axhline(sign * limit, color=_ALARM, linestyle="--", linewidth=1.0)
+            ax.plot([], [], "--", color=_ALARM, label=f"limit ±{limit:.3g} N·m")
+        else:
+            ax.plot([], [], " ", label=f"(limit ±{limit:.3g} N·m: off the scale)")
+    _shade(ax, run.time, saturated, "#f7d4d5", "cut by the limit")
+
+
+def _torque_limit(run: _Run, saturated: NDArray[np.bool_]) -> float | None:
+    """The torque limit as far as the log tells [N·m]."""
+    if saturated.any():
+        return float(np.abs(run.rows["torque"][saturated]).max())
+    servo = run.config.servo
+    return servo.torque_limit if servo.kind == "hardware" else run.config.true_servo().torque_limit
+
+
+def _third(ax: Axes, run: _Run) -> None:
+    """Commanded stiffness where the guard has changed it; else the velocity."""
+    stiffness = run.rows["stiffness"][run.on]
+    if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
+        ax.step(run.time[run.on], stiffness, where="post", color=_INK, label="commanded K")
+        ax.set_ylim(0, 1.15 * float(stiffness.max()))
+        requested = run.config.wall.stiffness
+        if requested <= 1.15 * float(stiffness.max()):
+            ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
+        ax.set_ylabel("stiffness\n[N·m/rad]")
+        return
+    _line(ax, run.time, run.rows["velocity"], _INK, "estimated velocity", 0.8)
+    ax.set_ylabel("velocity [rad/s]")
+
+
+def _timing(ax: Axes, run: _Run) -> None:
+    """Every tick's times; a period is drawn as a line, a missed tick as a mark above it."""
+    rows = run.rows
+    ax.set_yscale("log")
+    drawn = False
+    for field, color, label in (
+        ("bus_ns", _WALL, "waiting for the bus"),
+        ("work_ns", _SENT, "work"),
+        ("lateness_ns", _INK, "lateness"),
+    ):
+        times = rows[field] * 1e-3
+        if (times > 0).any():
+            drawn = True
+            ax.plot(
+                run.time,
+                np.maximum(times, _LEAST_US),
+                ".",
+                markersize=1.6,
+                color=color,
+                label=f"{label} (median {np.median(times):.3g} µs)",
+                rasterized=True,
+            )
+    period_us = 1e-3 * run.config.period_ns
+    missed = np.flatnonzero(rows["missed"] > 0)
+    if not drawn and not len(missed):
+        ax.text(
+            0.5,
+            0.5,
+            "simulated clock: every tick is on time",
+            transform=ax.transAxes,
+            ha="center",
+            va="center",
+            color="#6b6b6b",
+        )
+        ax.set_yticks([])
+        ax.minorticks_off()
+    else:
+        ax.axhline(
+            period_us, color=_ALARM, linewidth=0.8, linestyle=":", label=f"period {period_us:g} µs"
+        )
+        ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
+    if len(missed):
+        ax.plot(
+            run.time[missed],
+            np.full(len(missed), 1.6 * period_us),
+            "v",
+            color=_ALARM,
+            markersize=5,
+            label=f"missed: {int(rows['missed'].sum())} ticks",
+        )
+    ax.set_ylabel("time per tick [µs]")
+
+
+def _shade_warm_up(ax: Axes, run: _Run) -> None:
+    _shade(ax, run.time, ~run.on, _WARM_UP, "")
+
+
+def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
+    """Shade the stretches of time in which ``where`` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
+    last = len(time) - 1
+    for begin, end in edges.reshape(-1, 2):
+        ax.axvspan(
+            time[begin],
+            time[min(end, last)],
+            color=color,
+            linewidth=0,
+            zorder=0,
+            label=label or "_",
+        )
+        label = ""
+
+
+def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
+    """A line; of a long run the envelope, so that no peak is lost and the file stays small."""
+    if len(time) > 4 * _COLUMNS:
+        edges = np.linspace(0, len(time), _COLUMNS + 1).astype(int)[:-1]
+        low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+        time, values = np.repeat(time[edges], 2), np.column_stack([low, high]).ravel()
+    ax.plot(time, values, color=color, linewidth=width, label=label)
