@@ -1,0 +1,238 @@
+"""The running cycle on the wire: ask for the sample, match the reply, send a goal current.
+
+The protocol has no sequence number, so a reply must be recognised as the answer to *this* request:
+a loop that once misses a reply would else use the previous period's for ever. Three things do it,
+each cheap:
+
+1. **Length.** Requests ask for the same block in different lengths (16 to 27 bytes). A length whose
+   request went unanswered is not used again for the next ten requests, so a late reply is known
+   by its length, in whatever order replies come. Undisturbed, lengths alternate 16 and 17.
+2. **Before the question.** What has arrived before a request is sent cannot be its answer.
+3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
+   advanced by the time that passed since the last accepted sample.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, NamedTuple
+
+from hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, encode
+from hw.dynamixel.line import Line
+from hw.dynamixel.tables import TICK_MODULUS, Register
+from hw.servo import BusCounts, Outcome
+
+_BLOCK: Final = struct.Struct("<HxxhhIi")
+"""From 120: tick, moving, moving status, PWM, current, velocity, position"""
+_BLOCK_ADDRESS: Final = 120
+_GOAL_CURRENT: Final = 102
+_LENGTHS: Final = range(16, 28)
+"""Sample to position, up to Present Temperature (146); the bytes behind the position are unused"""
+_QUARANTINE: Final = 10
+"""Requests before the length of an unanswered one is used again; fewer than there are lengths, so
+that one is always free"""
+_TICK_SLACK_MS: Final = 5.0
+"""A request may wait in the adapter, and so may the next"""
+_TICK_DRIFT: Final = 0.02
+"""The servo's clock against ours"""
+_TICK_TRUST_NS: Final = 10_000_000_000
+"""After such a pause a tick that wraps every 33 s proves nothing"""
+
+
+class Sample(NamedTuple):
+    """The answer to one request, in the servo's own units; zeros unless the outcome is OK."""
+
+    outcome: Outcome
+    counts: int
+    """Multi-turn position"""
+    current: int
+    """Signed, in the model's current unit"""
+    alert: bool
+    """A hardware error is latched."""
+    sampled_ns: int
+    """When the request was sent [ns]"""
+
+
+class Link:
+    """One servo's sample and goal current over a line, with every reply matched to its request."""
+
+    def __init__(self, line: Line, servo_id: int, counts: BusCounts | None = None) -> None:
+        """Use ``line`` for one servo.
+
+        Args:
+            line: The bus.
+            servo_id: Whom to talk to.
+            counts: Where to count what happens on the bus.
+        """
+        self.counts = BusCounts() if counts is None else counts
+        self._line = line
+        self._now_ns = line.clock.now_ns
+        self._id = servo_id
+        self._parser = Parser()
+        self._requests = {
+            length: encode(servo_id, Instruction.READ, struct.pack("<HH", _BLOCK_ADDRESS, length))
+            for length in _LENGTHS
+        }
+        self._goals: dict[int, bytes] = {}
+        self._free_at = dict.fromkeys(_LENGTHS, 0)
+        self._number = 0
+        """Of the next request"""
+        self._length = 0
+        """Of the request that waits for its answer; 0: none does"""
+        self._refusals = 0
+        self._sent_ns = 0
+        self._accepted: tuple[int, int] | None = None
+        """Tick and request instant of the last accepted sample"""
+
+    def request(self) -> None:
+        """Ask for a sample. Does not wait; an earlier request not yet answered is given up.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        if self._length:
+            self._give_up(Outcome.LOST)
+        if stale := self._line.read():
+            for frame in self._parser.feed(stale):
+                self._count_unmatched(frame)
+        number = self._number
+        length = next(size for size, free_at in self._free_at.items() if free_at <= number)
+        self._number = number + 1
+        self._length = length
+        self._sent_ns = self._now_ns()
+        self._line.write(self._requests[length])
+
+    def collect(self, deadline_ns: int) -> Sample:
+        """The answer to the last request, waiting until ``deadline_ns`` [ns] at most.
+
+        A reply that comes later is discarded by a later call and counted as late.
+
+        Raises:
+            ServoLostError: The port is gone.
+            RuntimeError: There was no request.
+        """
+        if not self._length:
+            raise RuntimeError("collect() without a request(): call request() first")
+        line, parser = self._line, self._parser
+        broken = parser.corrupt + self._refusals
+        while True:
+            if data := line.read():
+                found: Sample | None = None
+                for frame in parser.feed(data):
+                    sample = self._match(frame)
+                    if sample is None:
+                        self._count_unmatched(frame)
+                    elif found is None:
+                        found = sample
+                if found is not None:
+                    return found
+            elif not line.wait(deadline_ns):
+                break
+        came_broken = parser.corrupt + self._refusals > broken
+        return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
+
+    def send_current(self, goal: int) -> None:
+        """Send a goal current, in the model's unit, by a sync write: it is never answered.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        frame = self._goals.get(goal)
+        if frame is None:  # once per value; there are as many as the servo has currents
+            params = struct.pack("<HHBh", _GOAL_CURRENT, 2, self._id, goal)
+            frame = self._goals[goal] = encode(BROADCAST, Instruction.SYNC_WRITE, params)
+        self._line.write(frame)
+
+    def write_register(self, register: Register, value: int, deadline_ns: int) -> bool:
+        """Write a register; whether the servo confirmed it before ``deadline_ns`` [ns].
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        params = register.address.to_bytes(2, "little") + register.encode(value)
+        answer = self._ask(Instruction.WRITE, params, 0, deadline_ns)
+        return answer is not None
+
+    def read_register(self, register: Register, deadline_ns: int) -> int | None:
+        """The value of a register; None where no valid answer came before ``deadline_ns`` [ns].
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        params = struct.pack("<HH", register.address, register.size)
+        answer = self._ask(Instruction.READ, params, register.size, deadline_ns)
+        return None if answer is None else register.decode(answer)
+
+    def _ask(
+        self, instruction: Instruction, params: bytes, size: int, deadline_ns: int
+    ) -> bytes | None:
+        """Send one instruction and wait for a good reply with ``size`` bytes of data.
+
+        A sample under way is forgotten: nobody will ask for it.
+        """
+        line, parser = self._line, self._parser
+        if self._length:
+            self._free_at[self._length] = self._number + _QUARANTINE
+            self._length = 0
+        parser.feed(line.read())
+        line.write(encode(self._id, instruction, params))
+        while line.wait(deadline_ns):
+            for frame in parser.feed(line.read()):
+                if self._is_good_reply(frame) and len(frame.params) == size:
+                    return frame.params
+        return None
+
+    def _is_good_reply(self, frame: Frame) -> bool:
+        return (
+            frame.id == self._id
+            and frame.instruction == Instruction.STATUS
+            and not frame.error & 0x7F
+        )
+
+    def _match(self, frame: Frame) -> Sample | None:
+        """The sample, if ``frame`` answers the request that waits; None if it does not."""
+        params = frame.params
+        length = self._length
+        if len(params) != length or not length or not self._is_good_reply(frame):
+            return None
+        tick, _, current, _, position = _BLOCK.unpack_from(params)
+        if not self._tick_advanced(tick):
+            return None
+        self._accepted = (tick, self._sent_ns)
+        self.counts.cycles += 1
+        self._free_at[length] = self._number + 1  # not for the next one: a copy may follow
+        self._length = 0
+        return Sample(Outcome.OK, position, current, frame.error != 0, self._sent_ns)
+
+    def _tick_advanced(self, tick: int) -> bool:
+        """Whether the servo's clock agrees that this sample is as old as its request."""
+        if self._accepted is None:
+            return True
+        last_tick, last_sent_ns = self._accepted
+        passed_ns = self._sent_ns - last_sent_ns
+        if passed_ns > _TICK_TRUST_NS:
+            return True
+        half = TICK_MODULUS // 2
+        advance = (tick - last_tick + half) % TICK_MODULUS - half
+        passed_ms = passed_ns * 1e-6
+        slack = _TICK_SLACK_MS + _TICK_DRIFT * passed_ms
+        return advance >= 0 and -slack <= advance - passed_ms <= slack
+
+    def _give_up(self, outcome: Outcome) -> Sample:
+        """Stop waiting for the last request, and keep its length out of use for a while."""
+        counts = self.counts
+        counts.cycles += 1
+        if outcome is Outcome.CORRUPT:
+            counts.corrupt += 1
+        else:
+            counts.lost += 1
+        self._free_at[self._length] = self._number + _QUARANTINE
+        self._length = 0
+        return Sample(outcome, 0, 0, False, self._sent_ns)
+
+    def _count_unmatched(self, frame: Frame) -> None:
+        """Count a sample that nobody waits for any more, or a refusal (it does not say of what)."""
+        if self._is_good_reply(frame):
+            self.counts.late += len(frame.params) in _LENGTHS
+        elif frame.id == self._id and frame.error:
+            self._refusals += 1

@@ -1,0 +1,154 @@
+"""Proof that a positive torque moves the position up, by a push of a few encoder counts.
+
+A servo whose position is reversed and whose current is not would be driven *into* the wall by its
+own wall, so the sign is not taken from the manual but seen.
+
+The push is a slow ramp, given up at a stated torque: a free servo barely moves, and one with
+friction breaks loose gently. It is followed by the opposite torque until the impulses cancel,
+which stops a servo without friction; one with friction stops by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from hw.clock import Clock
+from hw.dynamixel.link import Link
+from hw.errors import ServoMissingError, UnfitServoError
+from hw.servo import Outcome
+
+_PERIOD_NS: Final = 1_000_000
+_PATIENCE_NS: Final = 10_000_000
+"""For one reply; a third of the shortest Bus Watchdog in use"""
+_LOSSES: Final = 10
+"""Replies lost in a row that end the probe"""
+_REST_NS: Final = 50_000_000
+"""Without motion for so long: at rest"""
+_REST_END_NS: Final = 5_000_000_000
+_REST_COUNTS: Final = 1
+"""An encoder at rest may flicker between two counts"""
+_RAMP_NS: Final = 400_000_000
+"""From zero to the largest torque"""
+_HOLD_NS: Final = 100_000_000
+"""At the largest torque, before giving up"""
+_MOVED_COUNTS: Final = 3
+"""More than the play between shaft and encoder and than an encoder's flicker"""
+_RETURN_COUNTS: Final = 2
+"""The brake ends when the shaft comes back so far: friction has stopped it already"""
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """What one push did."""
+
+    moved: int
+    """[encoder counts]; 0: it did not move"""
+    peak: int
+    """Largest goal current, with its sign [current units]"""
+
+    @property
+    def sign_is_right(self) -> bool:
+        """Whether the motion has the sign of the torque."""
+        return self.moved * self.peak > 0
+
+
+def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
+    """Push until the shaft moves; torque must be enabled, and is zero afterwards.
+
+    A push with the wrong result is repeated once: a hand on the shaft may have moved it.
+
+    Args:
+        link: The servo.
+        clock: Tells the time; the probe cycles at 1 kHz, which also keeps the Bus Watchdog quiet.
+        limit: Largest goal current, with the sign to push in [current units].
+        name: Of the servo, for messages.
+
+    Raises:
+        UnfitServoError: The shaft does not rest.
+        ServoMissingError: The servo stops answering.
+    """
+    prober = _Prober(link, clock, name)
+    for _ in range(2):
+        prober.wait_for_rest()
+        push = prober.push(limit)
+        if push.sign_is_right:
+            break
+    return push
+
+
+class _Prober:
+    def __init__(self, link: Link, clock: Clock, name: str) -> None:
+        self._link = link
+        self._clock = clock
+        self._name = name
+        self._losses = 0
+        self._position = 0
+
+    def wait_for_rest(self) -> None:
+        begun = since = self._cycle(0)
+        low = high = self._position
+        while (now := self._cycle(0)) - since < _REST_NS:
+            low, high = min(low, self._position), max(high, self._position)
+            if high - low > _REST_COUNTS:
+                if now - begun > _REST_END_NS:
+                    raise UnfitServoError(
+                        f"The shaft of the {self._name} does not rest ({high - low} counts within "
+                        f"{(now - since) * 1e-6:.0f} ms), so the torque's sign cannot be proved: "
+                        "hold it still, or set servo.probe_torque=0 to skip the probe."
+                    )
+                since, low, high = now, self._position, self._position
+
+    def push(self, limit: int) -> Push:
+        """Ramp up to ``limit`` until the shaft moves, then stop it."""
+        origin = self._position
+        begun = before = self._clock.now_ns()
+        impulse = goal = 0
+        while abs(self._position - origin) < _MOVED_COUNTS:
+            now = self._cycle(goal)
+            impulse += goal * (now - before)
+            before = now
+            elapsed = now - begun
+            if elapsed > _RAMP_NS + _HOLD_NS:
+                self._link.send_current(0)
+                return Push(0, goal)
+            goal = round(limit * min(1.0, elapsed / _RAMP_NS))
+        moved, peak = self._position - origin, goal
+        self._brake(origin, impulse, peak)
+        return Push(moved, peak)
+
+    def _brake(self, origin: int, impulse: int, peak: int) -> None:
+        """Cancel the impulse with half the torque, so that friction is rarely overcome."""
+        half = (abs(peak) + 1) // 2
+        goal = -half if peak > 0 else half
+        furthest = 0
+        before = self._clock.now_ns()
+        while impulse * peak > 0:
+            now = self._cycle(goal)
+            impulse += goal * (now - before)
+            before = now
+            travel = abs(self._position - origin)
+            furthest = max(furthest, travel)
+            if travel <= furthest - _RETURN_COUNTS:
+                break
+        self._link.send_current(0)
+
+    def _cycle(self, goal: int) -> int:
+        """One period at a goal current; the instant it ends [ns]."""
+        link, clock = self._link, self._clock
+        begun = clock.now_ns()
+        link.send_current(goal)
+        link.request()
+        sample = link.collect(begun + _PATIENCE_NS)
+        if sample.outcome is Outcome.OK:
+            self._position = sample.counts
+            self._losses = 0
+        else:
+            self._losses += 1
+            if self._losses >= _LOSSES:
+                raise ServoMissingError(
+                    f"The {self._name} stopped answering while the torque's sign was probed: "
+                    "check the cable and the power supply."
+                )
+        clock.wait_until(begun + _PERIOD_NS)
+        return clock.now_ns()

@@ -1,0 +1,223 @@
+"""Setting up with dynamixel-sdk: ping, registers and reboot, over any line and clock.
+
+The SDK is kept to set-up because it flushes what has arrived before each transmission, so no
+request can be in flight. Two of its habits are mended here. Its port waits 34 ms for a lost
+reply, spinning, on the wall clock: ``LinePort`` waits on the line's own clock, asleep, and not
+much longer than the reply takes. And it returns 0 after a failed read: ``Sdk`` raises.
+
+It also does not stuff what it sends and may lose a byte un-stuffing what it receives. Neither can
+happen in registers of one or two bytes, and no others are accepted.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+
+from hw.dynamixel.line import Line
+from hw.dynamixel.tables import Register
+from hw.errors import ServoMissingError, UnfitServoError
+
+_PATIENCE_NS: Final = 3_000_000
+"""On top of the bytes' own time: the servo's return delay (0.5 ms) and the adapter's hold (1 ms)"""
+_LAST_PATIENCE_NS: Final = 40_000_000
+"""For the last attempt: an adapter left at its 16 ms timer is to be found and named, not missed"""
+_SILENCE_NS: Final = 20_000_000
+"""Silence after which no reply is under way: more than an adapter's 16 ms timer"""
+_SETTLE_END_NS: Final = 200_000_000
+"""A bus that is never silent is not waited for"""
+_ATTEMPTS: Final = 3
+_REQUEST_BYTES: Final = 14
+_ALERT: Final = 0x80
+
+
+class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's port on a line. The names are the SDK's."""
+
+    def __init__(self, line: Line, baud: int) -> None:
+        super().__init__("")
+        self.baudrate = baud
+        self.patience_ns = _PATIENCE_NS
+        self._line = line
+        self._byte_ns = 10_000_000_000 // baud
+        self._arrived = bytearray()
+        self._deadline_ns = 0
+
+    def clearPort(self) -> None:  # noqa: N802
+        """Drop what has arrived; the SDK calls this before each transmission."""
+        self._line.read()
+        self._arrived.clear()
+
+    def writePort(self, packet: list[int]) -> int:  # noqa: N802
+        """Send a packet; the number of bytes sent."""
+        self._line.write(bytes(packet))
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:  # noqa: N802
+        """Up to ``length`` bytes, waiting for the first until the packet's time is up."""
+        if len(self._arrived) < length and self._line.wait(self._deadline_ns):
+            self._arrived += self._line.read()
+        taken = bytes(self._arrived[:length])
+        del self._arrived[:length]
+        return taken
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        """Start waiting for a reply of so many bytes; the request may still be on the wire."""
+        wire_ns = (packet_length + _REQUEST_BYTES) * self._byte_ns
+        self._deadline_ns = self._line.clock.now_ns() + wire_ns + self.patience_ns
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
+        """Start waiting for so many milliseconds."""
+        self._deadline_ns = self._line.clock.now_ns() + int(msec * 1e6)
+
+    def isPacketTimeout(self) -> bool:  # noqa: N802
+        """Whether the packet's time is up."""
+        return self._line.clock.now_ns() >= self._deadline_ns
+
+    def settle(self) -> None:
+        """Let a late reply pass, so that it is not taken for the answer to another question."""
+        now_ns = self._line.clock.now_ns
+        end = now_ns() + _SETTLE_END_NS
+        while self._line.wait(min(now_ns() + _SILENCE_NS, end)) and now_ns() < end:
+            self._line.read()
+
+
+class Sdk:
+    """One servo's registers, through the SDK. What fails raises; nothing reads as 0 by default."""
+
+    def __init__(self, line: Line, baud: int, servo_id: int, where: str) -> None:
+        """Use ``line`` for one servo.
+
+        Args:
+            line: The bus.
+            baud: Its rate [bit/s], for the time a reply takes.
+            servo_id: Whom to talk to.
+            where: Names the bus in messages, e.g. the port's path.
+        """
+        self._port = LinePort(line, baud)
+        self._packets = Protocol2PacketHandler()
+        self._id = servo_id
+        self._name = f"id {servo_id} at {baud} baud on {where}"
+
+    def ping(self) -> int:
+        """The servo's model number.
+
+        Raises:
+            ServoMissingError: Nothing answers.
+        """
+        for last in _attempts():
+            self._prepare(last)
+            number, result, _ = self._packets.ping(self._port, self._id)
+            if result == COMM_SUCCESS:
+                return int(number)
+            self._port.settle()
+        raise ServoMissingError(
+            f"No servo answers as {self._name} "
+            f"({self._result(result)}): check its power and cable, and that servo.id and "
+            "servo.baud are the servo's own (`haptic-wall scan` looks for them)."
+        )
+
+    def read(self, register: Register) -> int:
+        """The value of a register of one or two bytes.
+
+        Raises:
+            ServoMissingError: No answer.
+            UnfitServoError: The servo refuses.
+        """
+        size = _small(register)
+        for last in _attempts():
+            self._prepare(last)
+            data, result, error = self._packets.readTxRx(
+                self._port, self._id, register.address, size
+            )
+            if result == COMM_SUCCESS:
+                self._refuse_error(error, f"to read {_label(register)}")
+                if len(data) == size:
+                    return register.decode(bytes(data))
+            self._port.settle()
+        raise self._silent(f"{_label(register)} was to be read", result)
+
+    def write(self, register: Register, value: int) -> None:
+        """Write a register of one or two bytes and see the servo confirm it.
+
+        Raises:
+            ServoMissingError: No answer.
+            UnfitServoError: The servo refuses.
+        """
+        _small(register)
+        data = list(register.encode(value))
+        for last in _attempts():
+            self._prepare(last)
+            result, error = self._packets.writeTxRx(
+                self._port, self._id, register.address, len(data), data
+            )
+            if result == COMM_SUCCESS:
+                self._refuse_error(error, f"to write {value} to {_label(register)}")
+                return
+            self._port.settle()
+        raise self._silent(f"{value} was written to {_label(register)}", result)
+
+    def write_unanswered(self, register: Register, value: int) -> None:
+        """Write a register without waiting: a servo may be set to confirm nothing."""
+        _small(register)
+        data = list(register.encode(value))
+        self._prepare(last=False)
+        self._packets.writeTxOnly(self._port, self._id, register.address, len(data), data)
+        self._port.settle()
+
+    def reboot(self) -> None:
+        """Restart the servo; it answers again after about a second.
+
+        Raises:
+            ServoMissingError: No answer.
+            UnfitServoError: The servo refuses.
+        """
+        self._prepare(last=True)
+        result, error = self._packets.reboot(self._port, self._id)
+        if result != COMM_SUCCESS:
+            raise self._silent("it was told to reboot", result)
+        self._refuse_error(error, "to reboot")
+
+    def _prepare(self, last: bool) -> None:
+        self._port.is_using = False  # the SDK leaves it set when the port raised
+        self._port.patience_ns = _LAST_PATIENCE_NS if last else _PATIENCE_NS
+
+    def _refuse_error(self, error: int, what: str) -> None:
+        """Raise for a refusal; a latched hardware error alone refuses nothing."""
+        error &= ~_ALERT
+        if error:
+            reason = self._packets.getRxPacketError(error).removeprefix("[RxPacketError] ")
+            raise UnfitServoError(
+                f"The servo {self._name} refuses {what}: {reason.rstrip('!.')}; "
+                "check that it is the configured model and that its torque is off."
+            )
+
+    def _silent(self, what: str, result: int) -> ServoMissingError:
+        return ServoMissingError(
+            f"The servo {self._name} answered before, but not when {what} "
+            f"({self._result(result)}): check the cable and for a second servo with this id."
+        )
+
+    def _result(self, result: int) -> str:
+        text: str = self._packets.getTxRxResult(result)
+        return text.removeprefix("[TxRxResult] ").rstrip("!")
+
+
+def _attempts() -> list[bool]:
+    """For each attempt, whether it is the last."""
+    return [False] * (_ATTEMPTS - 1) + [True]
+
+
+def _small(register: Register) -> int:
+    if register.size > 2:
+        raise ValueError(
+            f"{_label(register)} has {register.size} bytes, 1 or 2 wanted: "
+            "the SDK may garble longer ones; read them with Link."
+        )
+    return register.size
+
+
+def _label(register: Register) -> str:
+    """Name and address as the manual gives them."""
+    return f"{register.name.replace('_', ' ').title()} ({register.address})"

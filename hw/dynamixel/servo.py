@@ -1,0 +1,181 @@
+"""A Dynamixel servo behind the servo interface: torque in N·m to current units and back."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from hw.dynamixel.cut import torque_off
+from hw.dynamixel.line import Line
+from hw.dynamixel.link import Link
+from hw.dynamixel.startup import start_up
+from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, Model
+from hw.errors import ServoError, ServoLostError, UnfitServoError
+from hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from hw.settings import DynamixelSettings
+
+_NAN: Final = math.nan
+
+
+class DynamixelServo:
+    """One servo on a line; it cannot tell a real one from an emulated one."""
+
+    facts: Facts
+    counts: BusCounts
+
+    def __init__(self, settings: DynamixelSettings, line: Line) -> None:
+        """Take over ``line``; ``close`` closes it. Nothing is sent yet.
+
+        Raises:
+            UnfitServoError: The model is unknown or cannot be driven in torque.
+        """
+        model = _model(settings.model)
+        constant = settings.torque_constant or model.torque_constant
+        if constant is None:
+            raise UnfitServoError(
+                f"No torque constant of the {model.name} is published: measure it and set "
+                "servo.torque_constant [N·m/A]."
+            )
+        self._settings = settings
+        self._model = model
+        self._line = line
+        self._step = constant * model.current_unit_ma * 1e-3
+        self._link = Link(line, settings.id)
+        self._limit = 0
+        self._running = False
+        self._confirmed_off = False
+        self.counts = self._link.counts
+        self.facts = self._facts(model.current_limit)
+
+    def start(self) -> list[Check]:
+        """Run the checked start-up; then torque is on, at zero torque.
+
+        From here on the servo wants to hear something within every Bus Watchdog period, or its
+        torque goes and the next goals are refused.
+
+        ``facts.torque_limit`` is the servo's own from here on, if that is lower.
+
+        Raises:
+            UnfitServoError: A check failed; torque is off.
+            ServoMissingError: Nothing answers.
+        """
+        self._confirmed_off = False
+        try:
+            ready = start_up(self._settings, self._model, self._line, self._link, self._step)
+        except ServoError as error:
+            if self._off():
+                raise
+            raise type(error)(
+                f"{error} Torque off could not be read back: switch the servo's power off."
+            ) from error
+        except BaseException:
+            self._off()
+            raise
+        self.facts = self._facts(ready.current_limit)
+        self._limit = round(self.facts.torque_limit / self._step)
+        self.counts = self._link.counts = BusCounts()
+        self._running = True
+        return ready.checks
+
+    def request(self) -> None:
+        """Ask for the position. Does not wait.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        self._link.request()
+
+    def collect(self, deadline_ns: int) -> Reading:
+        """The answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+
+        Raises:
+            ServoLostError: The port is gone.
+            RuntimeError: There was no request.
+        """
+        outcome, counts, current, alert, sampled_ns = self._link.collect(deadline_ns)
+        if outcome is not Outcome.OK:
+            return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
+        return Reading(
+            outcome, counts * POSITION_UNIT, counts, sampled_ns, current * self._step, alert
+        )
+
+    def write(self, torque: float) -> float:
+        """Send a torque [N·m], limited and rounded to the servo's current unit.
+
+        Returns:
+            The torque really sent [N·m].
+
+        Raises:
+            ServoLostError: The port is gone.
+            ValueError: The torque is not a finite number.
+            RuntimeError: The servo is not started.
+        """
+        if not self._running:
+            raise RuntimeError("a torque was written while torque is off; call start first")
+        if not math.isfinite(torque):
+            raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
+        limit = self._limit
+        goal = max(-limit, min(limit, round(torque / self._step)))
+        self._link.send_current(goal)
+        return goal * self._step
+
+    def stop(self) -> bool:
+        """Zero torque at once, then torque off, read back. Safe at any time, and twice.
+
+        Returns:
+            Whether torque off was read back; False too when the port is gone.
+        """
+        if not self._confirmed_off:
+            self._off()
+        return self._confirmed_off
+
+    def close(self) -> None:
+        """Stop the servo if it was started and not stopped, and let go of the line."""
+        try:
+            if self._running:
+                self.stop()
+        finally:
+            self._line.close()
+
+    def _off(self) -> bool:
+        """Zero goal if torque is ours, torque off, read back."""
+        try:
+            if self._running:
+                self._running = False
+                self._link.send_current(0)
+            self._confirmed_off = torque_off(self._line, self._link)
+        except ServoLostError:
+            self._confirmed_off = False
+        return self._confirmed_off
+
+    def _facts(self, current_limit: int) -> Facts:
+        """The facts, with the torque limit a whole number of steps within every limit."""
+        steps = current_limit
+        if self._settings.torque_limit > 0.0:
+            # The tolerance keeps a limit of exactly so many steps from losing one to rounding.
+            steps = min(steps, math.floor(self._settings.torque_limit / self._step + 1e-9))
+        return Facts(
+            name=f"{self._model.name} id {self._settings.id} on {self._settings.port or 'memory'}",
+            counts_per_rev=COUNTS_PER_REV,
+            torque_limit=steps * self._step,
+            torque_step=self._step,
+            has_bus=True,
+        )
+
+
+def _model(name: str) -> Model:
+    """The model of this name.
+
+    Raises:
+        UnfitServoError: It is unknown or has no current mode.
+    """
+    model = MODELS.get(name)
+    if model is None:
+        known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
+        raise UnfitServoError(f"The model {name} is not known: set servo.model to one of {known}.")
+    if not model.current_mode:
+        raise UnfitServoError(
+            f"The {name} has no current mode, so it cannot be commanded in torque: use an XM430, "
+            "XH430, XM540, XH540, XL330 or XC330."
+        )
+    return model

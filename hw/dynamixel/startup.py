@@ -1,0 +1,343 @@
+"""Everything that must hold before a servo may have torque, checked and put down line by line.
+
+The order matters. Torque goes off first, since EEPROM is locked while it is on. What only a person
+should change (drive mode, start-up configuration) is checked before anything is written. The goal
+current is zeroed *after* the mode change, which sets it to Current Limit. Torque goes on last, and
+then a small push proves its sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from hw.dynamixel.line import Line
+from hw.dynamixel.link import Link, Sample
+from hw.dynamixel.probe import probe_sign
+from hw.dynamixel.sdk import Sdk
+from hw.dynamixel.tables import (
+    CURRENT_MODE,
+    POSITION_UNIT,
+    WATCHDOG_UNIT_NS,
+    Model,
+    Register,
+    model_by_number,
+)
+from hw.errors import ServoMissingError, UnfitServoError
+from hw.servo import Check, Outcome
+from hw.settings import DynamixelSettings
+
+_WATCHDOG_FIRMWARE: Final = 38
+"""First firmware with a Bus Watchdog"""
+_REVERSE: Final = 0x01
+_TORQUE_ON_BY_GOAL: Final = 0x08
+_HARDWARE_ERRORS: Final = {
+    0: "input voltage",
+    2: "overheating",
+    3: "motor encoder",
+    4: "electrical shock",
+    5: "overload",
+}
+_SAMPLE_PATIENCE_NS: Final = 40_000_000
+_SAMPLE_ATTEMPTS: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A servo with torque enabled at zero torque."""
+
+    checks: list[Check]
+    current_limit: int
+    """The servo's own, in the model's current unit"""
+
+
+def start_up(
+    settings: DynamixelSettings, model: Model, line: Line, link: Link, torque_step: float
+) -> Ready:
+    """Check everything, set up what the driver may set up, and enable torque at zero torque.
+
+    Whoever calls this switches the torque off when it raises.
+
+    Args:
+        settings: What is wanted.
+        model: The configured model.
+        line: The bus, for the set-up.
+        link: The same bus, for positions and the probe.
+        torque_step: [N·m] per current unit.
+
+    Raises:
+        ServoMissingError: Nothing answers.
+        UnfitServoError: One or more checks failed; the message has a sentence for each.
+    """
+    start = _Startup(settings, model, line, link, torque_step)
+    start.identify()
+    start.torque_off()
+    start.judge_what_only_a_person_changes()
+    start.refuse_if_unfit()
+    start.set_up()
+    start.judge_limits_and_position()
+    start.refuse_if_unfit()
+    start.torque_on()
+    start.prove_the_sign()
+    start.refuse_if_unfit()
+    return Ready(start.checks, start.current_limit)
+
+
+class _Startup:
+    def __init__(
+        self,
+        settings: DynamixelSettings,
+        model: Model,
+        line: Line,
+        link: Link,
+        torque_step: float,
+    ) -> None:
+        where = settings.port or "the emulated bus in memory"
+        self.checks: list[Check] = []
+        self.current_limit = 0
+        self._faults: list[str] = []
+        self._settings = settings
+        self._model = model
+        self._link = link
+        self._clock = line.clock
+        self._torque_step = torque_step
+        self._sdk = Sdk(line, settings.baud, settings.id, where)
+        self._registers = model.registers
+        self._name = f"{model.name} with id {settings.id} on {where}"
+
+    # What is there
+
+    def identify(self) -> None:
+        """Model and firmware; without them no other register has a meaning, so raise at once."""
+        number = self._sdk.ping()
+        found = model_by_number(number)
+        name = found.name if found else "unknown model"
+        no_current = "" if found is None or found.current_mode else ", which has no current mode"
+        self._check(
+            "model",
+            number == self._model.number,
+            f"{name} ({number})",
+            f"{self._model.name} ({self._model.number})",
+            f"It is a {name} (model number {number}){no_current}: connect a {self._model.name}, "
+            "or set servo.model to what is there.",
+        )
+        self.refuse_if_unfit()
+        self._have_replies_to_everything()
+        firmware = self._read("firmware_version")
+        self._check(
+            "firmware",
+            firmware >= _WATCHDOG_FIRMWARE,
+            str(firmware),
+            f"at least {_WATCHDOG_FIRMWARE}",
+            f"Its firmware {firmware} has no Bus Watchdog ({_WATCHDOG_FIRMWARE} or later has): "
+            "update it with Dynamixel Wizard.",
+        )
+        self.refuse_if_unfit()
+
+    def _have_replies_to_everything(self) -> None:
+        """Status Return Level 2; below it a servo is silent on writes, at 0 even on reads."""
+        register = self._registers["status_return_level"]
+        try:
+            found = str(level := self._sdk.read(register))
+        except ServoMissingError:
+            found, level = "no replies to reads", 0
+        if level != register.default:
+            self._sdk.write_unanswered(register, register.default)
+            level = self._sdk.read(register)
+            found += f", set to {level}"
+        self._check(
+            "status return level",
+            level == register.default,
+            found,
+            str(register.default),
+            f"Its Status Return Level ({register.address}) stays {level} when {register.default} "
+            "is written: set it with Dynamixel Wizard.",
+        )
+
+    def torque_off(self) -> None:
+        """Torque that is on belongs to somebody else's run; EEPROM is locked while it is on."""
+        was_on = self._read("torque_enable") != 0
+        if was_on:
+            self._write("torque_enable", 0)
+        off = not was_on or self._read("torque_enable") == 0
+        found = "off" if not was_on else "on, switched off" if off else "on"
+        self._check(
+            "torque at the start", off, found, "off", "Its torque stays on: switch its power off."
+        )
+
+    # What only a person changes
+
+    def judge_what_only_a_person_changes(self) -> None:
+        """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
+        error = self._read("hardware_error_status")
+        names = ", ".join(name for bit, name in _HARDWARE_ERRORS.items() if error >> bit & 1)
+        self._check(
+            "hardware error",
+            error == 0,
+            f"{names or 'unknown'} (0x{error:02x})" if error else "none",
+            "none",
+            f"It has latched a hardware error ({names or f'0x{error:02x}'}): remove the cause, "
+            "then reboot it or switch its power off and on; nothing else clears it.",
+        )
+        drive_mode = self._read("drive_mode")
+        self._check(
+            "direction",
+            not drive_mode & _REVERSE,
+            "reverse" if drive_mode & _REVERSE else "normal",
+            "normal",
+            "Its Drive Mode is reverse, which may turn round the position but not the torque, so "
+            "that a wall would push the wrong way: clear bit 0 of Drive Mode (10) with Dynamixel "
+            "Wizard.",
+        )
+        self._check(
+            "torque on by goal update",
+            not drive_mode & _TORQUE_ON_BY_GOAL,
+            "on" if drive_mode & _TORQUE_ON_BY_GOAL else "off",
+            "off",
+            "Any goal, a late one too, would switch its torque back on: clear bit 3 of Drive Mode "
+            "(10) with Dynamixel Wizard.",
+        )
+        startup = self._read("startup_configuration")
+        dangers = [
+            danger
+            for bit, danger in ((1, "torque on at power-up"), (2, "old goals restored"))
+            if startup & bit
+        ]
+        self._check(
+            "start-up configuration",
+            not dangers,
+            " and ".join(dangers) or "0",
+            "0",
+            f"Its Startup Configuration means {' and '.join(dangers)}: write 0 to Startup "
+            "Configuration (60) with Dynamixel Wizard.",
+        )
+
+    # What the driver sets up
+
+    def set_up(self) -> None:
+        """Mode, return delay, goal, watchdog: written where they differ, and read back."""
+        self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
+        self._settle_at("return delay", "return_delay_time", 0)
+        self._write("goal_current", 0)  # the mode change has set it to Current Limit
+        self._settle_at("goal current", "goal_current", 0)
+        units = round(self._settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+        if not 1 <= units <= self._registers["bus_watchdog"].maximum:
+            raise UnfitServoError(
+                f"A Bus Watchdog of {self._settings.watchdog_s:g} s was asked of the {self._name}, "
+                "which has 0.02 to 2.54 s: set servo.watchdog_s within that."
+            )
+        self._write("bus_watchdog", 0)  # a tripped one refuses everything else
+        self._settle_at("bus watchdog", "bus_watchdog", units)
+
+    def judge_limits_and_position(self) -> None:
+        """The servo's own limit on torque, and where it stands."""
+        self.current_limit = self._read("current_limit")
+        self._check(
+            "current limit",
+            self.current_limit > 0,
+            f"{self.current_limit} ({self.current_limit * self._torque_step:.2f} N·m)",
+            "above 0",
+            "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
+            "Dynamixel Wizard.",
+        )
+        position = self._sample().counts * POSITION_UNIT
+        keep_out = self._settings.keep_out
+        inside = keep_out is not None and keep_out[0] <= position <= keep_out[1]
+        self._check(
+            "position",
+            not inside,
+            f"{position:.3f} rad" + (", inside the wall" if inside else ""),
+            "anywhere" if keep_out is None else "outside the wall",
+            f"It stands inside the wall, at {position:.3f} rad: turn it out by hand, or move the "
+            "wall with wall.position.",
+        )
+
+    # Torque
+
+    def torque_on(self) -> None:
+        """Enable torque; the goal is zero."""
+        self._write("torque_enable", 1)
+        on = self._read("torque_enable") == 1
+        self._check(
+            "torque",
+            on,
+            "on" if on else "off",
+            "on",
+            "Its torque stays off: check its supply voltage and Hardware Error Status (70).",
+        )
+        self.refuse_if_unfit()
+
+    def prove_the_sign(self) -> None:
+        """See a small torque away from the wall move the shaft away from the wall."""
+        settings = self._settings
+        if settings.probe_torque <= 0.0:
+            self.checks.append(Check("torque sign", True, "not probed", "not asked for"))
+            return
+        limit = min(round(settings.probe_torque / self._torque_step), self.current_limit)
+        direction = 1 if settings.probe_direction > 0 else -1
+        push = probe_sign(self._link, self._clock, direction * max(1, limit), self._name)
+        torque = push.peak * self._torque_step
+        if push.moved:
+            found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
+            remedy = (
+                f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
+                "check Drive Mode (10), and that nobody turns the shaft during the start."
+            )
+        else:
+            found = f"no motion at {torque:+.3f} N·m"
+            remedy = (
+                f"Its shaft did not move at {abs(torque):.2g} N·m: free it if it is blocked or "
+                "held, or raise servo.probe_torque; 0 skips the probe."
+            )
+        self._check("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
+
+    # Tools
+
+    def refuse_if_unfit(self) -> None:
+        """Raise with a sentence for everything found wrong so far."""
+        if self._faults:
+            raise UnfitServoError(
+                f"The {self._name} must not be driven as it is. " + " ".join(self._faults)
+            )
+
+    def _check(self, name: str, ok: bool, found: str, wanted: str, remedy: str) -> None:
+        self.checks.append(Check(name, ok, found, wanted))
+        if not ok:
+            self._faults.append(remedy)
+
+    def _settle_at(self, name: str, register_name: str, wanted: int) -> None:
+        """Write a register where it differs, and read it back."""
+        register: Register = self._registers[register_name]
+        before = self._sdk.read(register)
+        after = before
+        if before != wanted:
+            self._sdk.write(register, wanted)
+            after = self._sdk.read(register)
+        found = str(after) if after == before else f"{before}, set to {after}"
+        title = register_name.replace("_", " ").title()
+        self._check(
+            name,
+            after == wanted,
+            found,
+            str(wanted),
+            f"Its {title} ({register.address}) stays {after} when {wanted} is written: reboot it, "
+            "and look for another program on this bus.",
+        )
+
+    def _read(self, name: str) -> int:
+        return self._sdk.read(self._registers[name])
+
+    def _write(self, name: str, value: int) -> None:
+        self._sdk.write(self._registers[name], value)
+
+    def _sample(self) -> Sample:
+        """A position, over the same path that the running cycle will use."""
+        for _ in range(_SAMPLE_ATTEMPTS):
+            self._link.request()
+            sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
+            if sample.outcome is Outcome.OK:
+                return sample
+        raise ServoMissingError(
+            f"The {self._name} answers single registers but not the block of its sample "
+            "(120 to 135): check the cable."
+        )
