@@ -156,7 +156,8 @@ def _time_to_rest_without_spring(
     velocity: float, push: float, decay: float, limit: float
 ) -> float | None:
     """The velocity is one exponential: solved by a logarithm."""
-    if velocity * push >= 0.0:
+    # Signs, not a product: it would underflow, and a body all but at rest would never stop.
+    if velocity == 0.0 or push == 0.0 or (velocity > 0.0) == (push > 0.0):
         return None
     coasting = -velocity / push
     y = decay * coasting
@@ -182,7 +183,7 @@ def _acceleration_zeros(slide: Slide, limit: float) -> list[float]:
         while zero < limit:
             zeros.append(zero)
             zero += spacing
-    elif acceleration * slope > 0.0:
+    elif acceleration != 0.0 and slope != 0.0 and (acceleration > 0.0) == (slope > 0.0):
         ratio = acceleration / slope
         y = math.sqrt(discriminant) * ratio
         if y < 1.0:
@@ -199,7 +200,10 @@ def _root(slide: Slide, low: float, high: float) -> float:
     acceleration = push - decay * velocity
     jerk = ramp - spring * velocity
     sign_high = math.copysign(1.0, slide.moved(response(decay, spring, high))[1])
-    time = 0.5 * (low + high)
+    # A slow body stops almost at once: the tangent at the start is the place to begin.
+    time = -velocity / acceleration if low == 0.0 and acceleration != 0.0 else high
+    if not low < time < high:
+        time = 0.5 * (low + high)
     for _ in range(200):
         now = response(decay, spring, time)
         speed = slide.moved(now)[1]
@@ -208,10 +212,10 @@ def _root(slide: Slide, low: float, high: float) -> float:
         else:
             low = time
         change = acceleration * now.h1 + jerk * now.h
-        following = time - speed / change if change != 0.0 else low
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if abs(following - time) <= 2e-16 * high:
-            return following
-        time = following
+        correction = speed / change if change != 0.0 else math.inf
+        if min(abs(correction), high - low) <= 1e-15 * time:
+            break
+        time -= correction
+        if not low < time < high:
+            time = 0.5 * (low + high)
     return time

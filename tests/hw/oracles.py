@@ -1,0 +1,142 @@
+"""Independent answers that the simulated servo is held against; nothing here uses ``hw``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+
+class Body(NamedTuple):
+    """A servo and the hand on it, in SI units."""
+
+    inertia: float
+    damping: float
+    coulomb: float
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
+
+
+class Stretch(NamedTuple):
+    """A time over which the torque is held and the hand's reference moves linearly."""
+
+    duration: float
+    torque: float
+    reference: float = 0.0
+    slope: float = 0.0
+
+
+def integrate(
+    body: Body, position: float, velocity: float, stretches: Sequence[Stretch]
+) -> list[tuple[float, float]]:
+    """Position and velocity at the end of every stretch, by Runge-Kutta 8(5,3) with events."""
+    states = []
+    for stretch in stretches:
+        position, velocity = _integrate_stretch(body, position, velocity, stretch)
+        states.append((position, velocity))
+    return states
+
+
+def _integrate_stretch(
+    body: Body, position: float, velocity: float, stretch: Stretch
+) -> tuple[float, float]:
+    inertia, damping, coulomb, stiffness, hand_damping = body
+
+    def applied(time: float, x: float, v: float) -> float:
+        """Everything but Coulomb friction."""
+        reference = stretch.reference + stretch.slope * time
+        return (
+            stretch.torque
+            - damping * v
+            + stiffness * (reference - x)
+            + hand_damping * (stretch.slope - v)
+        )
+
+    time = 0.0
+    while time < stretch.duration:
+        if velocity == 0.0:
+            force = applied(time, position, 0.0)
+            if abs(force) > coulomb:
+                sign = math.copysign(1.0, force)
+            else:
+                here = position
+                sign = math.copysign(1.0, stiffness * stretch.slope)
+
+                def excess(t: float, here: float = here, sign: float = sign) -> float:
+                    return sign * applied(t, here, 0.0) - coulomb
+
+                if excess(stretch.duration) <= 0.0:
+                    return position, 0.0
+                time = brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16)
+        else:
+            sign = math.copysign(1.0, velocity)
+
+        def slope(t: float, state: np.ndarray, sign: float = sign) -> list[float]:
+            return [state[1], (applied(t, state[0], state[1]) - sign * coulomb) / inertia]
+
+        def rest(_: float, state: np.ndarray, sign: float = sign) -> float:
+            return sign * state[1]
+
+        # Rounding at the instant of breaking away must not count as coming to rest.
+        rest.terminal = velocity != 0.0 or abs(slope(time, np.array([position, 0.0]))[1]) > 1e-9
+        rest.direction = -1.0
+        solution = solve_ivp(
+            slope,
+            (time, stretch.duration),
+            [position, velocity],
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-14,
+            events=rest,
+        )
+        assert solution.success, solution.message
+        time = float(solution.t[-1])
+        position = float(solution.y[0, -1])
+        velocity = 0.0 if solution.status == 1 else float(solution.y[1, -1])
+    return position, velocity
+
+
+def closed_loop_poles(
+    *,
+    inertia: float,
+    damping: float,
+    stiffness: float,
+    virtual_damping: float,
+    period: float,
+    delay: float,
+) -> np.ndarray:
+    """Poles of a two-sided wall on the backward difference, from the state matrix.
+
+    The state is position, velocity, the position one sample ago, and the torques sent 1, 2 ..
+    samples ago: a delay of n + f periods lets the torque of n + 1 samples ago act for the first
+    f of a period and that of n samples ago for the rest.
+    """
+    whole, fraction = divmod(delay / period, 1.0)
+    n = int(whole)
+    generator = np.array(
+        [[0.0, 1.0, 0.0], [0.0, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]]
+    )
+    first = expm(generator * fraction * period)
+    second = expm(generator * (1.0 - fraction) * period)
+    old, new = 3 + n, 3 + n - 1
+    size = 3 + n + 1
+    sent = np.zeros(size)
+    sent[0] = -(stiffness + virtual_damping / period)
+    sent[2] = virtual_damping / period
+    matrix = np.zeros((size, size))
+    matrix[:2, :2] = second[:2, :2] @ first[:2, :2]
+    matrix[:2, old] += second[:2, :2] @ first[:2, 2]
+    if n == 0:
+        matrix[:2, :] += np.outer(second[:2, 2], sent)
+    else:
+        matrix[:2, new] += second[:2, 2]
+    matrix[2, 0] = 1.0
+    matrix[3, :] = sent
+    for k in range(4, size):
+        matrix[k, k - 1] = 1.0
+    return np.linalg.eigvals(matrix)
