@@ -234,11 +234,23 @@ def _device(path: str) -> int:
 def _refuse_holders(path: str, device: int) -> None:
     """Look before opening: to open and set up a port already disturbs whoever uses it."""
     users = list(holders(device))
-    if users:
+    if users and _is_terminal(path):
         pid, program = users[0]
         raise PortBusyError(
             f"Port {path} is used by {program} (pid {pid}): end that program first."
         )
+
+
+def _is_terminal(path: str) -> bool:
+    """Whether the device is a terminal at all; others may have any number of users."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        raise _open_error(path, error) from error
+    try:
+        return os.isatty(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _open_error(path: str, error: OSError) -> PortError:
@@ -252,7 +264,8 @@ def _open_error(path: str, error: OSError) -> PortError:
         return PortError(f"Port {path} may not be used by this user: {_permission(path)}.")
     if code in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(
-            f"Port {path} is locked by another program: end it first (`fuser {path}` names it).",
+            f"Port {path} is locked by another program: end that program first "
+            f"(`sudo fuser {path}` names it)."
         )
     if code is None:  # pyserial's own words, e.g. a device file without a device behind it
         return PortError(f"{_not_serial(path)[:-1]} ({error}).")

@@ -1,0 +1,262 @@
+"""A serial port as a line: what opening promises, and what each way of failing says."""
+
+from __future__ import annotations
+
+import fcntl
+import grp
+import os
+import pty
+import select
+import stat
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hw.clock import MonotonicClock
+from hw.dynamixel import serial_line
+from hw.dynamixel.serial_line import FdLine, open_port
+from hw.errors import PortBusyError, PortError, ServoLostError
+
+EVERY_BYTE = bytes(range(256))
+
+
+class Ends:
+    """A pseudo-terminal: the far side's descriptor, and the path of the side to open."""
+
+    def __init__(self) -> None:
+        self.far, near = pty.openpty()
+        self.path = os.ttyname(near)
+        os.close(near)
+
+    def receive(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size and select.select([self.far], [], [], 5.0)[0]:
+            data += os.read(self.far, 4096)
+        return data
+
+    def close(self) -> None:
+        if self.far >= 0:
+            os.close(self.far)
+            self.far = -1
+
+
+@pytest.fixture
+def ends() -> Iterator[Ends]:
+    pair = Ends()
+    yield pair
+    pair.close()
+
+
+@pytest.fixture
+def line(ends: Ends) -> Iterator[FdLine]:
+    opened = FdLine(open_port(ends.path, 1_000_000), MonotonicClock())
+    yield opened
+    opened.close()
+
+
+def test_every_byte_passes_unchanged_both_ways(ends: Ends, line: FdLine) -> None:
+    line.write(EVERY_BYTE)
+    assert ends.receive(256) == EVERY_BYTE
+    os.write(ends.far, EVERY_BYTE)
+    received = b""
+    while len(received) < 256 and line.wait(time.monotonic_ns() + 5_000_000_000):
+        received += line.read()
+    assert received == EVERY_BYTE
+
+
+def test_nothing_received_is_no_bytes_and_no_waiting(line: FdLine) -> None:
+    assert line.read() == b""
+    assert line.wait(time.monotonic_ns() - 1) is False
+
+
+def test_a_wait_ends_at_its_deadline(line: FdLine) -> None:
+    deadline = time.monotonic_ns() + 3_000_000
+    assert line.wait(deadline) is False
+    assert time.monotonic_ns() >= deadline
+
+
+def test_a_wait_ends_when_bytes_come(ends: Ends, line: FdLine) -> None:
+    sender = threading.Timer(0.02, os.write, (ends.far, b"x"))
+    sender.start()
+    assert line.wait(time.monotonic_ns() + 10_000_000_000) is True
+    sender.join()
+    assert line.read() == b"x"
+
+
+def test_what_was_sent_to_the_previous_user_is_not_received(ends: Ends) -> None:
+    first = open_port(ends.path, 1_000_000)
+    os.write(ends.far, b"a reply nobody waited for")
+    os.close(first)
+    line = FdLine(open_port(ends.path, 1_000_000), MonotonicClock())
+    assert line.read() == b""
+    line.close()
+
+
+def test_a_port_that_hangs_up_is_a_lost_servo(ends: Ends, line: FdLine) -> None:
+    ends.close()
+    assert line.wait(time.monotonic_ns() + 1_000_000_000) is True
+    with pytest.raises(ServoLostError, match="port is gone"):
+        line.read()
+    with pytest.raises(ServoLostError, match="port is gone"):
+        line.write(b"x")
+
+
+def test_a_port_that_stops_sending_is_a_lost_servo(line: FdLine) -> None:
+    with pytest.raises(ServoLostError, match="sent nothing"):
+        line.write(bytes(1_000_000))  # nobody reads at the far end
+
+
+def test_the_descriptor_works_in_another_process(ends: Ends) -> None:
+    descriptor = open_port(ends.path, 1_000_000)
+    program = (
+        "import sys\n"
+        "from hw.clock import MonotonicClock\n"
+        "from hw.dynamixel.serial_line import FdLine\n"
+        "FdLine(int(sys.argv[1]), MonotonicClock()).write(b'from the child')\n"
+    )
+    subprocess.run(
+        [sys.executable, "-c", program, str(descriptor)], pass_fds=(descriptor,), check=True
+    )
+    os.close(descriptor)
+    assert ends.receive(14) == b"from the child"
+
+
+def test_the_descriptor_is_not_inherited_by_chance(ends: Ends) -> None:
+    descriptor = open_port(ends.path, 1_000_000)
+    assert not os.get_inheritable(descriptor)
+    os.close(descriptor)
+
+
+def test_the_rate_is_set(ends: Ends) -> None:
+    descriptor = open_port(ends.path, 4_000_000)
+    assert termios.tcgetattr(descriptor)[4] == termios.B4000000
+    os.close(descriptor)
+
+
+def test_a_rate_without_a_constant_of_its_own_is_set(ends: Ends) -> None:
+    os.close(open_port(ends.path, 4_500_000))
+
+
+def test_an_adapter_that_makes_another_rate_is_refused(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = serial_line._TERMIOS2.pack(0, 0, 0, 0, 0, bytes(19), 921_600, 921_600)
+    real = fcntl.ioctl
+
+    def ioctl(descriptor: int, request: int, *rest: object) -> object:
+        if request == serial_line._TCGETS2:
+            return made
+        return real(descriptor, request, *rest)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(fcntl, "ioctl", ioctl)
+    with pytest.raises(PortError, match=r"gives 921600 baud where 4000000 was asked"):
+        open_port(ends.path, 4_000_000)
+
+
+def test_a_missing_port_says_what_there_is() -> None:
+    with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*servo\.port"):
+        open_port("/dev/ttyNOWHERE", 1_000_000)
+
+
+@pytest.mark.parametrize("kind", ["file", "directory", "null"])
+def test_what_is_no_serial_port_is_refused(kind: str, tmp_path: Path) -> None:
+    path = tmp_path if kind == "directory" else tmp_path / "file"
+    if kind == "file":
+        path.write_text("not a port")
+    if kind == "null":
+        path = Path("/dev/null")
+    with pytest.raises(PortError, match="is not a serial port"):
+        open_port(str(path), 1_000_000)
+
+
+def test_a_port_of_a_group_names_the_group(tmp_path: Path) -> None:
+    device = tmp_path / "tty"
+    device.touch(mode=0o660)
+    os.chown(device, -1, os.getgid())
+    name = grp.getgrgid(os.getgid()).gr_name
+    device.chmod(0o660)
+    advice = serial_line._permission(str(device))
+    wanted = "sudo chmod a+rw" if name == "root" else f"usermod -aG {name}"
+    assert wanted in advice
+
+
+def test_a_refused_permission_names_what_grants_it(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "open", refuse)
+    group = grp.getgrgid(Path(ends.path).stat().st_gid).gr_name
+    mode = stat.S_IMODE(Path(ends.path).stat().st_mode)
+    advice = f"usermod -aG {group}" if mode & 0o060 == 0o060 and group != "root" else "chmod a\\+rw"
+    with pytest.raises(PortError, match=f"may not be used by this user.*{advice}"):
+        open_port(ends.path, 1_000_000)
+
+
+def test_a_second_opening_is_refused(ends: Ends) -> None:
+    first = open_port(ends.path, 1_000_000)
+    with pytest.raises(PortBusyError, match="locked by another program"):
+        open_port(ends.path, 1_000_000)
+    os.close(first)
+    os.close(open_port(ends.path, 1_000_000))
+
+
+def test_a_program_that_uses_the_port_without_a_lock_is_named(ends: Ends) -> None:
+    program = (
+        "import os, sys\n"
+        "held = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)\n"
+        "print('held', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, ends.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdin is not None
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(PortBusyError, match=rf"python.* \(pid {other.pid}\)"):
+            open_port(ends.path, 1_000_000)
+        other.stdin.close()
+
+
+def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:
+    program = (
+        "import os, pty, sys\n"
+        "far, near = pty.openpty()\n"
+        "print(os.ttyname(near), flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as emulator:
+        assert emulator.stdout is not None
+        assert emulator.stdin is not None
+        os.close(open_port(emulator.stdout.readline().strip(), 1_000_000))
+        emulator.stdin.close()
+
+
+def test_a_killed_owner_locks_nobody_out(ends: Ends) -> None:
+    program = (
+        "import sys, time\n"
+        "from hw.dynamixel.serial_line import open_port\n"
+        "held = open_port(sys.argv[1], 1000000)\n"
+        "print('held', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, ends.path], stdout=subprocess.PIPE
+    ) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline() == b"held\n"
+        with pytest.raises(PortBusyError):
+            open_port(ends.path, 1_000_000)
+        owner.kill()
+        owner.wait()
+    os.close(open_port(ends.path, 1_000_000))
