@@ -22,8 +22,11 @@ Floats = NDArray[np.float64]
 
 _COLUMNS = 2500
 """Longer runs are drawn as the envelope of this many slices: more than the picture has pixels."""
-_INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#f6dfcc", "#ececec"
+_INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+_SMOOTH_S = 0.02
+"""The velocity is also drawn as its mean over this time [s]: one encoder count within a sample is
+a spike that hides the motion."""
 _LEAST_US = 0.1
 """Times are drawn on a logarithmic axis from here [µs]."""
 
@@ -146,8 +149,7 @@ def _position(ax: Axes, run: _Run) -> None:
         linewidth=0,
         label=f"wall (fills {wall.side})",
     )
-    contact = (rows["flags"] & FLAG_CONTACT) != 0
-    _shade(ax, run.time, contact & run.on, _CONTACT, "in contact")
+    _shade_contact(ax, run)
     ax.set_ylim(low, high)
 
 
@@ -156,6 +158,7 @@ def _torque(ax: Axes, run: _Run) -> None:
     _line(ax, run.time, rows["wall_torque"], _ASKED, "wall (before delay and limit)", 1.0)
     _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
     ax.set_ylabel("torque [N·m]")
+    _shade_contact(ax, run)
     saturated = (rows["flags"] & FLAG_SATURATED) != 0
     limit = _torque_limit(run, saturated)
     if limit is not None:
@@ -189,7 +192,11 @@ def _third(ax: Axes, run: _Run) -> None:
             ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
         ax.set_ylabel("stiffness\n[N·m/rad]")
         return
-    _line(ax, run.time, run.rows["velocity"], _INK, "estimated velocity", 0.8)
+    velocity = run.rows["velocity"]
+    samples = max(1, min(round(_SMOOTH_S / run.config.period_s), len(velocity)))
+    smooth = np.convolve(np.nan_to_num(velocity), np.full(samples, 1.0 / samples), mode="same")
+    _line(ax, run.time, velocity, "#cfd6db", "estimated, every tick", 0.6)
+    _line(ax, run.time, smooth, _INK, f"its mean over {1e3 * _SMOOTH_S:g} ms", 1.2)
     ax.set_ylabel("velocity [rad/s]")
 
 
@@ -212,9 +219,9 @@ def _timing(ax: Axes, run: _Run) -> None:
                 ".",
                 markersize=1.6,
                 color=color,
-                label=f"{label} (median {np.median(times):.3g} µs)",
-                rasterized=True,
             )
+            # A dot of its own for the legend, large enough to be seen.
+            ax.plot([], [], ".", color=color, label=f"{label} (median {np.median(times):.3g} µs)")
     period_us = 1e-3 * run.config.period_ns
     missed = np.flatnonzero(rows["missed"] > 0)
     if not drawn and not len(missed):
@@ -246,8 +253,22 @@ def _timing(ax: Axes, run: _Run) -> None:
     ax.set_ylabel("time per tick [µs]")
 
 
+def _shade_contact(ax: Axes, run: _Run) -> None:
+    """Mark the contact with a one-sided wall; a two-sided one always acts."""
+    if run.config.wall.side != "both":
+        contact = (run.rows["flags"] & FLAG_CONTACT) != 0
+        label = "in contact" if _is_first(ax) else ""
+        _shade(ax, run.time, contact & run.on, _CONTACT, label)
+
+
 def _shade_warm_up(ax: Axes, run: _Run) -> None:
-    _shade(ax, run.time, ~run.on, _WARM_UP, "")
+    label = "warm-up: the wall is off" if _is_first(ax) else ""
+    _shade(ax, run.time, ~run.on, _WARM_UP, label)
+
+
+def _is_first(ax: Axes) -> bool:
+    """Whether this is the panel whose legend names what all of them show."""
+    return ax is ax.figure.axes[0]
 
 
 def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
