@@ -61,7 +61,7 @@ class Register(NamedTuple):
         """In two's complement."""
         return self.minimum < 0
 
-    def decode(self, data: bytes) -> int:
+    def decode(self, data: bytes | bytearray) -> int:
         """The number in ``data``, which holds this register and nothing else."""
         return int.from_bytes(data, "little", signed=self.signed)
 

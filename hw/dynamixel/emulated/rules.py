@@ -1,0 +1,201 @@
+"""The rules of an emulated servo's control table: what may be written, and what it entails.
+
+Time and motion are not its business. What the manual leaves open is decided here, and said where
+it is decided.
+
+Source: ROBOTIS e-Manual, control table pages of the X series.
+"""
+
+from __future__ import annotations
+
+from hw.dynamixel.codec import ErrorCode
+from hw.dynamixel.emulated.memory import Memory
+from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
+
+TEMPERATURE = 32
+"""Present Temperature, always [°C]"""
+
+_REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
+_VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
+_POSITION_MODE = 3
+_MODELLED_END = 168
+"""Indirect addressing, from here on, is not modelled"""
+_GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
+_LIMIT_OF = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
+}
+_RESET_WITH_MODE = (
+    "profile_velocity",
+    "profile_acceleration",
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+)
+
+
+class ControlTable:
+    """A servo's registers with their rules.
+
+    Args:
+        model: Whose registers.
+        firmware: Decides what it knows.
+    """
+
+    __slots__ = ("_model", "_torque_on_by_goal_known", "memory")
+
+    def __init__(self, model: Model, firmware: int) -> None:
+        """Every register at its default, not yet powered up."""
+        self._model = model
+        # Torque-on-by-goal-update came with the same firmware as fast sync read.
+        self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
+        self.memory = Memory(r for r in model.registers.values() if r.address < _MODELLED_END)
+
+    @property
+    def volts(self) -> int:
+        """Present Input Voltage, always the model's own [0.1 V]."""
+        return round(self._model.voltage * 10)
+
+    @property
+    def reversed(self) -> bool:
+        """Position counts the other way."""
+        return bool(self.memory["drive_mode"] & _REVERSE)
+
+    @property
+    def inverts_current(self) -> bool:
+        """Reversed X540 invert current and velocity too; the manual says so of them only."""
+        return self.reversed and self._model.family in ("X540", "XW540")
+
+    @property
+    def tripped(self) -> bool:
+        """The Bus Watchdog has tripped and was not cleared."""
+        return self.memory["bus_watchdog"] == WATCHDOG_TRIPPED
+
+    @property
+    def shut_down(self) -> bool:
+        """A latched hardware error keeps torque off; only a reboot recovers."""
+        return bool(self.memory["hardware_error_status"] & self.memory["shutdown"])
+
+    @property
+    def current(self) -> int:
+        """The current the motor is to make [current units]; beyond Current Limit it saturates.
+
+        In any mode but current mode the motor stays limp: only that one is modelled.
+        """
+        memory = self.memory
+        if (
+            not memory["torque_enable"]
+            or memory["operating_mode"] != CURRENT_MODE
+            or memory["bus_watchdog"] == WATCHDOG_TRIPPED
+        ):
+            return 0
+        limit = memory["current_limit"]
+        wanted = min(max(memory["goal_current"], -limit), limit)
+        return -wanted if self.inverts_current else wanted
+
+    def check(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
+        """What a write would store, or why it is refused: all of it or nothing."""
+        values = self.memory.split(address, data)
+        if isinstance(values, ErrorCode):
+            return values
+        for register, value in values:
+            error = self._refusal(register, value)
+            if error:
+                return error
+        return values
+
+    def write(self, address: int, data: bytes) -> ErrorCode:
+        """Store, with what it entails for other registers."""
+        values = self.check(address, data)
+        if isinstance(values, ErrorCode):
+            return values
+        for register, value in values:
+            self._store(register.name, value)
+        return ErrorCode.NONE
+
+    def trip(self) -> None:
+        """What the Bus Watchdog does to the registers.
+
+        Open in the manual: Goal Current becomes 0, so that clearing the error does not bring the
+        old torque back.
+        """
+        self.memory["bus_watchdog"] = WATCHDOG_TRIPPED
+        if "goal_current" in self.memory:
+            self.memory["goal_current"] = 0
+
+    def power_up(self) -> None:
+        """RAM at its defaults, goals at their limits, and torque on where so configured."""
+        memory = self.memory
+        for register in memory.registers.values():
+            if not register.eeprom:
+                memory[register.name] = register.default
+        self._reset_with_mode()
+        self._check_health()
+        if memory["startup_configuration"] & 1 and not self.shut_down:
+            memory["torque_enable"] = 1
+
+    def _refusal(self, register: Register, value: int) -> ErrorCode:
+        """Why this value must not be stored now, beyond the register's own range.
+
+        Open in the manual: enabling torque while shut down is answered "result fail"; a tripped
+        watchdog takes nothing but 0.
+        """
+        memory, name = self.memory, register.name
+        if register.eeprom and memory["torque_enable"]:
+            return ErrorCode.ACCESS
+        if (name in _GOALS or (name == "bus_watchdog" and value)) and self.tripped:
+            return ErrorCode.DATA_RANGE
+        if name == "operating_mode" and value not in self._model.modes:
+            return ErrorCode.DATA_RANGE
+        if name in _LIMIT_OF and abs(value) > memory[_LIMIT_OF[name]]:
+            return ErrorCode.DATA_LIMIT
+        if name == "goal_position" and memory["operating_mode"] == _POSITION_MODE:
+            low, high = memory["min_position_limit"], memory["max_position_limit"]
+            return ErrorCode.NONE if low <= value <= high else ErrorCode.DATA_LIMIT
+        if name == "torque_enable" and value and self.shut_down:
+            return ErrorCode.RESULT_FAIL
+        return ErrorCode.NONE
+
+    def _store(self, name: str, value: int) -> None:
+        memory = self.memory
+        mode_changes = name == "operating_mode" and value != memory[name]
+        memory[name] = value
+        if mode_changes:
+            self._reset_with_mode()
+        elif name in ("max_voltage_limit", "min_voltage_limit", "temperature_limit"):
+            self._check_health()
+        elif (
+            name in _GOALS
+            and self._torque_on_by_goal_known
+            and memory["drive_mode"] & _TORQUE_ON_BY_GOAL
+            and not self.shut_down
+        ):
+            memory["torque_enable"] = 1
+
+    def _reset_with_mode(self) -> None:
+        """What power-up and a change of the operating mode do: goals at their limits.
+
+        Goal Current becomes Current Limit, so torque that is enabled next in current mode is the
+        largest there is, unless 0 is written in between.
+        """
+        memory = self.memory
+        memory["goal_pwm"] = memory["pwm_limit"]
+        if "goal_current" in memory:
+            memory["goal_current"] = memory["current_limit"]
+        for name in _RESET_WITH_MODE:
+            memory[name] = memory.registers[name].default
+
+    def _check_health(self) -> None:
+        """Latch the errors the present voltage and temperature amount to; shut down on them."""
+        memory = self.memory
+        if not memory["min_voltage_limit"] <= self.volts <= memory["max_voltage_limit"]:
+            memory["hardware_error_status"] |= _VOLTAGE_ERROR
+        if memory["temperature_limit"] < TEMPERATURE:
+            memory["hardware_error_status"] |= _OVERHEATING_ERROR
+        if self.shut_down:
+            memory["torque_enable"] = 0

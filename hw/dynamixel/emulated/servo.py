@@ -1,0 +1,259 @@
+"""One emulated servo: its control table in time, and the mechanism it drives.
+
+Every instruction acts at the instant it is given, and a read returns the state of that instant.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from hw.dynamixel.codec import ALERT, ErrorCode
+from hw.dynamixel.emulated.rules import TEMPERATURE, ControlTable
+from hw.dynamixel.tables import (
+    BAUD_RATES,
+    COUNTS_PER_REV,
+    POSITION_UNIT,
+    RETURN_DELAY_UNIT_NS,
+    TICK_MODULUS,
+    VELOCITY_UNIT,
+    WATCHDOG_UNIT_NS,
+    Model,
+)
+from hw.mechanism import Mechanism
+from hw.settings import TrueServo
+
+BOOT_NS = 200_000_000
+"""A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""
+
+_PRESENT = struct.Struct("<HBBhhiiiiHB")
+_PRESENT_ADDRESS = 120
+_PRESENT_END = _PRESENT_ADDRESS + _PRESENT.size
+_INT16 = (-0x8000, 0x7FFF)
+_INT32 = (-0x8000_0000, 0x7FFF_FFFF)
+
+
+class State(NamedTuple):
+    """The truth, which no client can read."""
+
+    position: float
+    """[rad]"""
+    velocity: float
+    """[rad/s]"""
+    torque: float
+    """The motor torque that acts [N·m]"""
+
+
+class EmulatedServo:
+    """A servo at rest, powered up at ``start_ns``.
+
+    Args:
+        model: What it is.
+        id: Its id on the bus.
+        firmware: What it reports, and what decides what it knows.
+        true: What its mechanism is.
+        start_ns: When it is powered up [ns].
+        baud: The speed it listens at; one of ``BAUD_RATES``.
+        tick: Where its millisecond counter starts.
+
+    Raises:
+        ValueError: The baud rate, id or firmware is none it can have, the model needs a torque
+            constant, or the mechanism is impossible.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        id: int,  # noqa: A002
+        firmware: int,
+        true: TrueServo,
+        *,
+        start_ns: int,
+        baud: int,
+        tick: int = 0,
+    ) -> None:
+        constant = true.torque_constant or model.torque_constant
+        if constant is None:
+            raise ValueError(
+                f"no torque constant is published for the {model.name}; give servo.torque_constant"
+            )
+        if baud not in BAUD_RATES:
+            raise ValueError(
+                f"{baud} baud is none a servo can be set to; use one of "
+                + ", ".join(map(str, BAUD_RATES))
+            )
+        self.model = model
+        self.firmware = firmware
+        self.table = ControlTable(model, firmware)
+        self.memory = self.table.memory
+        self.mechanism = Mechanism(true, start_ns)
+        self.registered: tuple[int, bytes] | None = None
+        """What a reg write has put aside for the next action"""
+        self.answers_from_ns = start_ns
+        """It is still booting before [ns]"""
+        self._torque_unit = constant * model.current_unit_ma * 1e-3
+        self._quantised = true.counts_per_rev == COUNTS_PER_REV
+        self._tick = tick
+        self._boot_ns = self._heard_ns = start_ns
+        self._lost_turns = 0
+        """Counts of the whole turns that were forgotten without power"""
+        self._current = 0
+        self._preset("firmware_version", firmware)
+        self._preset("id", id)
+        self._preset("baud_rate", BAUD_RATES.index(baud))
+        self._power_up(start_ns)
+
+    @property
+    def id(self) -> int:
+        """Its present id."""
+        return self.memory["id"]
+
+    @property
+    def baud(self) -> int:
+        """The speed it listens at [bit/s]."""
+        return BAUD_RATES[self.memory["baud_rate"]]
+
+    @property
+    def return_delay_ns(self) -> int:
+        """From an instruction's last byte to the reply's first [ns]."""
+        return self.memory["return_delay_time"] * RETURN_DELAY_UNIT_NS
+
+    @property
+    def alert(self) -> int:
+        """The alert bit of the error byte, if a hardware error is latched."""
+        return ALERT if self.memory["hardware_error_status"] else 0
+
+    @property
+    def knows_fast_sync_read(self) -> bool:
+        """Whether its firmware does."""
+        return self.firmware >= self.model.fast_sync_read_firmware
+
+    @property
+    def watchdog_ns(self) -> int | None:
+        """When the Bus Watchdog will trip if nothing is heard [ns]; None: not at all."""
+        value = self.memory["bus_watchdog"]
+        if not value or not self.memory["torque_enable"] or self.table.tripped:
+            return None
+        return self._heard_ns + value * WATCHDOG_UNIT_NS
+
+    def state(self, now_ns: int) -> State:
+        """The truth at ``now_ns`` [ns]."""
+        mechanism = self.mechanism
+        mechanism.advance(now_ns)
+        return State(mechanism.position, mechanism.velocity, mechanism.torque)
+
+    def heard(self, now_ns: int) -> None:
+        """An instruction reached it: for itself, for all, or for a list it is in.
+
+        Those restart the Bus Watchdog here. The manual counts "all the instruction packets";
+        whether packets for other servos do too is open, and here they do not.
+        """
+        self._heard_ns = now_ns
+
+    def trip_watchdog(self, now_ns: int) -> None:
+        """The Bus Watchdog trips: the register reads -1 and the motor goes limp.
+
+        The manual says that the servo "stops"; that it goes limp in current mode is our reading.
+        """
+        self.table.trip()
+        self._drive(now_ns)
+
+    def read(self, address: int, size: int, now_ns: int) -> bytes | None:
+        """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
+        if address < _PRESENT_END and address + size > _PRESENT_ADDRESS:
+            self._refresh(now_ns)
+        return self.memory.read(address, size)
+
+    def write(self, address: int, data: bytes, now_ns: int) -> ErrorCode:
+        """Write, with every consequence, at ``now_ns`` [ns]."""
+        error = self.table.write(address, data)
+        if error == ErrorCode.NONE:
+            self._drive(now_ns)
+        return error
+
+    def register(self, address: int, data: bytes) -> ErrorCode:
+        """Put a write aside for the next ``act``."""
+        checked = self.table.check(address, data)
+        if isinstance(checked, ErrorCode):
+            return checked
+        self.registered = (address, data)
+        self.memory["registered_instruction"] = 1
+        return ErrorCode.NONE
+
+    def act(self, now_ns: int) -> ErrorCode:
+        """Carry out the write put aside; "instruction error" when there is none."""
+        if self.registered is None:
+            return ErrorCode.INSTRUCTION
+        (address, data), self.registered = self.registered, None
+        self.memory["registered_instruction"] = 0
+        return self.write(address, data, now_ns)
+
+    def reboot(self, now_ns: int) -> None:
+        """RAM back to its defaults, errors cleared, turns forgotten; silent until it is up."""
+        self.registered = None
+        self.mechanism.advance(now_ns)
+        self._lost_turns = self._counts() // COUNTS_PER_REV * COUNTS_PER_REV
+        self._power_up(now_ns)
+        self.answers_from_ns = now_ns + BOOT_NS
+
+    def _power_up(self, now_ns: int) -> None:
+        self._boot_ns = now_ns
+        self.table.power_up()
+        self._drive(now_ns)
+
+    def _preset(self, name: str, value: int) -> None:
+        register = self.memory.registers[name]
+        if not register.minimum <= value <= register.maximum:
+            raise ValueError(
+                f"{name} {value} of the {self.model.name} is out of range; "
+                f"give {register.minimum} to {register.maximum}"
+            )
+        self.memory[name] = value
+
+    def _drive(self, now_ns: int) -> None:
+        """Have the motor make what the registers now ask for."""
+        current = self.table.current
+        if current != self._current:
+            self._current = current
+            self.mechanism.command(current * self._torque_unit, now_ns)
+
+    def _counts(self) -> int:
+        if self._quantised:
+            return self.mechanism.encoder()
+        return round(self.mechanism.measured_position() / POSITION_UNIT)
+
+    def _refresh(self, now_ns: int) -> None:
+        """Put what is measured at ``now_ns`` into the registers.
+
+        Velocity is the true one, unfiltered; PWM is not modelled and reads 0.
+        """
+        memory, mechanism = self.memory, self.mechanism
+        mechanism.advance(now_ns)
+        counts = self._counts() - self._lost_turns
+        if self.table.reversed:
+            counts = -counts
+        counts = _clamp(counts + memory["homing_offset"], _INT32)
+        velocity = round(mechanism.velocity / VELOCITY_UNIT)
+        current = round(mechanism.torque / self._torque_unit) if self._torque_unit else 0
+        if self.table.inverts_current:
+            velocity, current = -velocity, -current
+        memory.overwrite(
+            _PRESENT_ADDRESS,
+            _PRESENT.pack(
+                (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS,
+                abs(velocity) > memory["moving_threshold"],
+                0,
+                0,
+                _clamp(current, _INT16),
+                _clamp(velocity, _INT32),
+                counts,
+                0,
+                counts,
+                self.table.volts,
+                TEMPERATURE,
+            ),
+        )
+
+
+def _clamp(value: int, bounds: tuple[int, int]) -> int:
+    return min(max(value, bounds[0]), bounds[1])
