@@ -50,8 +50,8 @@ class Script:
 SCRIPTS: dict[HandName, Script] = {
     # 0.64 rad/s: slowly in and out of the wall.
     "push": Script((0.0, 0.4, 1.65, 2.35, 3.6, 4.0), (-0.3, -0.3, 0.5, 0.5, -0.3, -0.3)),
-    # 6 rad/s: a knock, then time to see what is left of it.
-    "tap": Script((0.0, 0.3, 0.4, 0.5, 1.0), (-0.2, -0.2, 0.4, -0.2, -0.2)),
+    # 5 rad/s: a knock, then time to see what is left of it.
+    "tap": Script((0.0, 0.3, 0.4, 0.5, 1.0), (-0.2, -0.2, 0.3, -0.2, -0.2)),
     "lean": Script((0.0, 4.0), (0.5, 0.5)),
 }
 

@@ -1,0 +1,100 @@
+"""What is particular to the simulated servo; what it shares is in the contract tests."""
+
+import math
+import random
+
+import pytest
+
+from hw.clock import SimulatedClock
+from hw.servo import Outcome
+from hw.settings import SimulatedSettings, TrueServo
+from hw.simulated import SimulatedServo
+
+MS = 1_000_000
+
+
+def started(start_ns=0, **settings):
+    clock = SimulatedClock(start_ns)
+    true = TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
+    servo = SimulatedServo(SimulatedSettings(true), clock)
+    servo.start()
+    return servo, clock
+
+
+def test_the_position_is_that_of_the_request_however_late_it_is_collected():
+    servo, clock = started()
+    servo.write(1.0)
+    clock.wait_until(10 * MS)
+    servo.request()
+    clock.wait_until(15 * MS)
+    reading = servo.collect(20 * MS)
+    assert reading.outcome is Outcome.OK
+    assert reading.sampled_ns == 10 * MS
+    # u t² / 2 m
+    assert reading.position == pytest.approx(0.5 * 100.0 * 0.01**2, rel=1e-12)
+    assert math.isnan(reading.torque)
+
+
+def test_its_facts_are_those_of_the_true_servo():
+    servo, _ = started(counts_per_rev=1024, torque_limit=0.5, torque_step=0.002)
+    facts = servo.facts
+    assert (facts.counts_per_rev, facts.torque_limit, facts.torque_step) == (1024, 0.5, 0.002)
+    assert facts.has_bus is False
+
+
+def test_its_time_begins_with_the_start():
+    # A hand would have moved it, had it begun when it was opened.
+    clock = SimulatedClock()
+    true = TrueServo(inertia=0.01, counts_per_rev=0, hand="lean", position=0.1)
+    servo = SimulatedServo(SimulatedSettings(true), clock)
+    clock.wait_until(5000 * MS)
+    servo.start()
+    servo.request()
+    assert servo.collect(0).position == 0.1
+    clock.wait_until(7000 * MS)
+    servo.request()
+    assert servo.collect(0).position == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_torque_sent_acts_the_device_delay_later():
+    servo, clock = started(delay=0.5e-3)
+    servo.write(1.0)
+    clock.wait_until(2 * MS)
+    servo.request()
+    assert servo.collect(0).position == pytest.approx(0.5 * 100.0 * 0.0015**2, rel=1e-9)
+
+
+def test_a_reading_answers_one_request():
+    servo, _ = started()
+    with pytest.raises(RuntimeError, match="call request first"):
+        servo.collect(0)
+    servo.request()
+    servo.collect(0)
+    with pytest.raises(RuntimeError, match="call request first"):
+        servo.collect(0)
+
+
+def test_a_servo_that_cannot_be_is_refused_when_it_is_opened():
+    with pytest.raises(ValueError, match="inertia"):
+        SimulatedServo(SimulatedSettings(TrueServo(inertia=0.0)), SimulatedClock())
+
+
+def test_the_same_run_is_the_same_to_the_bit():
+    def run(start_ns):
+        servo, clock = started(
+            start_ns, damping=0.01, coulomb=0.09, hand="tap", counts_per_rev=4096, delay=3e-4
+        )
+        rng = random.Random(5)
+        readings = []
+        for tick in range(3000):
+            clock.wait_until(start_ns + tick * MS)
+            servo.request()
+            position = servo.collect(0).position
+            servo.write(-10.0 * position + rng.gauss(0.0, 0.1))
+            readings.append(position)
+        return readings
+
+    first = run(0)
+    assert run(0) == first
+    # Where the clock's origin lies does not matter either.
+    assert run(123_456_789_012_345_678) == first
