@@ -1,0 +1,347 @@
+"""The running cycle: what a reply is taken for when replies are lost, late, broken or doubled.
+
+The servo's position is the time it was sampled, in microseconds, so a sample that is not the
+answer to its own request shows in its position.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from hw.clock import SimulatedClock
+from hw.dynamixel.codec import Instruction, encode_status
+from hw.dynamixel.link import Link, Sample
+from hw.dynamixel.tables import MODELS
+from hw.servo import Outcome
+from tests.hw.dynamixel.lines import MS, US, ClockLine, Fate, TroubledLine, unharmed
+
+PERIOD_NS = 1 * MS
+REGISTERS = MODELS["XM430-W350"].registers
+
+
+class Bench:
+    """A link at 1 kHz, on the simulated clock, to a servo whose position is the time."""
+
+    def __init__(self, fate: Fate = unharmed, *, period_ns: int = PERIOD_NS) -> None:
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        self.servo = ClockLine(self.clock)
+        self.line = TroubledLine(self.servo, fate)
+        self.link = Link(self.line, 1)
+        self.period_ns = period_ns
+
+    def cycle(self) -> Sample:
+        """Request, collect within the period, sleep to its end."""
+        begun = self.clock.now_ns()
+        self.link.request()
+        sample = self.link.collect(begun + self.period_ns * 3 // 5)
+        self.clock.wait_until(begun + self.period_ns)
+        return sample
+
+    def pipelined(self, cycles: int) -> list[Sample]:
+        """Collect in each period what was requested in the one before."""
+        samples = []
+        self.link.request()
+        for _ in range(cycles):
+            self.clock.wait_until(self.clock.now_ns() + self.period_ns)
+            samples.append(self.link.collect(self.clock.now_ns() + self.period_ns // 5))
+            self.link.request()
+        return samples
+
+
+def is_its_own(sample: Sample) -> bool:
+    """Whether the position is that of the instant the request was sent."""
+    return sample.counts == sample.sampled_ns // US
+
+
+def only(numbers: set[int], fate: Fate) -> Fate:
+    return lambda number, reply: fate(number, reply) if number in numbers else [(0, reply)]
+
+
+def lost(_number: int, _reply: bytes) -> list[tuple[int, bytes]]:
+    return []
+
+
+def broken(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+    return [(0, reply[:12] + bytes([reply[12] ^ 0x40]) + reply[13:])]
+
+
+def doubled(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+    return [(0, reply), (0, reply)]
+
+
+def late_by(cycles: float) -> Fate:
+    return lambda _number, reply: [(round(cycles * PERIOD_NS), reply)]
+
+
+def test_each_sample_is_the_one_that_was_asked_for() -> None:
+    bench = Bench()
+    samples = [bench.cycle() for _ in range(50)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+    assert [sample.sampled_ns for sample in samples] == [
+        1_000_000_000 + n * PERIOD_NS for n in range(50)
+    ]
+    assert samples[0].current == -7
+    assert (bench.link.counts.cycles, bench.link.counts.late) == (50, 0)
+
+
+def test_the_reply_may_travel_while_the_loop_sleeps() -> None:
+    samples = Bench().pipelined(50)
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+
+
+def test_a_collect_returns_as_soon_as_the_reply_is_there() -> None:
+    bench = Bench()
+    bench.link.request()
+    bench.link.collect(bench.clock.now_ns() + 100 * MS)
+    assert bench.clock.now_ns() == 1_000_000_000 + bench.servo.reply_ns
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3, 7, 30])
+def test_lost_replies_cost_their_own_periods_and_are_no_positions(cycles: int) -> None:
+    gone = set(range(5, 5 + cycles))
+    bench = Bench(only(gone, lost))
+    for number in range(50):
+        sample = bench.cycle()
+        if number in gone:
+            assert sample.outcome is Outcome.LOST
+            assert sample.counts == 0
+        else:
+            assert sample.outcome is Outcome.OK
+            assert is_its_own(sample)
+    counts = bench.link.counts
+    assert (counts.cycles, counts.lost, counts.late, counts.corrupt) == (50, cycles, 0, 0)
+
+
+@pytest.mark.parametrize("cycles", [0.7, 1, 1.5, 2, 3, 5, 9.3])
+@pytest.mark.parametrize("run", [1, 2, 3, 8])
+def test_late_replies_are_counted_and_never_used(cycles: float, run: int) -> None:
+    delayed = set(range(20, 20 + run))
+    bench = Bench(only(delayed, late_by(cycles)))
+    samples = [bench.cycle() for _ in range(60)]
+    for number, sample in enumerate(samples):
+        assert sample.outcome is (Outcome.LOST if number in delayed else Outcome.OK)
+        assert number in delayed or is_its_own(sample)
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (run, run, 0)
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+def test_late_replies_are_never_used_when_pipelined(cycles: int) -> None:
+    bench = Bench(only({20, 21, 30}, late_by(cycles)))
+    samples = bench.pipelined(60)
+    for number, sample in enumerate(samples):
+        assert sample.outcome is (Outcome.LOST if number in {20, 21, 30} else Outcome.OK)
+        assert sample.outcome is Outcome.LOST or is_its_own(sample)
+    assert bench.link.counts.late == 3
+
+
+def test_a_backlog_that_arrives_at_once_yields_only_the_newest() -> None:
+    """A stalled adapter hands on all that it held: in order, and in one piece."""
+    stalled = range(20, 26)
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [((25 - number) * PERIOD_NS if number in stalled else 0, reply)]
+
+    bench = Bench(fate)
+    samples = [bench.cycle() for _ in range(40)]
+    for number, sample in enumerate(samples):
+        assert sample.outcome is (Outcome.LOST if number in stalled[:-1] else Outcome.OK)
+        assert sample.outcome is Outcome.LOST or is_its_own(sample)
+    assert bench.link.counts.late == 5
+
+
+def test_the_rate_does_not_matter_to_the_matching() -> None:
+    """At 4 kHz the servo's millisecond tick cannot tell one sample from the next."""
+    bench = Bench(
+        only({20, 21, 30}, lambda _, reply: [(500 * US, reply)]), period_ns=PERIOD_NS // 4
+    )
+    bench.servo.reply_ns = 50 * US
+    for number in range(60):
+        sample = bench.cycle()
+        assert sample.outcome is (Outcome.LOST if number in {20, 21, 30} else Outcome.OK)
+        assert sample.outcome is Outcome.LOST or is_its_own(sample)
+
+
+def test_doubled_replies_are_used_once() -> None:
+    bench = Bench(doubled)
+    samples = [bench.cycle() for _ in range(30)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+def test_a_copy_that_comes_later_is_not_used(cycles: int) -> None:
+    bench = Bench(only({20}, lambda _, reply: [(0, reply), (cycles * PERIOD_NS, reply)]))
+    samples = [bench.cycle() for _ in range(40)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+    assert bench.link.counts.late == 1
+
+
+def test_broken_replies_are_counted_apart_from_lost_ones() -> None:
+    bench = Bench(only({5, 6, 20}, broken))
+    samples = [bench.cycle() for _ in range(40)]
+    assert [n for n, sample in enumerate(samples) if sample.outcome is Outcome.CORRUPT] == [
+        5,
+        6,
+        20,
+    ]
+    assert all(is_its_own(sample) for sample in samples if sample.outcome is Outcome.OK)
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (0, 0, 3)
+
+
+@pytest.mark.parametrize("kept", [1, 5, 8, 15, 26])
+def test_a_reply_cut_short_costs_only_itself(kept: int) -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, reply[:kept])]))
+    samples = [bench.cycle() for _ in range(20)]
+    bad = [n for n, sample in enumerate(samples) if sample.outcome is not Outcome.OK]
+    assert bad == [5]
+    assert all(is_its_own(sample) for sample in samples if sample.outcome is Outcome.OK)
+
+
+def test_a_reply_in_two_pieces_is_a_reply() -> None:
+    bench = Bench(lambda _, reply: [(0, reply[:9]), (100 * US, reply[9:])])
+    samples = [bench.cycle() for _ in range(20)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+
+
+def test_noise_between_replies_is_passed_over() -> None:
+    bench = Bench(lambda _, reply: [(0, b"\x00\xff\xff" + reply + b"\xfd\x55")])
+    samples = [bench.cycle() for _ in range(20)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+
+
+def test_a_refusal_is_no_position() -> None:
+    bench = Bench(only({5}, lambda *_: [(0, encode_status(1, 3))]))
+    samples = [bench.cycle() for _ in range(10)]
+    assert [n for n, sample in enumerate(samples) if sample.outcome is Outcome.CORRUPT] == [5]
+
+
+def test_a_reply_of_another_servo_is_no_position() -> None:
+    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        params = reply[9:-2]
+        return [(0, encode_status(2, 0, params))]
+
+    bench = Bench(only({5}, fate))
+    samples = [bench.cycle() for _ in range(10)]
+    assert [n for n, sample in enumerate(samples) if sample.outcome is Outcome.LOST] == [5]
+
+
+def test_an_alert_is_told_and_the_position_still_valid() -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, encode_status(1, 0x80, reply[9:-2]))]))
+    samples = [bench.cycle() for _ in range(10)]
+    assert [sample.alert for sample in samples] == [n == 5 for n in range(10)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+
+
+@pytest.mark.parametrize(
+    "disturb",
+    [
+        lambda servo: setattr(servo, "tick_offset", servo.tick_offset - 20),
+        lambda servo: setattr(servo, "tick_offset", servo.tick_offset + 20),
+    ],
+)
+def test_a_sample_whose_clock_disagrees_is_not_used(disturb: Callable[[ClockLine], None]) -> None:
+    """As a copy from another time would: the length alone cannot tell."""
+    bench = Bench()
+    for _ in range(10):
+        bench.cycle()
+    disturb(bench.servo)
+    assert bench.cycle().outcome is Outcome.LOST
+    assert bench.link.counts.late == 1
+
+
+@pytest.mark.parametrize("rate", [0.985, 1.015])
+def test_a_servo_clock_off_by_a_percent_and_a_half_is_accepted(rate: float) -> None:
+    bench = Bench(only(set(range(100, 300)), lost))
+    bench.servo.tick_rate = rate
+    samples = [bench.cycle() for _ in range(400)]
+    bad = [n for n, sample in enumerate(samples) if sample.outcome is not Outcome.OK]
+    assert bad == list(range(100, 300))
+
+
+def test_the_tick_may_wrap() -> None:
+    bench = Bench()
+    bench.servo.tick_offset = 32768 - 1000 - 10  # wraps ten periods from now
+    assert all(bench.cycle().outcome is Outcome.OK for _ in range(20))
+
+
+def test_a_link_that_paused_works_again() -> None:
+    bench = Bench()
+    bench.cycle()
+    for pause_s in (0.1, 1, 9, 11, 33, 1000):
+        bench.clock.wait_until(bench.clock.now_ns() + round(pause_s * 1e9))
+        sample = bench.cycle()
+        assert sample.outcome is Outcome.OK
+        assert is_its_own(sample)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_mixture_of_troubles_yields_a_wrong_position(seed: int) -> None:
+    """A third of the replies meet something; some sampling instants come back, none is wrong."""
+    random_ = random.Random(seed)
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if random_.random() > 0.33:
+            return [(0, reply)]
+        trouble = random_.choice([lost, broken, doubled, late_by(random_.uniform(0.1, 9.0))])
+        return trouble(number, reply)
+
+    bench = Bench(fate)
+    samples = [bench.cycle() for _ in range(500)]
+    good = [sample for sample in samples if sample.outcome is Outcome.OK]
+    assert all(is_its_own(sample) for sample in good)
+    assert len(good) > 300
+    counts = bench.link.counts
+    assert counts.cycles == 500 == len(good) + counts.lost + counts.corrupt
+
+
+def test_a_request_in_place_of_a_collect_gives_the_last_one_up() -> None:
+    bench = Bench()
+    bench.link.request()
+    bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
+    assert is_its_own(bench.cycle())
+    counts = bench.link.counts
+    assert (counts.cycles, counts.lost, counts.late) == (2, 1, 1)
+
+
+def test_a_collect_without_a_request_is_an_error() -> None:
+    bench = Bench()
+    with pytest.raises(RuntimeError, match=r"call request\(\) first"):
+        bench.link.collect(bench.clock.now_ns() + PERIOD_NS)
+    assert bench.cycle().outcome is Outcome.OK
+    with pytest.raises(RuntimeError, match=r"call request\(\) first"):
+        bench.link.collect(bench.clock.now_ns() + PERIOD_NS)
+
+
+@pytest.mark.parametrize("goal", [0, 1, -1, 512, -1193, 1193])
+def test_a_goal_current_is_a_sync_write_to_one_servo(goal: int) -> None:
+    bench = Bench()
+    bench.link.send_current(goal)
+    bench.link.send_current(goal)
+    low, high = (goal & 0xFFFF).to_bytes(2, "little")
+    wanted = (Instruction.SYNC_WRITE, 254, bytes([102, 0, 2, 0, 1, low, high]))
+    assert bench.servo.written == [wanted, wanted]
+
+
+def test_registers_are_written_and_read_between_samples() -> None:
+    bench = Bench()
+    bench.cycle()
+    bench.link.request()  # its reply is under way and must not disturb
+    register = REGISTERS["torque_enable"]
+    assert bench.link.write_register(register, 1, bench.clock.now_ns() + PERIOD_NS) is True
+    assert bench.link.read_register(register, bench.clock.now_ns() + PERIOD_NS) == 1
+    assert bench.cycle().outcome is Outcome.OK
+    counts = bench.link.counts
+    assert (counts.cycles, counts.lost, counts.late) == (2, 0, 0)
+
+
+def test_a_register_that_is_not_answered_has_no_value() -> None:
+    bench = Bench(lost)
+    register = REGISTERS["torque_enable"]
+    begun = bench.clock.now_ns()
+    assert bench.link.read_register(register, begun + 3 * MS) is None
+    assert bench.link.write_register(register, 1, begun + 6 * MS) is False
+    assert bench.clock.now_ns() == begun + 6 * MS
