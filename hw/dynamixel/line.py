@@ -10,7 +10,10 @@ from hw.clock import Clock
 class Line(Protocol):
     """One end of a half-duplex bus."""
 
-    clock: Clock
+    @property
+    def clock(self) -> Clock:
+        """What its deadlines are told by."""
+        ...
 
     def write(self, data: bytes) -> None:
         """Send all of ``data`` in one piece (a gap of 1.5 ms inside a frame breaks it)."""

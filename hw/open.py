@@ -1,0 +1,114 @@
+"""The one place that turns settings into a servo; imports only what the settings name.
+
+What is not simulated by its settings never becomes simulated: a port that cannot be opened is an
+error, not a reason to run something else.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from hw.clock import Clock, SimulatedClock
+from hw.errors import PortError
+from hw.servo import Servo
+from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+
+if TYPE_CHECKING:
+    from hw.dynamixel.line import Line
+
+EMULATED_FIRMWARE: Final = 48
+"""Of the emulated servo in memory: knows everything the driver wants of a servo"""
+
+
+def open_port(settings: DynamixelSettings) -> int:
+    """Open the servo's serial port for this process and those it hands the descriptor to.
+
+    Returns:
+        A descriptor for ``open_servo`` and ``cut_torque``; whoever opens it closes it.
+
+    Raises:
+        PortError: The port cannot be used.
+        PortBusyError: Another program holds it.
+    """
+    from hw.dynamixel import serial_line
+
+    if not settings.port:
+        raise PortError(
+            "No serial port is configured: set servo.port to the adapter's device, "
+            "e.g. /dev/ttyUSB0."
+        )
+    return serial_line.open_port(settings.port, settings.baud)
+
+
+def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:
+    """The servo that ``settings`` describe, not started.
+
+    Args:
+        settings: Which servo, and where.
+        clock: Tells it the time.
+        descriptor: Its port, where it is already open (as from ``open_port``, perhaps inherited);
+            the servo's ``close`` closes it. None: open the port here.
+
+    Raises:
+        PortError: The port cannot be used.
+        PortBusyError: Another program holds it.
+        UnfitServoError: The model cannot be driven in torque as configured.
+    """
+    if isinstance(settings, SimulatedSettings):
+        from hw.simulated import SimulatedServo
+
+        return SimulatedServo(settings, clock)
+
+    from hw.dynamixel.servo import DynamixelServo
+
+    if descriptor is None and not settings.port and settings.emulated is not None:
+        if not isinstance(clock, SimulatedClock):
+            raise PortError(
+                "An emulated bus in memory runs on the simulated clock only: set "
+                "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
+                "path."
+            )
+
+        return DynamixelServo(settings, _memory_line(settings, settings.emulated, clock))
+
+    from hw.dynamixel.serial_line import FdLine
+
+    if descriptor is None:
+        descriptor = open_port(settings)
+    return DynamixelServo(settings, FdLine(descriptor, clock))
+
+
+def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
+    """An emulated bus in memory with the configured servo on it."""
+    from hw.dynamixel.emulated.bus import EmulatedBus
+    from hw.dynamixel.emulated.memory_line import MemoryLine
+    from hw.dynamixel.emulated.servo import EmulatedServo
+    from hw.dynamixel.tables import MODELS
+
+    now_ns = clock.now_ns()
+    servo = EmulatedServo(
+        MODELS[settings.model],
+        settings.id,
+        EMULATED_FIRMWARE,
+        true,
+        start_ns=now_ns,
+        baud=settings.baud,
+    )
+    return MemoryLine(EmulatedBus([servo], baud=settings.baud, start_ns=now_ns), clock)
+
+
+def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bool:
+    """Switch off the torque of a servo whose driver is dead or hung; see ``hw.dynamixel.cut``.
+
+    Args:
+        settings: Which servo.
+        descriptor: Its port; stays open.
+        clock: Tells the time.
+
+    Returns:
+        Whether torque off was read back.
+    """
+    from hw.dynamixel import cut
+    from hw.dynamixel.serial_line import FdLine
+
+    return cut.cut_torque(FdLine(descriptor, clock), settings.id)
