@@ -51,6 +51,8 @@ class Mechanism:
         self._delay_ns = round(true.delay * 1e9)
         if self._delay_ns < 0:
             raise ValueError(f"delay is {true.delay} s; give a value from 0 up")
+        if not true.torque_limit > 0.0:
+            raise ValueError(f"torque_limit is {true.torque_limit} N·m; give a value above 0")
         self._torque_limit = true.torque_limit
         self._torque_step = true.torque_step
         self._torque = 0.0

@@ -17,12 +17,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
-from hw.response import Slide, response, time_to_rest
-
-_cached_response = lru_cache(maxsize=1024)(response)
+from hw.response import Slide, cached_response, response, time_to_rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +94,17 @@ def step(
     inertia, damping, coulomb = parameters.inertia, parameters.damping, parameters.coulomb
     if coulomb == 0.0:
         if pull is None:
-            h1, h, s, _ = _cached_response(damping / inertia, 0.0, duration)
+            h1, h, s, _ = cached_response(damping / inertia, 0.0, duration)
             push = torque / inertia
             return State(position + velocity * h + push * s, velocity * h1 + push * h)
         slide = _slide(position, velocity, parameters, torque, pull)
-        distance, end = slide.moved(_cached_response(slide.decay, slide.spring, duration))
+        distance, end = slide.moved(cached_response(slide.decay, slide.spring, duration))
         return State(position + distance, end)
     if pull is None:
         if velocity == 0.0 and abs(torque) <= coulomb:
             return state
         direction = velocity or torque
-        h1, h, s, _ = _cached_response(damping / inertia, 0.0, duration)
+        h1, h, s, _ = cached_response(damping / inertia, 0.0, duration)
         push = (torque - math.copysign(coulomb, direction)) / inertia
         end = velocity * h1 + push * h
         # Without a spring the velocity is monotone: with its sign kept it was never zero.
@@ -176,7 +173,7 @@ def _step_with_events(
         slide = Slide(velocity, push, ramp, decay, spring)
         rest = time_to_rest(slide, left)
         if rest is None:
-            distance, velocity = slide.moved(_cached_response(decay, spring, left))
+            distance, velocity = slide.moved(cached_response(decay, spring, left))
             # An end that rounding put on the other side of zero is at zero.
             return State(position + distance, velocity if velocity * direction > 0.0 else 0.0)
         position += slide.moved(response(decay, spring, rest))[0]

@@ -12,6 +12,7 @@ where push is the acceleration it would have at rest at x.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 
@@ -60,6 +61,10 @@ def response(decay: float, spring: float, time: float) -> Response:
     h1 = cosine - half * h
     s = (1.0 - h1 - decay * h) / spring
     return Response(h1, h, s, (time - h - decay * s) / spring)
+
+
+cached_response = lru_cache(maxsize=1024)(response)
+"""``response`` for the lengths of step that come again and again."""
 
 
 def _series(decay: float, spring: float, time: float) -> Response:
@@ -145,7 +150,7 @@ def time_to_rest(slide: Slide, limit: float) -> float | None:
     start = 0.0
     for turn in _acceleration_zeros(slide, limit):
         if turn > start:
-            _, end = slide.moved(response(decay, spring, turn))
+            _, end = slide.moved(cached_response(decay, spring, turn))
             if direction * end < 0.0:
                 return _root(slide, start, turn)
             start = turn

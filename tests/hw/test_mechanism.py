@@ -193,7 +193,9 @@ def test_a_hand_moves_it_and_friction_stops_it_again():
     assert mechanism.position == pytest.approx(0.5, abs=0.025)
 
 
-@pytest.mark.parametrize(("field", "value"), [("inertia", -1.0), ("delay", -1e-3)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("inertia", -1.0), ("delay", -1e-3), ("torque_limit", 0.0)]
+)
 def test_an_impossible_servo_is_refused_by_name(field, value):
     with pytest.raises(ValueError, match=field):
         Mechanism(servo(**{field: value}), 0)
