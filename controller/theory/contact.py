@@ -1,0 +1,136 @@
+"""One contact with a wall that never pulls: how fast the device comes back out.
+
+Dimensionless (period 1, inertia 1, entry speed 1), exact between the instants at which the torque
+switches, many contacts at once. The wall fills the positions above 0. Its torque at a sample
+inside is ``max(0, alpha x + beta v)`` outwards, with v the difference of *positions*, those before
+the contact included; outside it is 0. Before the contact the device moves freely.
+
+The law is homogeneous, so the ratio of the speeds does not depend on the entry speed; it depends
+on the phase of entry, the time from the entry to the first sample inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.checks import FloatArray, IntArray
+from controller.theory.response import HeldResponse, held_response
+
+_SWEEP = 8  # periods between two looks for contacts that are over
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """What to simulate; flat arrays of one length."""
+
+    delta: FloatArray
+    """Viscous damping b T / m"""
+    alpha: FloatArray
+    """Stiffness K T² / m"""
+    beta: FloatArray
+    """Virtual damping B T / m"""
+    delay: FloatArray
+    """Total delay in periods"""
+    samples: IntArray
+    """N of the velocity difference"""
+    phase: FloatArray
+    """From the entry to the first sample inside [periods], 0 to 1; at 0 it counts as inside"""
+
+    def take(self, index: NDArray[np.bool_] | IntArray) -> Contacts:
+        """The contacts at ``index``."""
+        return Contacts(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def with_phase(self, phase: FloatArray) -> Contacts:
+        """The same settings, each (repeated along the columns) at its row of phases; flat."""
+        repeated = self.take(np.repeat(np.arange(self.delta.size), phase.shape[1]))
+        return replace(repeated, phase=phase.ravel())
+
+
+def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
+    """Speed with which the device finally leaves, over the speed with which it came.
+
+    It is the greatest speed outside of the wall, until the last commanded torque has ended: what
+    a delayed torque adds after the device has left counts too.
+
+    Args:
+        contacts: What to simulate.
+        floor: A contact that cannot come back faster than this is not followed to its end (one
+            with more than critical damping creeps out for ever): its result is then a bound
+            between the true value and the floor.
+    """
+    result = np.empty_like(contacts.delta)
+    place = np.arange(result.size)
+    c = contacts
+    whole = np.floor(c.delay).astype(np.int64)
+    full, partial = _plant(c)
+    # A step runs from one switch of the torque to the next; sample k falls into step k, at
+    # 1 - f from its start. The torque of sample k acts during step k + 1 + whole.
+    start = held_response(c.delta, c.phase - _until_sample(c.delay))
+    x, v = start.position_per_speed, start.speed_per_speed
+    commands = np.zeros((int(whole.max(initial=0)) + 2, result.size))
+    positions = np.zeros((int(c.samples.max(initial=1)) + 1, result.size))
+    for back in range(1, positions.shape[0]):
+        positions[-back] = held_response(c.delta, c.phase - back).position_per_speed
+    leaving = np.zeros_like(x)
+    pending = np.zeros_like(x)  # impulse commanded that has not acted yet
+    gone = np.zeros(result.size, dtype=np.int64)  # samples since the first one outside
+    columns = np.arange(result.size)
+    k = 0
+    while place.size:
+        u = commands[(k - 1 - whole) % commands.shape[0], columns]
+        measured = x + partial.position_per_speed * v - partial.position_per_torque * u
+        before = positions[(k - c.samples) % positions.shape[0], columns]
+        inside = measured > 0 if k else np.ones_like(gone, dtype=np.bool_)
+        command = np.maximum(c.alpha * measured + c.beta * (measured - before) / c.samples, 0.0)
+        command *= inside
+        positions[k % positions.shape[0]] = measured
+        commands[k % commands.shape[0]] = command
+        x = x + full.position_per_speed * v - full.position_per_torque * u
+        v = full.speed_per_speed * v - full.position_per_speed * u
+        out = (x <= 0) & (v < 0)
+        if out.any():
+            leaving = np.where(out, np.maximum(leaving, _outward(c.delta, x, v, u, leaving)), 0.0)
+        pending += command - u
+        gone += (gone > 0) | ~inside
+        k += 1
+        if k % _SWEEP:
+            continue
+        bound = np.sqrt(v * v + c.alpha * x * x) + pending
+        over = (gone > whole) | (bound < floor)
+        if not over.any():
+            continue
+        result[place[over]] = np.where(gone > whole, leaving, bound)[over]
+        on = ~over
+        c, place, whole, x, v = c.take(on), place[on], whole[on], x[on], v[on]
+        leaving, pending, gone = leaving[on], pending[on], gone[on]
+        commands, positions = commands[:, on], positions[:, on]
+        columns = np.arange(place.size)
+        full, partial = _plant(c)
+    return np.maximum(result, 0.0)
+
+
+def _outward(
+    delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray, before: FloatArray
+) -> FloatArray:
+    """Greatest outward speed outside of the wall during a step that ends outside, at (x, v).
+
+    Under a held torque the speed changes one way only, so it is greatest at the step's end or
+    where the device crossed the wall: there, by the balance of momentum over a time of x/v,
+    ``-v - delta x - u x/v`` (exact without torque; with it the end is greater, or u is small).
+    """
+    crossed = before == 0
+    time = x / np.where(crossed & (v < 0), v, 1.0)
+    return np.where(crossed, np.maximum(-v, -v - delta * x - u * time), -v)
+
+
+def _until_sample(delay: FloatArray) -> FloatArray:
+    """From a switch of the torque to the next sample [periods]: 1 - f."""
+    return 1.0 - (delay - np.floor(delay))
+
+
+def _plant(c: Contacts) -> tuple[HeldResponse, HeldResponse]:
+    """Response over a whole step, and from its start to the sample in it."""
+    return held_response(c.delta, 1.0), held_response(c.delta, _until_sample(c.delay))

@@ -1,0 +1,253 @@
+"""The stiffness up to which a wall that never pulls does not throw the device back faster.
+
+A wall that only pushes loses its damping on the way out, so it can return a device faster than
+it came although the two-sided loop is stable: a gentle steady push then bounces for ever. The
+limit is where the ratio of the speeds, at the worst phase of entry, reaches 1. No closed form is
+known: contacts are simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controller.theory.boundary import critical
+from controller.theory.checks import FloatArray, broadcast, positive, samples
+from controller.theory.contact import Contacts, exit_speed
+from controller.theory.dimensionless import settings
+
+_FIRST = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+_LOWER = np.array([0.002, 0.05, 0.1, 0.15, 0.2, 0.25])
+_COARSE_PHASES = 9
+_PHASES = 17
+_ZOOMS, _ZOOM_POINTS = 4, 7
+# Contacts slower than this (rad per sample, times the delay) are scaled up: see _speed_up.
+_SLOW = 5e-3
+
+
+def one_sided_limit(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+) -> FloatArray:
+    """Stiffness up to which a wall that never pulls returns no device faster than it came.
+
+    At most ``critical_stiffness``; lower the more virtual damping there is. Found to 1e-4 of
+    itself. Torque saturation and friction other than viscous are not counted.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Returns:
+        Stiffness [N·m/rad] in the broadcast shape; 0 where none will do.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
+    alpha = np.zeros_like(s.delta)
+    exact, _ = critical(s.delta, s.beta, s.delay, s.samples)
+    some = np.flatnonzero(exact > 0)
+    if some.size:
+        chosen = _Walls(s.delta[some], s.beta[some], s.delay[some], s.samples[some], exact[some])
+        faster, scale = _speed_up(chosen)
+        alpha[some] = exact[some] * (1 - (1 - _share_of_exact(faster)) / scale)
+    return s.shaped(alpha * s.stiffness_unit)
+
+
+def restitution(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    stiffness: ArrayLike,
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    phases: int = 33,
+    velocity_samples: ArrayLike = 1,
+) -> FloatArray:
+    """Exit speed over entry speed of one contact with a wall that never pulls, at the worst phase.
+
+    The device comes freely. Its exit speed is taken when no commanded torque acts any more.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        stiffness: K > 0 [N·m/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0 [s].
+        phases: How many phases of entry are tried, >= 2; the ends of the period are among them.
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Returns:
+        The ratio in the broadcast shape. Below 0.02 it is an upper bound (a wall with more than
+        critical damping lets the device creep out, without end).
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    if samples("phases", phases) < 2:
+        raise ValueError(f"phases must be >= 2, got {phases}")
+    names = ("inertia", "damping", "virtual_damping", "period", "delay", "velocity_samples")
+    values = (inertia, damping, virtual_damping, period, delay, velocity_samples)
+    arrays = {name: np.asarray(value) for name, value in zip(names, values, strict=True)}
+    k, *rest = broadcast(stiffness=positive("stiffness", stiffness), **arrays)
+    s = settings(*rest)
+    walls = _Walls(s.delta, s.beta, s.delay, s.samples, np.ravel(k) / s.stiffness_unit)
+    return s.shaped(np.max(_returned(walls, np.ones((1, 1)), _even(phases), 0.02)[:, 0], axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Walls:
+    """Flat dimensionless settings with a stiffness each, of which shares are tried."""
+
+    delta: FloatArray
+    beta: FloatArray
+    delay: FloatArray
+    samples: FloatArray
+    alpha: FloatArray
+
+    def take(self, index: FloatArray) -> _Walls:
+        return _Walls(
+            self.delta[index],
+            self.beta[index],
+            self.delay[index],
+            self.samples[index],
+            self.alpha[index],
+        )
+
+
+def _even(count: int) -> FloatArray:
+    return np.linspace(0.0, 1.0, count)
+
+
+def _returned(
+    walls: _Walls, share: FloatArray, phases: FloatArray, floor: float = 0.5
+) -> FloatArray:
+    """Exit over entry speed; walls × shares × phases.
+
+    Args:
+        walls: The settings.
+        share: Shares of each wall's alpha to try, walls (or 1) × shares.
+        phases: Either one row of phases for all, or walls × shares × phases.
+        floor: See ``exit_speed``; only what comes near 1 matters to the limit.
+    """
+    shape = (walls.delta.size, share.shape[1], phases.shape[-1])
+
+    def spread(a: FloatArray) -> FloatArray:
+        return np.repeat(a, shape[1] * shape[2])
+
+    contacts = Contacts(
+        delta=spread(walls.delta),
+        alpha=np.broadcast_to((walls.alpha[:, None] * share)[..., None], shape).ravel(),
+        beta=spread(walls.beta),
+        delay=spread(walls.delay),
+        samples=spread(walls.samples).astype(np.int64),
+        phase=np.broadcast_to(phases, shape).ravel(),
+    )
+    return exit_speed(contacts, floor).reshape(shape)
+
+
+def _worst(walls: _Walls, share: FloatArray) -> FloatArray:
+    """Worst ratio over the phase of entry; walls × shares.
+
+    With damping the worst phase is nearly always the last: the first sample inside is just
+    missed, and a whole period passes without the damper. With next to none the ratio is a small
+    sawtooth over the phase, so the surroundings of the best phase are looked at closer where that
+    can decide.
+    """
+    phases = _even(_PHASES)
+    ratio = _returned(walls, share, phases)
+    best = np.argmax(ratio, axis=2)
+    worst = np.max(ratio, axis=2)
+    spread = worst - np.min(ratio, axis=2)
+    row, column = np.nonzero((best < _PHASES - 1) & (np.abs(worst - 1) < spread))
+    if not row.size:
+        return worst
+    near = walls.take(row)
+    tried = share[row, column][:, None]
+    best = best[row, column]
+    left, right = phases[np.maximum(best - 1, 0)], phases[best + 1]
+    rows = np.arange(row.size)
+    for _ in range(_ZOOMS):
+        points = left[:, None] + (right - left)[:, None] * _even(_ZOOM_POINTS)
+        closer = _returned(near, tried, points[:, None, :])[:, 0]
+        best = np.argmax(closer, axis=1)
+        worst[row, column] = np.maximum(worst[row, column], closer[rows, best])
+        left = points[rows, np.maximum(best - 1, 0)]
+        right = points[rows, np.minimum(best + 1, _ZOOM_POINTS - 1)]
+    return worst
+
+
+def _share_of_exact(walls: _Walls) -> FloatArray:
+    """The limit as a share of each wall's alpha, its exact limit.
+
+    The ratio rises through 1 once as the stiffness grows, so the crossing is bracketed by trying
+    several shares at once, and interpolated.
+    """
+    one = np.ones_like(walls.delta)
+    low, high, at_low, at_high = 0 * one, one.copy(), 0 * one, one.copy()
+
+    def narrow(which: FloatArray, share: FloatArray, ratio: FloatArray) -> None:
+        """Keep the gap before the first share that returns the device faster."""
+        throws = ratio > 1
+        first = np.where(throws.any(axis=1), np.argmax(throws, axis=1), share.shape[1])
+        rows = np.arange(which.size)
+        up = first < share.shape[1]
+        at = np.minimum(first, share.shape[1] - 1)
+        high[which] = np.where(up, share[rows, at], high[which])
+        at_high[which] = np.where(up, ratio[rows, at], at_high[which])
+        below = np.maximum(first - 1, 0)
+        low[which] = np.where(first > 0, share[rows, below], low[which])
+        at_low[which] = np.where(first > 0, ratio[rows, below], at_low[which])
+
+    everything = np.arange(one.size)
+    first = one[:, None] * _FIRST
+    narrow(everything, first, np.max(_returned(walls, first, _even(_COARSE_PHASES)), axis=2))
+    deep = np.flatnonzero(low == 0)
+    if deep.size:
+        lower = np.ones((deep.size, 1)) * _LOWER
+        narrow(
+            deep,
+            lower,
+            np.max(_returned(walls.take(deep), lower, _even(_COARSE_PHASES)), axis=2),
+        )
+    open_ = np.flatnonzero((low > 0) & (low < 1))
+    for points in (6, 4):
+        gap = (high - low)[open_, None]
+        share = low[open_, None] + gap * np.linspace(0.0, 1.0, points + 2)[None, :]
+        narrow(open_, share, _worst(walls.take(open_), share))
+    crossing = low + (high - low) * (1 - at_low) / np.maximum(at_high - at_low, 1e-12)
+    gap = 0.05 * (high - low)
+    share = np.clip(crossing[:, None] + gap[:, None] * np.array([-1.0, 1.0]), 1e-3, 1.0)[open_]
+    narrow(open_, share, _worst(walls.take(open_), share))
+    crossing = low + (high - low) * (1 - at_low) / np.maximum(at_high - at_low, 1e-12)
+    return np.where(low > 0, np.minimum(crossing, 1.0), 0.0)
+
+
+def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
+    """Walls with the same share of the exact limit, but with contacts of bounded length.
+
+    With little damping a contact takes thousands of periods. There the limit approaches the exact
+    one, and falls short of it in proportion to the frequency, which goes with the root of the
+    damping: so both dampings are scaled up by ``scale²``, and the shortfall is ``scale`` times
+    too large.
+
+    Returns:
+        (walls, scale), scale >= 1.
+    """
+    frequency = np.sqrt(walls.alpha) * (walls.delay + 1)
+    scale = np.maximum(_SLOW / frequency, 1.0)
+    delta, beta = walls.delta * scale**2, walls.beta * scale**2
+    alpha, _ = critical(delta, beta, walls.delay, walls.samples)
+    return _Walls(delta, beta, walls.delay, walls.samples, alpha), scale
