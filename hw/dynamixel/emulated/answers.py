@@ -114,8 +114,8 @@ def _broadcast(
 def _fast_sync_read(params: bytes, by_id: dict[int, EmulatedServo], now_ns: int) -> list[Answer]:
     """One frame to which every servo appends its share.
 
-    A servo that is missing, silenced, or whose firmware is too old leaves the frame cut short in front of
-    its share: nobody behind it can go on.
+    A servo that is missing, silenced, or whose firmware is too old leaves the frame cut short in
+    front of its share: nobody behind it can go on.
     """
     address, size = _address_and_size(params)
     shares: list[FastReply] = []

@@ -17,6 +17,7 @@ that writing never delays a reply.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from types import TracebackType
 from typing import NamedTuple, Self, TextIO
 
@@ -41,6 +42,8 @@ class Row(NamedTuple):
 class Witness:
     """Writes what it is told into a text file; closes it with everything in it.
 
+    A file that takes no more (a full disk) ends the record, never the bus: see ``failure``.
+
     Args:
         file: Open for writing; becomes the witness's own.
     """
@@ -48,7 +51,9 @@ class Witness:
     def __init__(self, file: TextIO) -> None:
         self._file = file
         self._rows: deque[Row] = deque()
-        file.write(COLUMNS + "\n")
+        self.failure: OSError | None = None
+        """Why the record is incomplete; None: it is complete"""
+        self._try(lambda: file.write(COLUMNS + "\n"))
 
     def __enter__(self) -> Self:
         return self
@@ -68,37 +73,32 @@ class Witness:
 
     def add(self, row: Row) -> None:
         """Keep a row; in the order of time."""
-        self._rows.append(row)
+        if self.failure is None:
+            self._rows.append(row)
 
     def write(self, rows: int) -> None:
-        """Hand at most so many rows to the file.
-
-        Raises:
-            OSError: The file takes no more (a full disk).
-        """
-        for _ in range(min(rows, len(self._rows))):
-            self._file.write(_line(self._rows.popleft()))
+        """Hand at most so many rows to the file."""
+        count = min(rows, len(self._rows))
+        lines = "".join(_line(self._rows.popleft()) for _ in range(count))
+        self._try(lambda: self._file.write(lines))
 
     def flush(self) -> None:
-        """Hand everything to the operating system, for others to read.
-
-        Raises:
-            OSError: The file takes no more (a full disk).
-        """
+        """Hand everything to the operating system, for others to read."""
         self.write(len(self._rows))
-        self._file.flush()
+        self._try(self._file.flush)
 
     def close(self) -> None:
-        """Write the rest and close the file.
-
-        Raises:
-            OSError: The file takes no more (a full disk).
-        """
+        """Write the rest and close the file."""
         if not self._file.closed:
-            try:
-                self.flush()
-            finally:
-                self._file.close()
+            self.flush()
+            self._try(self._file.close)
+
+    def _try(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except OSError as error:
+            self.failure = self.failure or error
+            self._rows.clear()
 
 
 def _line(row: Row) -> str:

@@ -1,0 +1,154 @@
+"""The emulated bus in real time, behind a pseudo-terminal that any serial client can open.
+
+One process, one thread: it sleeps until the next event of the bus or the next byte of the client,
+spins over the last stretch where a reply must leave on time, and writes the record in between.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import select
+import struct
+import time
+import tty
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.witness import Witness
+
+_SPIN_NS = 60_000
+"""Sleeping ends this long before a reply is due: waking up takes about as long [ns]"""
+_NAP_NS = 10_000_000
+"""Longest sleep, after which a wish to stop is noticed [ns]"""
+_IDLE_NS = 300_000
+"""There is time to write a part of the record when nothing happens for this long [ns]"""
+_ROWS_AT_ONCE = 16
+"""Of the record, in one idle moment: about 50 µs"""
+_MAX_WAITING = 200_000
+"""Rows kept in memory before they are written whether there is time or not"""
+_FLUSH_NS = 500_000_000
+"""How often the record is handed to the operating system [ns]"""
+_READ_SIZE = 4096
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("=4I20s2I")
+
+
+class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
+    """Both ends of a raw pseudo-terminal; clients may open ``path`` and leave as they like.
+
+    Args:
+        link: Where to put a symbolic link to it; one that lies there is replaced.
+
+    Raises:
+        FileExistsError: Something that is not a symbolic link is at ``link``.
+        OSError: The link cannot be made.
+    """
+
+    def __init__(self, link: Path | None = None) -> None:
+        self.master, self._slave = os.openpty()
+        self._link: Path | None = None
+        try:
+            # Held open, or the client's close would hang up the line.
+            tty.setraw(self._slave)
+            os.set_blocking(self.master, False)
+            self.path = os.ttyname(self._slave)
+            if link is not None:
+                self._make(link)
+        except BaseException:
+            self.close()
+            raise
+        self._untouched_speed: int | None = self._speed()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    @property
+    def baud(self) -> int | None:
+        """The speed a client has set [bit/s]; None: none was set yet."""
+        speed = self._speed()
+        if speed == self._untouched_speed:
+            return None
+        self._untouched_speed = None
+        return speed
+
+    def close(self) -> None:
+        """Remove the link, if it is still ours, and let go of both ends."""
+        if self._link is not None:
+            with suppress(OSError):
+                if str(self._link.readlink()) == self.path:
+                    self._link.unlink()
+            self._link = None
+        for end in (self.master, self._slave):
+            with suppress(OSError):
+                os.close(end)
+
+    def _make(self, link: Path) -> None:
+        if os.path.lexists(link) and not link.is_symlink():
+            raise FileExistsError(f"{link} exists and is not a symbolic link")
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(self.path)
+        try:
+            fresh.replace(link)
+        except OSError:
+            fresh.unlink()
+            raise
+        self._link = link
+
+    def _speed(self) -> int:
+        """The line speed as the client set it, also where it is no standard one [bit/s]."""
+        raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
+        return int(_TERMIOS2.unpack(raw)[6])
+
+
+def serve(
+    bus: EmulatedBus,
+    terminal: PseudoTerminal,
+    stopped: Callable[[], bool],
+    witness: Witness | None = None,
+) -> None:
+    """Run ``bus`` on the monotonic clock until ``stopped`` says so, noticed within 10 ms.
+
+    Args:
+        bus: Begun on the monotonic clock.
+        terminal: Where the client is.
+        stopped: Asked between events.
+        witness: The bus's; its rows are written here.
+    """
+    master = terminal.master
+    clock = time.monotonic_ns
+    baud = bus.host_baud
+    flush_ns = clock() + _FLUSH_NS
+    while not stopped():
+        now_ns = clock()
+        reply = bus.transmit(now_ns)
+        if reply:
+            with suppress(BlockingIOError):  # a client that never reads: lost, as on a wire
+                os.write(master, reply)
+        event_ns = bus.next_event_ns()
+        rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
+        if witness is not None and (rest_ns > _IDLE_NS or witness.waiting > _MAX_WAITING):
+            witness.write(_ROWS_AT_ONCE)
+            if now_ns > flush_ns:
+                witness.flush()
+                flush_ns = now_ns + _FLUSH_NS
+            rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
+        if bus.busy:
+            rest_ns -= _SPIN_NS
+        if select.select((master,), (), (), max(rest_ns, 0) * 1e-9)[0]:
+            data = os.read(master, _READ_SIZE)
+            now_ns = clock()
+            bus.host_baud = terminal.baud or baud
+            bus.receive(data, now_ns)
