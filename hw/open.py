@@ -68,7 +68,6 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
                 "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
                 "path."
             )
-
         return DynamixelServo(settings, _memory_line(settings, settings.emulated, clock))
 
     from hw.dynamixel.serial_line import FdLine

@@ -216,6 +216,7 @@ class _Startup:
 
     def set_up(self) -> None:
         """Mode, return delay, goal, watchdog: written where they differ, and read back."""
+        self._write("bus_watchdog", 0)  # one that has tripped refuses every goal, 0 included
         self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
         self._settle_at("return delay", "return_delay_time", 0)
         self._write("goal_current", 0)  # the mode change has set it to Current Limit
@@ -226,7 +227,6 @@ class _Startup:
                 f"A Bus Watchdog of {self._settings.watchdog_s:g} s was asked of the {self._name}, "
                 "which has 0.02 to 2.54 s: set servo.watchdog_s within that."
             )
-        self._write("bus_watchdog", 0)  # a tripped one refuses everything else
         self._settle_at("bus watchdog", "bus_watchdog", units)
 
     def judge_limits_and_position(self) -> None:

@@ -1,0 +1,99 @@
+"""The real driver on an emulated bus in memory, with the truth in view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hw.clock import SimulatedClock
+from hw.dynamixel.codec import Instruction, Parser, encode
+from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.memory_line import MemoryLine
+from hw.dynamixel.emulated.servo import EmulatedServo, State
+from hw.dynamixel.servo import DynamixelServo
+from hw.dynamixel.tables import MODELS
+from hw.settings import DynamixelSettings, TrueServo
+
+BAUD = 4_000_000
+TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
+SETTINGS = DynamixelSettings(port="", baud=BAUD, id=1, model="XM430-W350")
+
+
+class SpyLine:
+    """A memory line that notes the truth at each write, and may turn the torque's sign round."""
+
+    def __init__(self, line: MemoryLine, servo: EmulatedServo) -> None:
+        self.clock = line.clock
+        self.wrong_way = False
+        self.frames: list[bytes] = []
+        self.states: list[State] = []
+        self.closed = 0
+        self._line = line
+        self._servo = servo
+
+    def write(self, data: bytes) -> None:
+        self.states.append(self._servo.state(self.clock.now_ns()))
+        self.frames.append(data)
+        self._line.write(_reversed(data) if self.wrong_way else data)
+
+    def read(self) -> bytes:
+        return self._line.read()
+
+    def wait(self, deadline_ns: int) -> bool:
+        return self._line.wait(deadline_ns)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def _reversed(data: bytes) -> bytes:
+    """A goal current with the other sign; every other frame as it is."""
+    (frame,) = Parser().feed(data)
+    if frame.instruction != Instruction.SYNC_WRITE:
+        return data
+    goal = -int.from_bytes(frame.params[5:7], "little", signed=True)
+    return encode(
+        frame.id, frame.instruction, frame.params[:5] + goal.to_bytes(2, "little", signed=True)
+    )
+
+
+class Bench:
+    """One servo, emulated, and its driver."""
+
+    def __init__(
+        self,
+        true: TrueServo = TRUE,
+        *,
+        model: str = "XM430-W350",
+        firmware: int = 48,
+        baud: int = BAUD,
+        **settings: object,
+    ) -> None:
+        self.clock = SimulatedClock(start_ns=123_456_789)
+        now_ns = self.clock.now_ns()
+        self.truth = EmulatedServo(MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud)
+        self.bus = EmulatedBus([self.truth], baud=BAUD, start_ns=now_ns)
+        self.line = SpyLine(MemoryLine(self.bus, self.clock), self.truth)
+        self.settings = replace(SETTINGS, **settings)  # type: ignore[arg-type]
+        self.servo = DynamixelServo(self.settings, self.line)
+
+    @property
+    def state(self) -> State:
+        """The truth now."""
+        self.bus.transmit(self.clock.now_ns())  # let what is under way happen; no reply is due
+        return self.truth.state(self.clock.now_ns())
+
+    def found(self, name: str) -> str:
+        """What the start found for one check."""
+        return next(check.found for check in self.servo.start() if check.name == name)
+
+    def wait(self, seconds: float) -> None:
+        self.clock.wait_until(self.clock.now_ns() + round(seconds * 1e9))
+
+    def cycle(self, torque: float) -> float:
+        """One period of 1 ms; the position read [rad]."""
+        begun = self.clock.now_ns()
+        self.servo.request()
+        reading = self.servo.collect(begun + 900_000)
+        self.servo.write(torque)
+        self.clock.wait_until(begun + 1_000_000)
+        return reading.position

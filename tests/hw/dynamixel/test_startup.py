@@ -1,0 +1,299 @@
+"""The checked start: what is refused, what is set up, and that torque is proved before it is used.
+
+Over the emulated bus in memory, on the simulated clock; the servo's registers and its true state
+are looked at from outside.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import pytest
+
+from hw.dynamixel.codec import Instruction, Parser
+from hw.dynamixel.tables import MODELS
+from hw.errors import ServoMissingError, UnfitServoError
+from tests.hw.dynamixel.bench import TRUE, Bench
+
+COUNT = 2 * 3.141592653589793 / 4096
+
+
+def refused(bench: Bench, *, match: str) -> None:
+    """Starting raises, and leaves torque off, at rest, and without a goal."""
+    with pytest.raises(UnfitServoError, match=match):
+        bench.servo.start()
+    assert bench.truth.memory["torque_enable"] == 0
+    assert bench.state.torque == 0.0
+    with pytest.raises(RuntimeError):
+        bench.servo.write(0.1)
+
+
+def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None:
+    bench = Bench()
+    checks = bench.servo.start()
+    assert all(check.ok for check in checks)
+    assert [(check.name, check.found) for check in checks[:-1]] == [
+        ("model", "XM430-W350 (1020)"),
+        ("status return level", "2"),
+        ("firmware", "48"),
+        ("torque at the start", "off"),
+        ("hardware error", "none"),
+        ("direction", "normal"),
+        ("torque on by goal update", "off"),
+        ("start-up configuration", "0"),
+        ("operating mode", "3, set to 0"),
+        ("return delay", "250, set to 0"),
+        ("goal current", "0"),
+        ("bus watchdog", "0, set to 2"),
+        ("current limit", "1193 (5.72 N·m)"),
+        ("position", f"{-196 * COUNT:.3f} rad"),
+        ("torque", "on"),
+    ]
+    assert checks[-1].name == "torque sign"
+    bench.wait(0.001)  # the last goal arrives
+    assert bench.state.torque == 0.0
+    assert bench.truth.memory["torque_enable"] == 1
+    assert bench.truth.memory["goal_current"] == 0
+    assert bench.servo.facts.torque_limit == pytest.approx(1193 * 2.69e-3 * 4.1 / 2.3)
+
+
+def test_a_servo_that_is_set_up_is_not_written_to_again() -> None:
+    """EEPROM wears."""
+    bench = Bench()
+    bench.servo.start()
+    bench.servo.stop()
+    assert bench.found("operating mode") == "0"
+    assert bench.found("return delay") == "0"
+
+
+def test_the_start_never_makes_more_torque_than_the_probe_may() -> None:
+    """The mode change sets the goal to Current Limit: it must be zeroed before torque is on."""
+    bench = Bench(probe_torque=0.2)
+    bench.servo.start()
+    assert max(abs(state.torque) for state in bench.line.states) <= 0.2 + 0.0048
+
+
+# What is refused
+
+
+def test_another_model_is_named() -> None:
+    refused(Bench(model="XM430-W210"), match=r"XM430-W210 \(model number 1030\).*XM430-W350")
+
+
+def test_a_model_without_current_mode_is_refused_with_that_reason() -> None:
+    bench = Bench()
+    with pytest.raises(UnfitServoError, match="XL430-W250 has no current mode"):
+        type(bench.servo)(replace(bench.settings, model="XL430-W250"), bench.line)
+    refused(Bench(model="XL430-W250"), match="XL430-W250 .*no current mode")
+
+
+def test_an_unknown_model_is_refused_with_the_known_ones() -> None:
+    bench = Bench()
+    with pytest.raises(UnfitServoError, match=r"XM430-W999 is not known.*XM430-W350"):
+        type(bench.servo)(replace(bench.settings, model="XM430-W999"), bench.line)
+
+
+def test_a_model_without_published_torque_needs_a_constant() -> None:
+    bench = Bench()
+    with pytest.raises(UnfitServoError, match=r"servo\.torque_constant"):
+        type(bench.servo)(replace(bench.settings, model="XD540-T270"), bench.line)
+    type(bench.servo)(replace(bench.settings, model="XD540-T270", torque_constant=2.0), bench.line)
+
+
+def test_a_firmware_without_watchdog_is_refused() -> None:
+    refused(Bench(firmware=37), match=r"firmware 37 has no Bus Watchdog \(38 or later has\)")
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "match"),
+    [
+        ("hardware_error_status", 0x20, r"hardware error \(overload\).*reboot"),
+        ("hardware_error_status", 0x05, r"hardware error \(input voltage, overheating\)"),
+        ("drive_mode", 0x01, r"reverse.*clear bit 0 of Drive Mode \(10\)"),
+        ("drive_mode", 0x08, r"torque back on.*clear bit 3 of Drive Mode \(10\)"),
+        ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
+        ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
+        ("current_limit", 0, r"raise Current Limit \(38\)"),
+    ],
+)
+def test_what_only_a_person_may_change_is_refused(register: str, value: int, match: str) -> None:
+    bench = Bench()
+    bench.truth.memory[register] = value
+    refused(bench, match=match)
+    assert bench.truth.memory[register] == value
+
+
+def test_a_dangerous_servo_is_not_written_to_and_never_gets_a_goal() -> None:
+    """With torque-on-by-goal-update even a goal of zero would switch the torque on."""
+    bench = Bench()
+    bench.truth.memory["drive_mode"] = 0x08
+    refused(bench, match="bit 3")
+    assert bench.truth.memory["operating_mode"] == 3
+    written = [
+        int.from_bytes(frame.params[:2], "little")
+        for data in bench.line.frames
+        for frame in Parser().feed(data)
+        if frame.instruction in (Instruction.WRITE, Instruction.SYNC_WRITE)
+    ]
+    assert set(written) == {64}  # torque off, by the refusal
+
+
+def test_all_that_is_wrong_is_said_at_once() -> None:
+    bench = Bench()
+    bench.truth.memory["drive_mode"] = 0x09
+    bench.truth.memory["startup_configuration"] = 3
+    refused(bench, match=r"bit 0 .*bit 3 .*Startup Configuration")
+
+
+def test_the_servo_is_not_started_inside_the_wall() -> None:
+    refused(Bench(keep_out=(-0.4, 100.0)), match=r"inside the wall, at -0\.301 rad: turn it out")
+    Bench(keep_out=(-0.2, 100.0)).servo.start()
+
+
+def test_a_watchdog_the_servo_does_not_have_is_refused() -> None:
+    refused(Bench(watchdog_s=3.0), match=r"0\.02 to 2\.54 s: set servo\.watchdog_s")
+
+
+def test_nobody_at_this_id_is_a_missing_servo() -> None:
+    bench = Bench(id=2)
+    with pytest.raises(ServoMissingError, match=r"as id 2 at 4000000 baud.*could not be read back"):
+        bench.servo.start()
+
+
+def test_nobody_at_this_rate_is_a_missing_servo() -> None:
+    bench = Bench(baud=57_600)
+    with pytest.raises(ServoMissingError, match="No servo answers"):
+        bench.servo.start()
+
+
+# What is set up
+
+
+def test_torque_that_is_on_is_switched_off_first() -> None:
+    bench = Bench()
+    bench.truth.memory["torque_enable"] = 1  # position mode: EEPROM is locked
+    assert bench.found("torque at the start") == "on, switched off"
+    assert bench.truth.memory["operating_mode"] == 0
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_servo_that_does_not_reply_to_everything_is_made_to(level: int) -> None:
+    bench = Bench()
+    bench.truth.memory["status_return_level"] = level
+    assert "set to 2" in bench.found("status return level")
+
+
+def test_a_tripped_watchdog_is_cleared() -> None:
+    bench = Bench()
+    bench.servo.start()
+    bench.wait(1.0)
+    bench.bus.transmit(bench.clock.now_ns())
+    assert bench.truth.table.tripped
+    bench.servo.stop()
+    assert bench.servo.start()[-1].ok
+
+
+@pytest.mark.parametrize(("seconds", "units"), [(0.02, 1), (0.04, 2), (0.1, 5), (2.54, 127)])
+def test_the_watchdog_is_set_as_asked(seconds: float, units: int) -> None:
+    bench = Bench(watchdog_s=seconds)
+    bench.servo.start()
+    assert bench.truth.memory["bus_watchdog"] == units
+
+
+def test_the_watchdog_stays_quiet_through_the_start() -> None:
+    """Even with the shortest, while the probe waits for the shaft to break loose."""
+    bench = Bench(replace(TRUE, coulomb=0.25), watchdog_s=0.02)
+    bench.servo.start()
+    assert not bench.truth.table.tripped
+
+
+# The torque's sign
+
+FRICTIONS = [(0.0, 0.0), (0.0, 0.012), (0.005, 0.0), (0.02, 0.012), (0.09, 0.012), (0.25, 0.0)]
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize("inertia", [0.001, 0.012, 0.1])
+@pytest.mark.parametrize(("coulomb", "damping"), FRICTIONS)
+def test_the_probe_moves_a_little_and_leaves_the_shaft_nearly_at_rest(
+    inertia: float, coulomb: float, damping: float, direction: int
+) -> None:
+    true = replace(TRUE, inertia=inertia, coulomb=coulomb, damping=damping)
+    bench = Bench(true, probe_direction=direction)
+    assert bench.found("torque sign").startswith("-3" if direction < 0 else "+3")
+    travel = [(state.position - true.position) * direction for state in bench.line.states]
+    # Three counts prove it; stopping takes as far again and half, and friction may throw the
+    # brake back by two.
+    assert max(travel) < 12 * COUNT
+    assert min(travel) > -4 * COUNT
+    begun = bench.state.position
+    for _ in range(200):
+        bench.cycle(0.0)
+    assert abs(bench.state.position - begun) < 15 * COUNT
+
+
+def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
+    bench = Bench()
+    bench.line.wrong_way = True
+    refused(bench, match=r"moved the wrong way \(\+3 counts at -0\.\d+ N·m\).*Drive Mode")
+    assert abs(bench.state.position - TRUE.position) < 15 * COUNT
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None:
+    """As if the servo had not told of it in its Drive Mode."""
+    bench = Bench(replace(TRUE, coulomb=0.0), probe_direction=direction)
+    bench.line.wrong_way = True
+    refused(bench, match="moved the wrong way")
+
+
+def test_a_blocked_shaft_is_refused() -> None:
+    refused(
+        Bench(replace(TRUE, coulomb=2.0)),
+        match=r"did not move at 0\.3 N·m: free it.*servo\.probe_torque; 0 skips",
+    )
+
+
+def test_more_probe_torque_overcomes_more_friction() -> None:
+    bench = Bench(replace(TRUE, coulomb=0.5), probe_torque=0.8)
+    assert bench.found("torque sign").startswith("-3 counts")
+
+
+def test_the_probe_can_be_skipped() -> None:
+    bench = Bench(replace(TRUE, coulomb=2.0), probe_torque=0.0)
+    assert bench.found("torque sign") == "not probed"
+    assert bench.truth.memory["torque_enable"] == 1
+
+
+def test_a_hand_that_comes_and_goes_does_not_falsify_the_probe() -> None:
+    """The push moves the shaft at 0.6 rad/s half of the time: the probe waits for its rests."""
+    for start_s in (0.0, 0.3, 0.7, 1.5, 2.5, 3.5):
+        bench = Bench(replace(TRUE, hand="push", position=-0.5))
+        bench.wait(start_s)
+        assert bench.servo.start()[-1].ok
+
+
+def test_a_servo_that_stops_answering_in_the_probe_is_missing() -> None:
+    bench = Bench(replace(TRUE, coulomb=2.0))
+    calls = itertools.count()
+    wait = bench.line.wait
+
+    def deaf(deadline_ns: int) -> bool:
+        if bench.truth.memory["torque_enable"] and next(calls) > 200:
+            bench.truth.answers_from_ns = 1 << 62
+        return wait(deadline_ns)
+
+    bench.line.wait = deaf  # type: ignore[method-assign]
+    with pytest.raises(ServoMissingError, match="stopped answering while"):
+        bench.servo.start()
+
+
+@pytest.mark.parametrize("name", [n for n, model in MODELS.items() if model.current_mode])
+def test_every_model_that_can_make_torque_starts(name: str) -> None:
+    constant = 0.0 if MODELS[name].torque_constant else 2.0
+    bench = Bench(replace(TRUE, torque_constant=constant), model=name)
+    settings = replace(bench.settings, model=name, torque_constant=constant)
+    servo = type(bench.servo)(settings, bench.line)
+    assert all(check.ok for check in servo.start())
+    assert servo.stop()
