@@ -1,0 +1,69 @@
+"""``presets`` and ``config`` answer what can be set, in what unit, and what is in force."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from controller.cli import config, presets
+from controller.config_fields import fields
+from controller.config_load import load_config, preset_names
+
+
+def answer(module, *arguments):
+    result = CliRunner().invoke(module.command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def test_presets_are_listed_one_a_line():
+    lines = answer(presets).splitlines()
+    assert [line.split()[0] for line in lines] == preset_names()
+    assert all(len(line.split()) > 5 for line in lines)
+
+
+def test_presets_as_json():
+    listed = json.loads(answer(presets, "--json"))["presets"]
+    assert [preset["name"] for preset in listed] == preset_names()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_config_as_json_holds_every_field_and_its_effective_value(name):
+    listed = json.loads(answer(config, name, "--json"))
+    effective = load_config(name).config
+    assert listed["servo"] == effective.servo.kind
+    assert list(listed["fields"]) == list(fields())
+    assert listed["fields"]["wall.stiffness"]["value"] == effective.wall.stiffness
+    assert listed["fields"]["wall.stiffness"]["unit"] == "N·m/rad"
+
+
+def test_config_says_where_a_value_comes_from():
+    listed = json.loads(answer(config, "simulated", "--json", "--set", "wall.damping=0.5"))
+    origin = {path: field["from"] for path, field in listed["fields"].items()}
+    assert origin["wall.damping"] == "--set"
+    assert origin["wall.stiffness"] == "preset simulated"
+    assert origin["guard.margin"] == "default"
+
+
+def test_config_as_text_names_value_unit_range_and_meaning():
+    text = " ".join(answer(config, "simulated").split())
+    assert "wall.stiffness 8 N·m/rad preset simulated Stiffness K;" in text
+    assert "(a number above 0 and below 1)" in text
+    assert all(path in text for path in fields())
+
+
+def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used():
+    lines = answer(config, "xm430-w350").splitlines()
+    (inertia,) = [line for line in lines if "model.inertia" in line]
+    assert "0.011951 (0.007967 to 0.017927)" in inertia
+    assert [line[2:].split()[0] for line in lines if line.startswith("- ")] == [
+        "servo.inertia",
+        "servo.damping",
+        "servo.coulomb",
+        "servo.counts_per_rev",
+        "servo.delay",
+        "servo.torque_step",
+        "servo.backlash",
+        "servo.hand",
+        "servo.kick",
+    ]

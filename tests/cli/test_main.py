@@ -1,0 +1,141 @@
+"""Every error has its exit status and one clear message; standard output is the answer's alone."""
+
+import json
+import subprocess
+import sys
+
+import click
+import pytest
+
+from controller.cli import main as cli
+from controller.errors import PlatformError
+from hw.errors import PortBusyError
+
+
+def call(capsys, *arguments):
+    status = cli.main(arguments)
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def shell(*arguments, **kwargs):
+    return subprocess.run(
+        [sys.executable, "-m", "controller.cli.main", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        **kwargs,
+    )
+
+
+def raising(monkeypatch, error):
+    """Have ``haptic-wall presets`` meet an error."""
+
+    def fail():
+        raise error
+
+    monkeypatch.setitem(cli.COMMANDS, "presets", ("controller.cli.presets", ""))
+    monkeypatch.setattr("controller.cli.presets.command", click.Command("presets", callback=fail))
+
+
+def test_help_lists_the_commands_without_importing_them():
+    done = shell("--help")
+    assert done.returncode == 0
+    for name, (_, line) in cli.COMMANDS.items():
+        assert f"{name} " in done.stdout
+        assert line in " ".join(done.stdout.split())
+    loaded = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from controller.cli.main import main; main(['--help']);"
+            "print(*[m for m in ('numpy', 'pydantic', 'matplotlib', 'serial') if m in sys.modules],"
+            " file=sys.stderr)",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert loaded.stderr.strip() == ""
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_every_command_has_help(capsys, name):
+    status, out, _ = call(capsys, name, "--help")
+    assert status == 0
+    assert "Usage: haptic-wall " + name in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["confg"], "did you mean config?"),
+        (["config", "--nonesuch"], "--nonesuch"),
+        (["config", "simulatd"], "did you mean simulated?"),
+        (["config", "simulated", "--set", "wall.stiffness=soft"], "wall.stiffness (from --set)"),
+        (["log", "nowhere.hwlog"], "nowhere.hwlog: cannot be read: No such file"),
+        (["log"], "LOG"),
+    ],
+)
+def test_wrong_input_is_exit_status_2_and_a_message(capsys, arguments, message):
+    status, out, err = call(capsys, *arguments)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_all_this_holds_for_the_process_too():
+    wrong = shell("config", "simulated", "--set", "wall.side=x", "--set", "guard.margin=2")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert len(wrong.stderr.splitlines()) == 3
+    right = shell("presets", "--json")
+    assert (right.returncode, right.stderr) == (0, "")
+    assert json.loads(right.stdout)["presets"]
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (PortBusyError("/dev/ttyUSB0 is held by another program; close it"), 4),
+        (PlatformError("no"), 4),
+        (KeyboardInterrupt(), 130),
+        (click.FileError("x"), 2),
+    ],
+)
+def test_exit_status_of_foreseen_errors(monkeypatch, capsys, error, status):
+    raising(monkeypatch, error)
+    found, out, err = call(capsys, "presets")
+    assert found == status
+    assert out == ""
+    assert "Traceback" not in err
+
+
+def test_the_exit_status_of_a_command_is_the_programs(monkeypatch, capsys):
+    monkeypatch.setattr(
+        "controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
+    )
+    assert call(capsys, "presets")[0] == 3
+
+
+@pytest.mark.parametrize("name", sorted(cli.NEEDS_LINUX))
+def test_another_system_is_told_in_a_sentence(monkeypatch, capsys, name):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    status, _, err = call(capsys, name)
+    assert status == 4
+    assert err == (
+        f"haptic-wall: this machine runs darwin, but {name} needs Linux: use a Linux machine or a "
+        "virtual one\n"
+    )
+
+
+def test_a_reader_that_leaves_early_causes_no_noise():
+    done = subprocess.run(
+        f"{sys.executable} -m controller.cli.main config | head -n 1",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == "simulated (simulated servo)\n"
+    assert done.stderr == ""

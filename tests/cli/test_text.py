@@ -1,0 +1,159 @@
+"""The report as text holds what a person asks first; as JSON it holds no NaN."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.cli.options import as_json
+from controller.cli.text import report_text
+
+TIMES = {"p50": 0.123456, "p99": 15.1, "p99_9": 31.9, "max": 310.0}
+REPORT = {
+    "ticks": 4998,
+    "duration_s": 5.0,
+    "missed_ticks": 2,
+    "rate_hz": 999.6,
+    "grid_hz": 1000.0,
+    "lateness_us": TIMES,
+    "work_us": TIMES,
+    "bus_us": TIMES,
+    "bus": {
+        "cycles": 4998,
+        "lost": 1,
+        "late": 1,
+        "corrupt": 0,
+        "sample_age_us": {"p50": 120.0, "p99": 300.0, "max": 900.0},
+    },
+    "delay_s": {"inserted": 0.002, "device": 0.0, "measured": 0.00014, "total": 0.00214},
+    "guard": {
+        "requested": {"stiffness": 1e6, "damping": 0.02},
+        "commanded": {"stiffness": 5.5, "damping": 0.02},
+        "limit": {
+            "linear": 12.0,
+            "exact": 11.9,
+            "one_sided": 6.875,
+            "quantisation": None,
+            "passive": None,
+        },
+        "damping_ceiling": 3.2,
+        "margin": 0.8,
+        "binding": "one_sided",
+        "reasons": [
+            "stiffness 1e+06 asked, 5.5 commanded: a one-sided wall this stiff would throw "
+            "the servo back faster than it came"
+        ],
+        "only_friction": True,
+    },
+    "oscillation": None,
+    "torque": {"max": 1.234, "saturated_ticks": 7},
+    "stop_reason": "duration",
+    "explanation": None,
+    "torque_off": True,
+    "servo_checks": [],
+    "realtime": [
+        {"name": "scheduler", "wanted": "FIFO", "got": "refused", "ok": False, "remedy": "x"},
+        {"name": "memory", "wanted": "locked", "got": "locked", "ok": True, "remedy": ""},
+    ],
+    "warnings": ["scheduler: wanted FIFO, refused; to grant it: x"],
+    "log": "runs/a long way/run.hwlog",
+    "plot": "runs/run.png",
+}
+
+
+def joined(report):
+    return " ".join(report_text(report).split())
+
+
+def test_the_report_tells_what_happened_in_some_25_lines():
+    text = joined(REPORT)
+    for fact in (
+        "run ended as planned; torque is off, read back",
+        "ticks 4998 in 5 s: 999.6 Hz; 2 missed (0.04 %)",
+        "lateness p50 0.123, p99 15.1, p99.9 31.9, max 310 µs",
+        "bus 4998 cycles: 1 lost, 1 late, 0 corrupt; sample age p50 120, p99 300, max 900 µs",
+        "delay 2.140 ms = inserted 2.000 + device 0.000 + measured 0.140 ms",
+        "stiffness 5.5 N·m/rad, requested 1e+06",
+        "damping 0.02 N·m·s/rad, as requested",
+        "linear 12, exact 11.9, one_sided 6.875* N·m/rad x margin 0.8; * binds; damping",
+        "; damping ceiling 3.2",
+        "would throw the servo back faster than it came",
+        "stable only because of friction",
+        "torque at most 1.234 N·m; the limit cut it in 7 ticks",
+        "granted: memory (1 of 2)",
+    ):
+        assert fact in text
+    lines = report_text(REPORT).splitlines()
+    assert 15 <= len(lines) <= 27
+    assert max(map(len, lines)) <= 98
+    assert "log         runs/a long way/run.hwlog" in lines
+
+
+def test_a_trip_is_the_first_thing_one_reads():
+    report = REPORT | {
+        "stop_reason": "trip:overspeed",
+        "explanation": "the position moved faster than safety.max_speed allows",
+        "torque_off": False,
+    }
+    first, second, *_ = report_text(report).splitlines()
+    assert "ENDED BY A SAFETY TRIP: overspeed; TORQUE OFF COULD NOT BE READ BACK" in first
+    assert "safety.max_speed" in second
+
+
+def test_what_is_not_known_is_left_out_or_named():
+    report = REPORT | {
+        "rate_hz": None,
+        "lateness_us": dict.fromkeys(TIMES),
+        "bus": None,
+        "delay_s": None,
+        "guard": None,
+        "realtime": [],
+        "plot": None,
+        "torque_off": None,
+    }
+    text = joined(report)
+    assert "unknown Hz" in text
+    assert "None" not in text
+    assert "picture" not in text
+
+
+def test_an_oscillation_is_told_with_its_frequency():
+    oscillation = {"state": "growing", "frequency_hz": 12.34, "amplitude_rad": None}
+    assert "oscillation growing, 12.34 Hz" in joined(REPORT | {"oscillation": oscillation})
+
+
+def test_json_is_what_json_is():
+    value = {
+        "nan": math.nan,
+        "inf": [math.inf, -math.inf, 1.5],
+        "numpy": np.float64("nan"),
+        "count": np.int64(3),
+        "array": np.array([1.0, np.inf]),
+        "path": Path("runs/x.png"),
+        "tuple": (1, {"deep": math.nan}),
+    }
+    assert json.loads(as_json(value)) == {
+        "nan": None,
+        "inf": [None, None, 1.5],
+        "numpy": None,
+        "count": 3,
+        "array": [1.0, None],
+        "path": "runs/x.png",
+        "tuple": [1, {"deep": None}],
+    }
+
+
+@given(
+    st.dictionaries(
+        st.text(),
+        st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists),
+    )
+)
+def test_json_never_holds_nan(value):
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    json.loads(as_json(value), parse_constant=refuse)

@@ -1,0 +1,132 @@
+"""The configuration means to the rest of the program what its fields say."""
+
+import pytest
+
+from controller.belief import Bounded
+from controller.config import Config
+from controller.config_load import load_config, preset_names
+from hw.settings import DynamixelSettings, SimulatedSettings
+
+
+def loaded(preset, *sets):
+    return load_config(preset, sets).config
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_child_process_gets_the_same_configuration_as_json(name):
+    config = loaded(name)
+    copy = Config.model_validate_json(config.model_dump_json())
+    assert copy == config
+    assert copy.servo_settings() == config.servo_settings()
+    assert copy.belief() == config.belief()
+
+
+def test_the_presets_of_the_manual_are_there():
+    assert preset_names() == [
+        "emulated-xm430",
+        "lwr3",
+        "paper-table2",
+        "simulated",
+        "xl330-m288",
+        "xm430-w350",
+    ]
+
+
+def test_simulated_belief_defaults_to_the_truth():
+    belief = loaded("lwr3").belief()
+    assert belief.inertia == Bounded.exactly(0.8)
+    assert belief.delay == Bounded.exactly(0.005)
+    assert belief.torque_gain == Bounded.exactly(1.0)
+
+
+def test_belief_and_truth_can_differ():
+    config = loaded(
+        "simulated", "model.inertia={value: 0.02, low: 0.01, high: 0.03}", "model.delay=0.001"
+    )
+    assert config.belief().inertia == Bounded(0.02, 0.01, 0.03)
+    assert config.belief().delay == Bounded.exactly(0.001)
+    assert config.true_servo().inertia == 0.011951
+    assert config.true_servo().delay == 0.0
+
+
+@pytest.mark.parametrize(("side", "expected"), [("above", 0.9), ("below", 1.1), ("both", 1.0)])
+def test_a_simulated_servo_starts_outside_a_one_sided_wall(side, expected):
+    config = loaded("simulated", f"wall.side={side}", "wall.position=1")
+    assert config.true_servo().position == pytest.approx(expected)
+
+
+def test_a_kick_is_a_displacement_from_the_wall():
+    config = loaded("simulated", "wall.position=1", "servo.kick=-0.3")
+    assert config.true_servo().position == pytest.approx(0.7)
+
+
+def test_the_scripted_hand_finds_the_wall():
+    true = loaded("simulated", "wall.side=below", "wall.position=2").true_servo()
+    assert (true.hand, true.hand_origin, true.hand_direction) == ("push", 2.0, -1)
+
+
+def test_an_emulated_bus_on_the_simulated_clock_is_in_memory():
+    settings = loaded("emulated-xm430", "loop.clock=simulated").servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert settings.port == ""
+    assert settings.emulated is not None
+    assert settings.emulated.inertia == 0.011951
+
+
+def test_an_emulated_bus_on_the_monotonic_clock_is_like_a_real_one():
+    settings = loaded("emulated-xm430").servo_settings("/dev/pts/7")
+    assert isinstance(settings, DynamixelSettings)
+    assert settings.port == "/dev/pts/7"
+    assert settings.emulated is None
+
+
+def test_the_driver_does_not_know_the_emulated_torque_constant():
+    config = loaded("emulated-xm430", "servo.torque_constant=2.2", "model.torque_gain=1.2")
+    settings = config.servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert settings.torque_constant == 0.0
+    assert config.true_servo().torque_constant == 2.2
+
+
+@pytest.mark.parametrize(
+    ("side", "keep_out", "away"),
+    [("above", (1.0, 1e6), -1), ("below", (-1e6, 1.0), 1), ("both", None, -1)],
+)
+def test_a_real_servo_is_kept_out_of_the_wall_and_probed_away_from_it(side, keep_out, away):
+    settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert settings.keep_out == keep_out
+    assert settings.probe_direction == away
+
+
+def test_calibration_of_a_real_servo_reaches_the_driver():
+    config = loaded("xm430-w350", "servo.torque_constant=1.5", "servo.torque_limit=0.5")
+    settings = config.servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert (settings.torque_constant, settings.torque_limit) == (1.5, 0.5)
+
+
+def test_nobody_knows_the_truth_of_a_real_servo():
+    with pytest.raises(ValueError, match="/dev/ttyUSB0 is real"):
+        loaded("xm430-w350").true_servo()
+
+
+def test_the_grid_period_is_whole_nanoseconds():
+    assert loaded("simulated", "loop.rate_hz=300").period_ns == 3_333_333
+
+
+def test_simulated_servo_settings_carry_the_truth():
+    config = loaded("paper-table2")
+    assert config.servo_settings() == SimulatedSettings(config.true_servo())
+
+
+def test_the_guard_gets_the_wall_that_is_asked_for():
+    config = loaded("simulated", "wall.stiffness=1e6", "guard.margin=0.5", "wall.side=below")
+    request, guard = config.request(), config.guard_settings()
+    assert (request.stiffness, request.side, request.velocity_samples) == (1e6, "below", 1)
+    assert (guard.mode, guard.margin, guard.damping_cap) == ("stable", 0.5, 0.7)
+
+
+def test_the_configuration_cannot_be_changed():
+    with pytest.raises(ValueError, match="frozen"):
+        loaded("simulated").wall.stiffness = 3.0

@@ -1,0 +1,329 @@
+"""Reading a configuration: what people write is understood, and all that is wrong is said."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.config_fields import fields
+from controller.config_load import apply_set, load_config, preset_names, preset_summary
+from controller.config_yaml import parse
+from controller.errors import ConfigError, UserError
+
+HARDWARE = "xm430-w350"
+
+
+def problems(source, *sets):
+    with pytest.raises(ConfigError) as refused:
+        load_config(str(source), sets)
+    assert refused.value.exit_status == 2
+    return refused.value.problems
+
+
+def only(source, *sets):
+    (problem,) = problems(source, *sets)
+    return problem
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_loads_and_says_what_it_is_for(name):
+    assert load_config(name).config.loop.rate_hz == 1000.0
+    assert 20 < len(preset_summary(name)) < 100
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_hardware_presets_are_strict_and_the_others_are_not(name):
+    config = load_config(name).config
+    strict = config.servo.kind == "hardware"
+    assert (config.realtime.profile == "strict") == strict
+
+
+def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path):
+    text = "\n".join(
+        [
+            "servo: {backend: dynamixel, port: /dev/ttyACM0, baud: 1e6, model: XM430-W350}",
+            "model: {inertia: 0.01, damping: 0.01, coulomb: 0.1, delay: 0.001, torque_gain: 1}",
+        ]
+    )
+    file = tmp_path / "mine.yaml"
+    file.write_text(text)
+    assert load_config(str(file)).config.realtime.profile == "strict"
+    relaxed = load_config(str(file), ["realtime.profile=off"]).config
+    assert relaxed.realtime.profile == "off"
+    assert relaxed.servo.baud == 1_000_000
+
+
+# --set
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_set_reads_every_way_a_number_is_written(number):
+    for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
+        data = {}
+        apply_set(data, f"a.b={text}")
+        assert isinstance(data["a"]["b"], int | float)
+        assert data["a"]["b"] == float(text)
+
+
+@given(st.integers())
+def test_set_reads_whole_numbers_as_such(number):
+    data = {}
+    apply_set(data, f"a.b={number}")
+    assert data["a"]["b"] == number
+    assert isinstance(data["a"]["b"], int)
+
+
+@given(st.text(max_size=40))
+def test_set_never_fails_but_with_a_message(text):
+    try:
+        load_config("simulated", [text, f"wall.stiffness={text}"])
+    except UserError as error:
+        assert "--set" in str(error) or "wall.stiffness" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e6", 1e6),
+        ("-1e-3", -1e-3),
+        (".5", 0.5),
+        ("010", 10),
+        ("off", "off"),
+        ("yes", "yes"),
+        ("1:30", "1:30"),
+        ("2020-01-01", "2020-01-01"),
+        ("null", None),
+        ("", None),
+        (".inf", math.inf),
+        ("{value: 1, low: 0.5, high: 2e0}", {"value": 1, "low": 0.5, "high": 2.0}),
+        ("'1e6'", "1e6"),
+    ],
+)
+def test_words_and_numbers_mean_what_they_look_like(text, value):
+    data = {"a": {}}
+    assert apply_set(data, f"a.b={text}") == "a.b"
+    assert data == {"a": {"b": value}}
+
+
+def test_off_is_a_word():
+    config = load_config("simulated", ["guard.mode=off", "realtime.profile=off"]).config
+    assert (config.guard.mode, config.realtime.profile) == ("off", "off")
+
+
+def test_the_last_set_wins_and_bounds_can_be_set_one_by_one():
+    config = load_config(
+        HARDWARE, ["wall.stiffness=1", "wall.stiffness=2", "model.damping.low=0.001"]
+    ).config
+    assert config.wall.stiffness == 2.0
+    assert config.model.damping is not None
+    assert (config.model.damping.low, config.model.damping.value) == (0.001, 0.011692)
+
+
+def test_where_each_value_comes_from():
+    origins = load_config("simulated", ["wall.damping=0.1"]).origins
+    assert origins["wall.damping"] == "--set"
+    assert origins["wall.stiffness"] == "preset simulated"
+    assert "guard.margin" not in origins
+
+
+# What is wrong
+
+
+def test_all_problems_are_told_at_once_in_the_order_of_the_fields():
+    found = problems(
+        HARDWARE,
+        "wall.stifness=1",
+        "wall.side=abov",
+        "loop.rate_hz=1e6",
+        "loop.clock=simulated",
+        "servo.baud=4e5",
+        "servo.inertia=0.01",
+        "model.inertia=null",
+        "model.delay={value: 3, low: 1, high: 2}",
+        "safety.max_loss=2",
+        "nonsense",
+    )
+    starts = [
+        "--set nonsense: wanted PATH=VALUE",
+        "wall.stifness (from --set): unknown; did you mean wall.stiffness?",
+        "loop.rate_hz (from --set): found 1000000.0, wanted a number from 50 to 2000 [Hz]",
+        "loop.clock (from --set): found simulated, wanted monotonic",
+        "wall.side (from --set): found 'abov', wanted one of above, below, both; did you mean "
+        "above?",
+        "servo.inertia (from --set): found 0.01, but this is for simulated and emulated servos",
+        "servo.baud (from --set): found 400000.0, wanted one of 9600, 57600",
+        "model.inertia (from --set): found nothing, wanted a number or {value, low, high}",
+        "model.delay (from --set): found {'value': 3, 'low': 1, 'high': 2}, wanted a number from "
+        "0 to 1",
+        "safety.max_loss (from --set): found 2, wanted a number above 0 and at most 1",
+    ]
+    assert len(found) == len(starts)
+    for line, start in zip(found, starts, strict=True):
+        assert line.startswith(start)
+
+
+def _outside(field):
+    """A value no field takes: beyond every bound, no known name."""
+    return "nonesuch" if field.choices else "-1e300"
+
+
+@pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
+def test_every_field_is_bounded(field):
+    found = problems("simulated", f"{field.path}={_outside(field)}")
+    assert any(line.startswith(f"{field.path} (from --set): found") for line in found)
+
+
+@pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
+def test_every_field_refuses_what_is_not_a_number_or_a_name(field):
+    for value in ("true", "[1]", ".nan", "{a: 1}"):
+        found = problems("simulated", f"{field.path}={value}")
+        assert any(line.startswith(field.path) for line in found)
+
+
+@pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
+def test_every_field_says_what_it_means(field):
+    assert field.meaning
+    assert field.wanted
+    numeric = "number" in field.wanted or "multiple" in field.wanted
+    dimensionless = {
+        "realtime.priority",
+        "realtime.core",
+        "wall.velocity_samples",
+        "guard.margin",
+        "guard.damping_cap",
+        "guard.quantisation_share",
+        "servo.id",
+        "model.torque_gain",
+        "safety.max_loss",
+        "safety.max_losses_in_row",
+    }
+    assert (
+        bool(field.unit) == (numeric and field.path not in dimensionless) or field.unit == "bit/s"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "suggestion"),
+    [
+        ("wall.stifness=1", "did you mean wall.stiffness?"),
+        ("wal.stiffness=1", "did you mean wall?"),
+        ("stiffness=1", "did you mean wall.stiffness?"),
+        ("servo.stiffness=1", "did you mean wall.stiffness?"),
+        ("guard.xyz=1", "guard has mode, margin"),
+        ("qqq=1", "sections are loop, realtime"),
+        ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
+    ],
+)
+def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
+    assert suggestion in only("simulated", change)
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "blamed"),
+    [
+        (HARDWARE, ["loop.clock=simulated"], "loop.clock"),
+        (HARDWARE, ["servo.hand=none"], "servo.hand"),
+        (HARDWARE, ["servo.kick=0"], "servo.kick"),
+        (HARDWARE, ["model.torque_gain=null"], "model.torque_gain"),
+        (HARDWARE, ["servo.port=null"], "servo.port"),
+        ("simulated", ["servo.inertia=null"], "servo.inertia"),
+        ("emulated-xm430", ["servo.kick=0.01"], "servo.kick"),
+        ("emulated-xm430", ["wall.side=below", "servo.kick=-0.01"], "servo.kick"),
+        ("emulated-xm430", ["servo.counts_per_rev=1024"], "servo.counts_per_rev"),
+        ("emulated-xm430", ["servo.torque_constant=2"], "model.torque_gain"),
+        ("emulated-xm430", ["loop.rate_hz=60", "servo.watchdog_s=0.02"], "servo.watchdog_s"),
+        ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
+    ],
+)
+def test_fields_that_do_not_go_together(preset, changes, blamed):
+    assert only(preset, *changes).startswith(blamed)
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes"),
+    [
+        ("simulated", ["servo.kick=0.01"]),
+        ("emulated-xm430", ["servo.kick=-0.01"]),
+        ("emulated-xm430", ["wall.side=both", "servo.kick=0.01"]),
+        ("emulated-xm430", ["loop.rate_hz=50"]),
+        ("emulated-xm430", ["servo.backend=simulated"]),
+        ("emulated-xm430", ["servo.watchdog_s=2.54"]),
+        (HARDWARE, ["realtime.profile=best-effort"]),
+    ],
+)
+def test_fields_that_do(preset, changes):
+    load_config(preset, changes)
+
+
+def test_a_broken_field_is_not_blamed_twice():
+    """The rules between fields stay silent about a field that is itself wrong."""
+    assert only(HARDWARE, "model.inertia=heavy").startswith("model.inertia (from --set): found 'h")
+    assert only(HARDWARE, "model=5").startswith("model (from --set): found 5, wanted a section")
+
+
+def test_a_duplicate_key_is_refused(tmp_path):
+    file = tmp_path / "twice.yaml"
+    file.write_text("wall:\n  stiffness: 1\n  damping: 0\n  stiffness: 2\n")
+    with pytest.raises(UserError, match="stiffness stands twice, in lines 2 and 4"):
+        load_config(str(file))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- 1\n", "wanted sections"),
+        ("wall: [\n", "line 2, column 1"),
+        ("wall: !!python/object:os.system x\n", "could not determine a constructor"),
+        ("1: 2\n", "1: unknown"),
+        ("wall: {2: 3}\n", "wall.2: unknown"),
+        ("{[1]: 2}\n", "unhashable"),
+        ("wall:\n\tstiffness: 1\n", "line 2"),
+        ("wall: \x00\n", "not readable as YAML"),
+    ],
+)
+def test_a_file_that_is_not_a_configuration(tmp_path, text, message):
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises(UserError, match=r"bad\.yaml") as refused:
+        load_config(str(file))
+    assert message in str(refused.value)
+
+
+def test_a_file_that_is_not_text(tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UserError, match="not UTF-8 text"):
+        load_config(str(file))
+
+
+def test_an_unknown_preset_comes_with_a_suggestion_and_the_list():
+    with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-xm430,"):
+        load_config("simulatd")
+
+
+def test_a_folder_is_not_a_configuration(tmp_path):
+    with pytest.raises(UserError, match="Is a directory"):
+        load_config(str(tmp_path))
+
+
+def test_an_empty_file_lacks_only_what_has_no_default(tmp_path):
+    file = tmp_path / "empty.yaml"
+    file.write_text("# nothing\n")
+    assert only(file).startswith("servo.inertia: found nothing")
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+        max_leaves=5,
+    )
+)
+def test_any_yaml_is_read_or_refused_in_words(value):
+    import yaml
+
+    try:
+        parse(yaml.safe_dump(value), "text")
+    except UserError as error:
+        assert str(error).startswith("text: ")
