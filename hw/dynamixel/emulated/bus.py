@@ -21,6 +21,8 @@ from hw.dynamixel.emulated.witness import Row, Witness
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""
+MAX_WAITING = 64
+"""Frames a host may have waiting for the wire, before ``full``"""
 STATE_NS = 1_000_000
 """Between two records of the state [ns]"""
 
@@ -74,6 +76,11 @@ class EmulatedBus:
     def busy(self) -> bool:
         """Whether something is on the wire, so that the next event must be met on time."""
         return bool(self._coming or self._going)
+
+    @property
+    def full(self) -> bool:
+        """More is waiting for the wire than a serial port would take in."""
+        return len(self._coming) >= MAX_WAITING
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes from the host begin to travel at ``now_ns`` [ns]."""

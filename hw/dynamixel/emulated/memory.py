@@ -12,12 +12,17 @@ class Memory:
     """Bytes at addresses, and the registers that lie there.
 
     Reads may cover addresses between registers, which hold zeros; writes may not.
+
+    Args:
+        registers: The table; every register is at its default.
+        measured: Addresses that ``overwrite`` fills.
     """
 
-    __slots__ = ("_at", "_bytes", "registers")
+    __slots__ = ("_at", "_bytes", "_measured", "_values", "registers")
 
-    def __init__(self, registers: Iterable[Register]) -> None:
-        """Every register at its default."""
+    def __init__(self, registers: Iterable[Register], measured: range) -> None:
+        self._measured = measured
+        self._values: dict[str, int] = {}  # what is in the bytes, to be had quickly
         self.registers: Mapping[str, Register] = {r.name: r for r in registers}
         end = max(r.address + r.size for r in self.registers.values())
         self._bytes = bytearray(end)
@@ -31,16 +36,21 @@ class Memory:
         return name in self.registers
 
     def __getitem__(self, name: str) -> int:
+        value = self._values.get(name)
+        if value is not None:
+            return value
         register = self.registers[name]
         return register.decode(self._bytes[register.address : register.address + register.size])
 
     def __setitem__(self, name: str, value: int) -> None:
         register = self.registers[name]
         self._bytes[register.address : register.address + register.size] = register.encode(value)
+        if register.address not in self._measured:
+            self._values[name] = value
 
-    def overwrite(self, address: int, data: bytes) -> None:
-        """Put ``data`` at ``address``, whatever registers lie there."""
-        self._bytes[address : address + len(data)] = data
+    def overwrite(self, data: bytes) -> None:
+        """Put ``data`` where the measured registers are."""
+        self._bytes[self._measured.start : self._measured.stop] = data
 
     def read(self, address: int, size: int) -> bytes | None:
         """The bytes there; None when they reach beyond the table."""

@@ -20,6 +20,8 @@ _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
 _POSITION_MODE = 3
 _MODELLED_END = 168
 """Indirect addressing, from here on, is not modelled"""
+MEASURED = range(120, 147)
+"""Addresses of what the servo measures, Realtime Tick to Present Temperature"""
 _GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
 _LIMIT_OF = {
     "goal_pwm": "pwm_limit",
@@ -54,7 +56,8 @@ class ControlTable:
         self._model = model
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
-        self.memory = Memory(r for r in model.registers.values() if r.address < _MODELLED_END)
+        registers = (r for r in model.registers.values() if r.address < _MODELLED_END)
+        self.memory = Memory(registers, MEASURED)
 
     @property
     def volts(self) -> int:

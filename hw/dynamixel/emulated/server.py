@@ -147,7 +147,8 @@ def serve(
             rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
         if bus.busy:
             rest_ns -= _SPIN_NS
-        if select.select((master,), (), (), max(rest_ns, 0) * 1e-9)[0]:
+        reading = () if bus.full else (master,)
+        if select.select(reading, (), (), max(rest_ns, 0) * 1e-9)[0]:
             data = os.read(master, _READ_SIZE)
             now_ns = clock()
             bus.host_baud = terminal.baud or baud

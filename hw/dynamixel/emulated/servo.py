@@ -9,7 +9,7 @@ import struct
 from typing import NamedTuple
 
 from hw.dynamixel.codec import ALERT, ErrorCode
-from hw.dynamixel.emulated.rules import TEMPERATURE, ControlTable
+from hw.dynamixel.emulated.rules import MEASURED, TEMPERATURE, ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
@@ -27,8 +27,7 @@ BOOT_NS = 200_000_000
 """A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""
 
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
-_PRESENT_ADDRESS = 120
-_PRESENT_END = _PRESENT_ADDRESS + _PRESENT.size
+"""The measured registers, in the order of their addresses"""
 _INT16 = (-0x8000, 0x7FFF)
 _INT32 = (-0x8000_0000, 0x7FFF_FFFF)
 
@@ -160,7 +159,7 @@ class EmulatedServo:
 
     def read(self, address: int, size: int, now_ns: int) -> bytes | None:
         """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
-        if address < _PRESENT_END and address + size > _PRESENT_ADDRESS:
+        if address < MEASURED.stop and address + size > MEASURED.start:
             self._refresh(now_ns)
         return self.memory.read(address, size)
 
@@ -238,7 +237,6 @@ class EmulatedServo:
         if self.table.inverts_current:
             velocity, current = -velocity, -current
         memory.overwrite(
-            _PRESENT_ADDRESS,
             _PRESENT.pack(
                 (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS,
                 abs(velocity) > memory["moving_threshold"],
