@@ -122,24 +122,19 @@ def _text(summary: dict[str, Any]) -> str:
 
 
 def _write_csv(path: Path, rows: NDArray[np.void]) -> None:
-    """All rows as text; time starts at 0, what is not known is an empty cell."""
+    """All rows as text that reads back exactly; time starts at 0, NaN is an empty cell."""
     columns = []
     for column, field in _COLUMNS.items():
         values = rows[field]
         if column == "time_s":
-            values = (values - values[0]) * 1e-9
+            values = (values - values[0]) / 1e9
         elif column.endswith("_us"):
-            values = values * 1e-3
+            values = values / 1e3
         if values.dtype.kind == "f":
-            columns.append(["" if text == "nan" else text for text in map(_exact, values.tolist())])
+            columns.append(["" if text == "nan" else text for text in map(repr, values.tolist())])
         else:
             columns.append(list(map(str, values.tolist())))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_COLUMNS)
         writer.writerows(zip(*columns, strict=True))
-
-
-def _exact(value: float) -> str:
-    """The shortest text that reads back as the same number, noise of the unit change removed."""
-    return repr(round(value, 15)) if abs(value) < 1e3 else repr(value)

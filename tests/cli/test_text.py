@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.cli.options import as_json
@@ -146,10 +146,12 @@ def test_json_is_what_json_is():
     }
 
 
+@settings(deadline=None)
 @given(
     st.dictionaries(
-        st.text(),
-        st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists),
+        st.text(max_size=3),
+        st.recursive(st.none() | st.floats() | st.text(max_size=3), st.lists, max_leaves=5),
+        max_size=3,
     )
 )
 def test_json_never_holds_nan(value):

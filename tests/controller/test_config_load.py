@@ -1,9 +1,10 @@
 """Reading a configuration: what people write is understood, and all that is wrong is said."""
 
 import math
+from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.config_fields import fields
@@ -57,6 +58,7 @@ def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path)
 # --set
 
 
+@settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_set_reads_every_way_a_number_is_written(number):
     for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
@@ -66,6 +68,7 @@ def test_set_reads_every_way_a_number_is_written(number):
         assert data["a"]["b"] == float(text)
 
 
+@settings(deadline=None)
 @given(st.integers())
 def test_set_reads_whole_numbers_as_such(number):
     data = {}
@@ -74,6 +77,7 @@ def test_set_reads_whole_numbers_as_such(number):
     assert isinstance(data["a"]["b"], int)
 
 
+@settings(deadline=None)
 @given(st.text(max_size=40))
 def test_set_never_fails_but_with_a_message(text):
     try:
@@ -313,6 +317,7 @@ def test_an_empty_file_lacks_only_what_has_no_default(tmp_path):
     assert only(file).startswith("servo.inertia: found nothing")
 
 
+@settings(deadline=None)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | st.text(max_size=5),
@@ -327,3 +332,11 @@ def test_any_yaml_is_read_or_refused_in_words(value):
         parse(yaml.safe_dump(value), "text")
     except UserError as error:
         assert str(error).startswith("text: ")
+
+
+def test_the_manual_shows_the_messages_as_they_are():
+    changes = ["wall.stifness=20", "guard.margin=1.2", "wall.side=abov"]
+    manual = Path(__file__).parents[2] / "docs" / "configuration.md"
+    with pytest.raises(ConfigError) as refused:
+        load_config("simulated", changes)
+    assert f"haptic-wall: {refused.value}\n```" in manual.read_text(encoding="utf-8")

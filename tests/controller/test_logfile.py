@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import LogFormatError
@@ -63,6 +63,7 @@ def test_a_log_without_rows_is_empty(tmp_path):
     assert read.size == 0
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(tmp_path_factory, data):
     path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
