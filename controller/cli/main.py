@@ -7,6 +7,7 @@ needs only what it uses.
 from __future__ import annotations
 
 import difflib
+import errno
 import importlib
 import logging
 import os
@@ -96,11 +97,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ServoError as error:
         return _say(error, HARDWARE)
     except BrokenPipeError:
-        # The reader has seen enough (``| head``). Python flushes once more at exit: give it a
-        # place to.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        _forget_output()
+        return 0  # the reader has seen enough (``| head``)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        _forget_output()
+        return _say(OSError("the disk is full: make room, or name another place"), HARDWARE)
     return result if isinstance(result, int) else 0
+
+
+def _forget_output() -> None:
+    """Python flushes standard output once more at exit, and would fail again: give it a place."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(error: Exception, status: int) -> int:

@@ -139,3 +139,15 @@ def test_a_reader_that_leaves_early_causes_no_noise():
     )
     assert done.stdout == "simulated (simulated servo)\n"
     assert done.stderr == ""
+
+
+def test_a_full_disk_is_told_in_a_sentence():
+    done = subprocess.run(
+        f"{sys.executable} -m controller.cli.main presets > /dev/full",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 4
+    assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"

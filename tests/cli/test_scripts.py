@@ -1,0 +1,175 @@
+"""scripts/run and scripts/test make what is missing, once, and then get out of the way.
+
+They run here in a copy of the project with a Python that only writes down what it is asked.
+"""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TOOLS = ("sh", "basename", "dirname", "readlink", "cat", "cksum", "flock", "grep", "head", "mkdir")
+TOOLS += ("chmod", "ln", "sleep")
+
+# Makes a virtual environment that holds itself and the commands; notes every installation.
+PYTHON = """#!/bin/sh
+case "$*" in
+*ensurepip*) [ -z "$NO_ENSUREPIP" ] ;;
+*version_info\\[*|*version_info*%*) echo 3.11 ;;
+"--version") echo Python 3.11.0 ;;
+*"-m venv"*)
+    echo venv >>"$NOTES"
+    for last; do :; done
+    mkdir -p "$last/bin"
+    echo "VIRTUAL_ENV=$last" >"$last/bin/activate"
+    cat "$0" >"$last/bin/python"
+    for command in haptic-wall ruff mypy pytest; do
+        printf '#!/bin/sh\\necho %s "$@"\\n[ %s != "$FAILING" ]\\n' $command $command \
+            >"$last/bin/$command"
+    done
+    chmod +x "$last/bin/"* ;;
+*"-m pip install"*)
+    sleep 0.1
+    for last; do :; done
+    echo "pip ${last##*/}" >>"$NOTES"
+    echo noise
+    [ -z "$NO_NETWORK" ] ;;
+esac
+"""
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A copy of the scripts in a folder whose name has a space, and a PATH with little on it."""
+    folder = tmp_path / "my project"
+    shutil.copytree(ROOT / "scripts", folder / "scripts")
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for tool in TOOLS:
+        found = shutil.which(tool)
+        assert found is not None
+        (tools / tool).symlink_to(found)
+    return folder
+
+
+def install_python(project):
+    python = project.parent / "tools" / "python3.11"
+    python.write_text(PYTHON)
+    python.chmod(0o755)
+
+
+def environment(project, **more):
+    notes = project.parent / "notes"
+    return {"PATH": str(project.parent / "tools"), "NOTES": str(notes), "FAILING": ""} | more
+
+
+def call(project, script, *arguments, **more):
+    return subprocess.run(
+        [project / "scripts" / script, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd="/",
+        env=environment(project, **more),
+    )
+
+
+def notes(project):
+    path = project.parent / "notes"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project):
+    install_python(project)
+    first = call(project, "run", "--duration", "1 s")
+    assert (first.returncode, first.stdout) == (0, "haptic-wall run --duration 1 s\n")
+    assert "noise" in first.stderr
+    assert notes(project) == ["venv", "pip my project"]
+    second = call(project, "run")
+    assert (second.stdout, second.stderr) == ("haptic-wall run\n", "")
+    assert notes(project) == ["venv", "pip my project"]
+
+
+def test_it_installs_again_when_the_project_file_has_changed(project):
+    install_python(project)
+    call(project, "run")
+    with (project / "pyproject.toml").open("a") as file:
+        file.write("# another dependency\n")
+    call(project, "run")
+    assert notes(project) == ["venv", "pip my project", "pip my project"]
+
+
+def test_what_the_tests_need_is_enough_to_run(project):
+    install_python(project)
+    call(project, "test")
+    call(project, "run")
+    assert notes(project) == ["venv", "pip my project[test]"]
+
+
+def test_a_project_that_was_moved_is_installed_again(project):
+    install_python(project)
+    call(project, "run")
+    moved = project.parent / "moved"
+    project.rename(moved)
+    assert call(moved, "run").stdout == "haptic-wall run\n"
+    assert notes(moved) == ["venv", "pip my project", "venv", "pip moved"]
+
+
+def test_two_at_once_wait_for_each_other(project):
+    install_python(project)
+    both = [
+        subprocess.Popen(
+            [project / "scripts" / "run"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment(project),
+        )
+        for _ in range(2)
+    ]
+    assert [process.communicate()[0] for process in both] == [b"haptic-wall run\n"] * 2
+    assert notes(project) == ["venv", "pip my project"]
+
+
+def test_the_test_script_runs_every_check_and_fails_if_one_does(project):
+    install_python(project)
+    done = call(project, "test", "-k", "wall", FAILING="mypy")
+    assert done.stdout.splitlines() == [
+        "ruff check",
+        "ruff format --check",
+        "mypy",
+        "pytest -k wall",
+    ]
+    assert done.returncode == 1
+    assert call(project, "test").returncode == 0
+
+
+def test_without_python_it_says_what_to_install(project):
+    done = call(project, "run")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith("run: found no Python 3.11 or newer on PATH: install one")
+
+
+def test_without_the_venv_module_it_says_what_to_install(project):
+    install_python(project)
+    done = call(project, "run", NO_ENSUREPIP="1")
+    assert done.returncode == 1
+    assert "apt-get install python3.11-venv" in done.stderr
+
+
+def test_a_failed_installation_is_tried_again(project):
+    install_python(project)
+    failed = call(project, "run", NO_NETWORK="1")
+    assert failed.returncode == 1
+    assert failed.stdout == ""
+    assert "the installation failed; the reason is above" in failed.stderr
+    assert call(project, "run").returncode == 0
+
+
+@pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
+def test_scripts_can_be_executed(script):
+    assert os.access(ROOT / script, os.X_OK)
