@@ -8,6 +8,7 @@ from controller.theory.exact import (
     peak,
 )
 from controller.theory.linear import linear_limit
+from controller.theory.one_sided import one_sided_limit, restitution
 from controller.theory.passivity import passive_limit
 
 __all__ = [
@@ -16,6 +17,8 @@ __all__ = [
     "critical_stiffness",
     "linear_limit",
     "max_virtual_damping",
+    "one_sided_limit",
     "passive_limit",
     "peak",
+    "restitution",
 ]

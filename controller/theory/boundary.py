@@ -138,7 +138,8 @@ def _max_beta(loop: HeldLoop) -> FloatArray:
     beta = np.real(f * np.conj(d)) / np.maximum(np.abs(d) ** 2, np.finfo(np.float64).tiny)
     constant, reach = _real_pole(loop)
     by_real = np.where(reach > 0, constant / np.where(reach > 0, reach, 1.0), np.inf)
-    return np.minimum(np.min(np.where(found & (beta > 0), beta, np.inf), axis=1), by_real)
+    by_curve: FloatArray = np.min(np.where(found & (beta > 0), beta, np.inf), axis=1)
+    return np.minimum(by_curve, by_real)
 
 
 def _critical(loop: HeldLoop, beta: FloatArray) -> tuple[FloatArray, FloatArray]:

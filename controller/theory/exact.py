@@ -1,4 +1,4 @@
-"""The exact limits in SI units: critical stiffness, its frequency, the damping ceiling, the peak."""
+"""The exact limits in SI units: critical stiffness and frequency, damping ceiling, peak."""
 
 from __future__ import annotations
 

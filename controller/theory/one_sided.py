@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controller.theory.boundary import critical
-from controller.theory.checks import FloatArray, broadcast, positive, samples
+from controller.theory.checks import FloatArray, IntArray, broadcast, positive, samples
 from controller.theory.contact import Contacts, exit_speed
 from controller.theory.dimensionless import settings
 
@@ -117,7 +117,7 @@ class _Walls:
     samples: FloatArray
     alpha: FloatArray
 
-    def take(self, index: FloatArray) -> _Walls:
+    def take(self, index: IntArray) -> _Walls:
         return _Walls(
             self.delta[index],
             self.beta[index],
@@ -169,7 +169,7 @@ def _worst(walls: _Walls, share: FloatArray) -> FloatArray:
     phases = _even(_PHASES)
     ratio = _returned(walls, share, phases)
     best = np.argmax(ratio, axis=2)
-    worst = np.max(ratio, axis=2)
+    worst: FloatArray = np.max(ratio, axis=2)
     spread = worst - np.min(ratio, axis=2)
     row, column = np.nonzero((best < _PHASES - 1) & (np.abs(worst - 1) < spread))
     if not row.size:
@@ -198,7 +198,7 @@ def _share_of_exact(walls: _Walls) -> FloatArray:
     one = np.ones_like(walls.delta)
     low, high, at_low, at_high = 0 * one, one.copy(), 0 * one, one.copy()
 
-    def narrow(which: FloatArray, share: FloatArray, ratio: FloatArray) -> None:
+    def narrow(which: IntArray, share: FloatArray, ratio: FloatArray) -> None:
         """Keep the gap before the first share that returns the device faster."""
         throws = ratio > 1
         first = np.where(throws.any(axis=1), np.argmax(throws, axis=1), share.shape[1])
