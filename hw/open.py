@@ -53,6 +53,7 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
         PortError: The port cannot be used.
         PortBusyError: Another program holds it.
         UnfitServoError: The model cannot be driven in torque as configured.
+        ValueError: What is to be simulated or emulated cannot exist.
     """
     if isinstance(settings, SimulatedSettings):
         from hw.simulated import SimulatedServo
@@ -82,11 +83,12 @@ def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedC
     from hw.dynamixel.emulated.bus import EmulatedBus
     from hw.dynamixel.emulated.memory_line import MemoryLine
     from hw.dynamixel.emulated.servo import EmulatedServo
-    from hw.dynamixel.tables import MODELS
+    from hw.dynamixel.servo import drivable
 
+    model, _ = drivable(settings)
     now_ns = clock.now_ns()
     servo = EmulatedServo(
-        MODELS[settings.model],
+        model,
         settings.id,
         EMULATED_FIRMWARE,
         true,

@@ -29,13 +29,7 @@ class DynamixelServo:
         Raises:
             UnfitServoError: The model is unknown or cannot be driven in torque.
         """
-        model = _model(settings.model)
-        constant = settings.torque_constant or model.torque_constant
-        if constant is None:
-            raise UnfitServoError(
-                f"No torque constant of the {model.name} is published: measure it and set "
-                "servo.torque_constant [N·m/A]."
-            )
+        model, constant = drivable(settings)
         self._settings = settings
         self._model = model
         self._line = line
@@ -163,19 +157,27 @@ class DynamixelServo:
         )
 
 
-def _model(name: str) -> Model:
-    """The model of this name.
+def drivable(settings: DynamixelSettings) -> tuple[Model, float]:
+    """The configured model, and its torque constant [N·m/A].
 
     Raises:
-        UnfitServoError: It is unknown or has no current mode.
+        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
     """
-    model = MODELS.get(name)
+    model = MODELS.get(settings.model)
     if model is None:
         known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
-        raise UnfitServoError(f"The model {name} is not known: set servo.model to one of {known}.")
+        raise UnfitServoError(
+            f"The model {settings.model} is not known: set servo.model to one of {known}."
+        )
     if not model.current_mode:
         raise UnfitServoError(
-            f"The {name} has no current mode, so it cannot be commanded in torque: use an XM430, "
-            "XH430, XM540, XH540, XL330 or XC330."
+            f"The {model.name} has no current mode, so it cannot be commanded in torque: use an "
+            "XM430, XH430, XM540, XH540, XL330 or XC330."
         )
-    return model
+    constant = settings.torque_constant or model.torque_constant
+    if constant is None:
+        raise UnfitServoError(
+            f"No torque constant of the {model.name} is published: measure it and set "
+            "servo.torque_constant [N·m/A]."
+        )
+    return model, constant

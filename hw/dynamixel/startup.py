@@ -118,7 +118,7 @@ class _Startup:
             number == self._model.number,
             f"{name} ({number})",
             f"{self._model.name} ({self._model.number})",
-            f"It is a {name} (model number {number}){no_current}: connect a {self._model.name}, "
+            f"It is an {name} (model number {number}){no_current}: connect an {self._model.name}, "
             "or set servo.model to what is there.",
         )
         self.refuse_if_unfit()

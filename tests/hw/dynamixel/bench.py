@@ -31,6 +31,7 @@ class SpyLine:
         self._servo = servo
 
     def write(self, data: bytes) -> None:
+        self._line.wait(self.clock.now_ns())  # first let what is under way happen
         self.states.append(self._servo.state(self.clock.now_ns()))
         self.frames.append(data)
         self._line.write(_reversed(data) if self.wrong_way else data)
@@ -72,14 +73,15 @@ class Bench:
         now_ns = self.clock.now_ns()
         self.truth = EmulatedServo(MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud)
         self.bus = EmulatedBus([self.truth], baud=BAUD, start_ns=now_ns)
-        self.line = SpyLine(MemoryLine(self.bus, self.clock), self.truth)
+        self.memory_line = MemoryLine(self.bus, self.clock)
+        self.line = SpyLine(self.memory_line, self.truth)
         self.settings = replace(SETTINGS, **settings)  # type: ignore[arg-type]
         self.servo = DynamixelServo(self.settings, self.line)
 
     @property
     def state(self) -> State:
         """The truth now."""
-        self.bus.transmit(self.clock.now_ns())  # let what is under way happen; no reply is due
+        self.memory_line.wait(self.clock.now_ns())  # first let what is under way happen
         return self.truth.state(self.clock.now_ns())
 
     def found(self, name: str) -> str:

@@ -1,0 +1,119 @@
+"""Torque off from outside, when whoever drove the servo is dead or hung."""
+
+from __future__ import annotations
+
+import pytest
+
+from hw.dynamixel.codec import Instruction, Parser
+from hw.dynamixel.cut import cut_torque
+from hw.dynamixel.emulated.memory_line import MemoryLine
+from hw.errors import ServoLostError
+from tests.hw.dynamixel.bench import Bench
+from tests.hw.dynamixel.lines import TroubledLine
+
+
+def pushing() -> Bench:
+    """A servo that its driver has left pushing."""
+    bench = Bench(watchdog_s=2.0)
+    bench.servo.start()
+    bench.cycle(1.0)
+    assert bench.state.torque > 0.9
+    bench.line.frames.clear()
+    return bench
+
+
+def test_torque_goes_off_and_is_read_back() -> None:
+    bench = pushing()
+    begun = bench.clock.now_ns()
+    assert cut_torque(bench.line, 1) is True
+    assert bench.truth.memory["torque_enable"] == 0
+    assert bench.state.torque == 0.0
+    assert bench.clock.now_ns() - begun < 4_000_000
+
+
+def test_no_goal_is_ever_written() -> None:
+    """With torque-on-by-goal-update a goal would bring the torque back."""
+    bench = pushing()
+    cut_torque(bench.line, 1)
+    for data in bench.line.frames:
+        (frame,) = Parser().feed(data)
+        assert frame.instruction in (Instruction.WRITE, Instruction.READ)
+        assert frame.params[:2] == bytes([64, 0])
+
+
+@pytest.mark.parametrize("sent", range(1, 15))
+def test_a_frame_cut_short_by_the_drivers_death_does_not_swallow_the_cut(sent: int) -> None:
+    bench = pushing()
+    bench.servo.request()
+    half = bench.line.frames.pop()[:sent]
+    bench.wait(0.01)
+    bench.memory_line.write(half)
+    assert cut_torque(bench.line, 1) is True
+
+
+def test_a_reply_under_way_is_not_taken_for_the_confirmation() -> None:
+    bench = pushing()
+    bench.servo.request()
+    assert cut_torque(bench.line, 1) is True
+    assert bench.truth.memory["torque_enable"] == 0
+
+
+@pytest.mark.parametrize("lost", range(1, 7))
+def test_lost_replies_are_got_over(lost: int) -> None:
+    bench = pushing()
+    line = TroubledLine(
+        bench.memory_line,
+        lambda number, reply: [] if number < lost else [(0, reply)],
+    )
+    assert cut_torque(line, 1) is True
+
+
+def test_a_slow_adapter_is_got_over() -> None:
+    bench = pushing()
+    line = TroubledLine(bench.memory_line, lambda _, reply: [(16_000_000, reply)])
+    assert cut_torque(line, 1) is True
+
+
+def test_torque_that_stays_on_is_not_called_off() -> None:
+    bench = pushing()
+    bench.truth.memory["status_return_level"] = 1
+
+    class Deaf(MemoryLine):
+        def write(self, data: bytes) -> None:
+            (frame,) = Parser().feed(data)
+            if frame.instruction == Instruction.READ:
+                super().write(data)
+
+    assert cut_torque(Deaf(bench.bus, bench.clock), 1) is False
+    assert bench.truth.memory["torque_enable"] == 1
+
+
+def test_a_missing_servo_is_not_called_off() -> None:
+    bench = pushing()
+    begun = bench.clock.now_ns()
+    assert cut_torque(bench.line, 2) is False
+    assert bench.clock.now_ns() - begun < 120_000_000
+
+
+def test_a_vanished_port_is_not_called_off() -> None:
+    bench = pushing()
+
+    def gone(*_: object) -> bytes:
+        raise ServoLostError("The serial port is gone.")
+
+    bench.line.read = gone  # type: ignore[method-assign]
+    assert cut_torque(bench.line, 1) is False
+
+
+def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
+    bench = pushing()
+
+    class Babbling(MemoryLine):
+        def wait(self, deadline_ns: int) -> bool:
+            self.clock.wait_until(min(deadline_ns, self.clock.now_ns() + 500_000))
+            return True
+
+        def read(self) -> bytes:
+            return super().read() + b"\x00\x55"
+
+    assert cut_torque(Babbling(bench.bus, bench.clock), 1) is True

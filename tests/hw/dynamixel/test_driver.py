@@ -1,0 +1,262 @@
+"""The driver as a servo: torque in N·m out, positions in, and torque off however it ends.
+
+Over the emulated bus in memory; the truth is looked at from outside.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import pytest
+
+from hw.dynamixel.codec import Instruction, Parser
+from hw.dynamixel.servo import DynamixelServo
+from hw.errors import ServoLostError, ServoMissingError
+from hw.servo import Outcome
+from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
+
+STEP = 2.69e-3 * 4.1 / 2.3
+"""[N·m] per current unit of an XM430-W350: unit times stall torque over stall current"""
+COUNT = 2 * math.pi / 4096
+FREE = replace(TRUE, coulomb=0.0, damping=0.0)
+
+
+def started(**settings: object) -> Bench:
+    bench = Bench(**settings)  # type: ignore[arg-type]
+    bench.servo.start()
+    return bench
+
+
+def test_a_torque_acts_as_it_was_returned() -> None:
+    bench = started()
+    for wanted in (0.5, -0.5, 0.001, 3.0, -3.0, 0.0):
+        sent = bench.servo.write(wanted)
+        assert abs(sent - wanted) <= STEP / 2 + 1e-12
+        bench.wait(0.001)
+        assert bench.state.torque == pytest.approx(sent, abs=1e-12)
+
+
+@pytest.mark.parametrize("wanted", [10.0, 1e300])
+def test_a_torque_beyond_the_limit_is_cut_to_it(wanted: float) -> None:
+    bench = started(torque_limit=1.0)
+    limit = math.floor(1.0 / STEP) * STEP
+    assert bench.servo.facts.torque_limit == pytest.approx(limit)
+    assert bench.servo.write(wanted) == pytest.approx(limit)
+    assert bench.servo.write(-wanted) == pytest.approx(-limit)
+
+
+def test_the_servos_own_current_limit_bounds_the_torque() -> None:
+    """A goal beyond it would be refused without a word, and the old one stay in force."""
+    bench = Bench()
+    bench.truth.memory["current_limit"] = 100
+    bench.servo.start()
+    assert bench.servo.facts.torque_limit == pytest.approx(100 * STEP)
+    assert bench.servo.write(4.0) == pytest.approx(100 * STEP)
+    bench.wait(0.0001)
+    assert bench.state.torque == pytest.approx(100 * STEP)
+
+
+def test_a_configured_torque_constant_wins() -> None:
+    """A constant configured 10 % high sends a current 10 % low."""
+    bench = started(torque_constant=1.1 * 4.1 / 2.3)
+    sent = bench.servo.write(1.0)
+    bench.wait(0.0001)
+    assert bench.state.torque == pytest.approx(sent / 1.1)
+
+
+@pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
+def test_a_torque_that_is_no_number_is_not_sent(torque: float) -> None:
+    bench = started()
+    bench.servo.write(0.5)
+    frames = len(bench.line.frames)
+    with pytest.raises(ValueError, match="finite"):
+        bench.servo.write(torque)
+    assert len(bench.line.frames) == frames
+
+
+def test_the_position_is_the_true_one_and_counts_on_over_turns() -> None:
+    bench = started(true=replace(FREE, position=3.0))
+    seen = []
+    for _ in range(400):
+        begun = bench.clock.now_ns()
+        bench.servo.request()
+        reading = bench.servo.collect(begun + 900_000)
+        truth = bench.state
+        # The sample is taken while its bytes travel: at most 0.1 ms before.
+        tolerance = COUNT / 2 + 1e-4 * abs(truth.velocity)
+        assert reading.position == pytest.approx(truth.position, abs=tolerance)
+        assert reading.counts == round(reading.position / COUNT)
+        assert reading.sampled_ns == begun
+        bench.servo.write(0.5)
+        bench.clock.wait_until(begun + 1_000_000)
+        seen.append(reading.position)
+    assert seen[-1] > 3.0 + 1.0  # past pi without a jump
+    assert max(b - a for a, b in itertools.pairwise(seen)) < 0.02
+
+
+def test_the_torque_measured_is_the_one_that_acts() -> None:
+    bench = started()
+    bench.servo.write(-1.0)
+    bench.wait(0.001)
+    bench.servo.request()
+    reading = bench.servo.collect(bench.clock.now_ns() + 900_000)
+    assert reading.torque == pytest.approx(-1.0, abs=STEP / 2)
+
+
+def test_a_latched_hardware_error_is_told_and_the_position_still_used() -> None:
+    bench = started()
+    bench.truth.memory["hardware_error_status"] = 0x20
+    bench.servo.request()
+    reading = bench.servo.collect(bench.clock.now_ns() + 900_000)
+    assert reading.outcome is Outcome.OK
+    assert reading.alert is True
+
+
+def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
+    """A started servo whose replies meet ``fate`` from then on."""
+    bench = Bench(FREE)
+    line = TroubledLine(bench.memory_line, unharmed)
+    servo = DynamixelServo(bench.settings, line)
+    servo.start()
+    line.fate, line.number = fate, 0
+    return bench, servo, line
+
+
+@pytest.mark.parametrize("late_ms", [None, 1.0, 2.0, 3.0])
+def test_a_moving_servo_is_never_seen_where_it_was(late_ms: float | None) -> None:
+    """At 5 rad/s a position one period old is three counts off."""
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number % 7 != 3:
+            return [(0, reply)]
+        return [] if late_ms is None else [(round(late_ms * 1e6), reply)]
+
+    bench, servo, _ = troubled(fate)
+    bad = 0
+    for period in range(302):  # the last of the late ones arrives in 300
+        begun = bench.clock.now_ns()
+        servo.request()
+        reading = servo.collect(begun + 600_000)
+        if reading.outcome is Outcome.OK:
+            truth = bench.state
+            assert abs(reading.position - truth.position) < COUNT / 2 + 1e-4 * truth.velocity
+        else:
+            assert math.isnan(reading.position)
+            bad += 1
+        servo.write(1.0 if period < 60 else 0.0)
+        bench.clock.wait_until(begun + 1_000_000)
+    assert bench.state.velocity > 4.0
+    assert servo.counts.lost == bad == 43
+    assert servo.counts.late == (0 if late_ms is None else bad)
+
+
+def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> None:
+    bench = started()
+    bench.cycle(1.0)
+    frames = len(bench.line.frames)
+    begun = bench.clock.now_ns()
+    assert bench.servo.stop() is True
+    (goal,) = Parser().feed(bench.line.frames[frames])
+    (off,) = Parser().feed(bench.line.frames[frames + 1])
+    assert (goal.instruction, goal.params[-2:]) == (Instruction.SYNC_WRITE, b"\0\0")
+    assert (off.instruction, off.params) == (Instruction.WRITE, bytes([64, 0, 0]))
+    assert bench.clock.now_ns() - begun < 1_000_000
+    assert bench.truth.memory["torque_enable"] == 0
+    assert bench.state.torque == 0.0
+
+
+def test_stopping_works_with_a_request_under_way() -> None:
+    bench = started()
+    bench.servo.write(1.0)
+    bench.servo.request()
+    assert bench.servo.stop() is True
+    assert bench.state.torque == 0.0
+    assert bench.servo.counts.lost == 0
+
+
+def test_stopping_gets_over_lost_replies() -> None:
+    bench, servo, line = troubled(lambda number, reply: [] if number < 4 else [(0, reply)])
+    servo.write(1.0)
+    begun = bench.clock.now_ns()
+    assert servo.stop() is True
+    assert bench.clock.now_ns() - begun < 25_000_000
+    assert line.number >= 5
+
+
+def test_stopping_without_any_reply_does_not_claim_that_torque_is_off() -> None:
+    bench, servo, line = troubled(lambda *_: [])
+    servo.write(1.0)
+    assert servo.stop() is False
+    assert bench.truth.memory["torque_enable"] == 0  # yet all was tried
+    line.fate = unharmed
+    assert servo.stop() is True
+
+
+def test_stopping_twice_sends_nothing_the_second_time() -> None:
+    bench = started()
+    assert bench.servo.stop() is True
+    frames = len(bench.line.frames)
+    assert bench.servo.stop() is True
+    assert len(bench.line.frames) == frames
+
+
+def test_stopping_before_the_start_sends_no_goal() -> None:
+    bench = Bench()
+    bench.truth.memory["torque_enable"] = 1
+    assert bench.servo.stop() is True
+    assert bench.truth.memory["torque_enable"] == 0
+    for data in bench.line.frames:
+        (frame,) = Parser().feed(data)
+        assert frame.instruction in (Instruction.WRITE, Instruction.READ)
+        assert frame.params[:2] == bytes([64, 0])
+
+
+def test_a_stopped_servo_can_be_started_again() -> None:
+    bench = started()
+    bench.servo.stop()
+    with pytest.raises(RuntimeError, match="call start first"):
+        bench.servo.write(0.1)
+    bench.servo.start()
+    assert bench.servo.write(0.1) != 0.0
+
+
+def test_closing_stops_and_lets_go_of_the_line() -> None:
+    bench = started()
+    bench.cycle(1.0)
+    bench.servo.close()
+    assert bench.truth.memory["torque_enable"] == 0
+    assert bench.line.closed == 1
+
+
+def test_a_vanished_port_is_a_lost_servo_and_stopping_says_so() -> None:
+    bench = started()
+
+    def gone(*_: object) -> bytes:
+        raise ServoLostError("The serial port is gone.")
+
+    bench.line.write = bench.line.read = gone  # type: ignore[method-assign, assignment]
+    with pytest.raises(ServoLostError):
+        bench.servo.write(1.0)
+    with pytest.raises(ServoLostError):
+        bench.servo.request()
+    assert bench.servo.stop() is False
+    bench.servo.close()
+    assert bench.line.closed == 1
+
+
+def test_a_start_that_cannot_confirm_torque_off_says_so() -> None:
+    bench = Bench(id=9)
+    with pytest.raises(ServoMissingError, match="could not be read back: switch the servo's power"):
+        bench.servo.start()
+
+
+def test_a_silent_loop_loses_its_torque_to_the_watchdog() -> None:
+    bench = started(watchdog_s=0.04)
+    bench.servo.write(1.0)
+    bench.wait(0.039)
+    assert bench.state.torque > 0.9
+    bench.wait(0.002)
+    assert bench.state.torque == 0.0

@@ -1,0 +1,134 @@
+"""From settings to a servo: the right one, or an error; never another one."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hw.clock import MonotonicClock, SimulatedClock
+from hw.dynamixel.servo import DynamixelServo
+from hw.errors import PortError, ServoMissingError, UnfitServoError
+from hw.open import cut_torque, open_port, open_servo
+from hw.servo import Outcome
+from hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
+from hw.simulated import SimulatedServo
+
+TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
+
+
+def settings(
+    port: str = "", emulated: TrueServo | None = None, servo_id: int = 1
+) -> DynamixelSettings:
+    return DynamixelSettings(port, 4_000_000, servo_id, "XM430-W350", emulated=emulated)
+
+
+@pytest.fixture
+def silent_port() -> Iterator[str]:
+    """A port with nobody on it."""
+    far, near = pty.openpty()
+    yield os.ttyname(near)
+    os.close(near)
+    os.close(far)
+
+
+def test_simulated_settings_are_a_simulated_servo() -> None:
+    assert isinstance(open_servo(SimulatedSettings(TRUE), SimulatedClock()), SimulatedServo)
+
+
+def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
+    clock = SimulatedClock()
+    servo = open_servo(settings(emulated=TRUE), clock)
+    assert isinstance(servo, DynamixelServo)
+    assert all(check.ok for check in servo.start())
+    servo.request()
+    reading = servo.collect(clock.now_ns() + 1_000_000)
+    assert reading.outcome is Outcome.OK
+    assert reading.position == pytest.approx(-0.3, abs=0.02)
+    servo.close()
+
+
+def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
+    with pytest.raises(PortError, match=r"loop\.clock=simulated"):
+        open_servo(settings(emulated=TRUE), MonotonicClock())
+
+
+def test_an_unknown_model_in_memory_is_unfit() -> None:
+    with pytest.raises(UnfitServoError, match="XX1-W2 is not known"):
+        open_servo(DynamixelSettings("", 4_000_000, 1, "XX1-W2", emulated=TRUE), SimulatedClock())
+
+
+@pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
+def test_no_port_is_an_error_and_never_a_simulated_servo(open_it) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(PortError, match=r"No serial port is configured: set servo\.port"):
+        open_it(settings())
+    with pytest.raises(PortError, match="does not exist"):
+        open_it(settings("/dev/ttyNOWHERE"))
+
+
+def test_a_port_with_nobody_on_it_is_a_missing_servo(silent_port: str) -> None:
+    servo = open_servo(settings(silent_port), MonotonicClock())
+    with pytest.raises(ServoMissingError, match=rf"id 1 at 4000000 baud on {silent_port}"):
+        servo.start()
+    servo.close()
+
+
+def test_cutting_on_a_silent_port_does_not_claim_that_torque_is_off(silent_port: str) -> None:
+    descriptor = open_port(settings(silent_port))
+    assert cut_torque(settings(silent_port), descriptor, MonotonicClock()) is False
+    os.fstat(descriptor)  # still open
+    os.close(descriptor)
+
+
+@pytest.fixture
+def emulator() -> Iterator[str]:
+    """The port of an emulated bus in a process of its own."""
+    command = [
+        str(Path(sys.executable).with_name("haptic-wall")),
+        *("emulate", "--servo", "XM430-W350:1", "--baud", "4000000"),
+        *("--set", "servo.inertia=0.012", "--set", "servo.coulomb=0.09"),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.terminate()
+
+
+@pytest.mark.realtime
+def test_a_servo_on_a_real_terminal_is_driven_and_cut(emulator: str) -> None:
+    clock = MonotonicClock()
+    wanted = settings(emulator)
+    descriptor = open_port(wanted)
+    servo = open_servo(wanted, clock, os.dup(descriptor))
+    checks = servo.start()
+    assert all(check.ok for check in checks)
+    good = 0
+    for _ in range(200):
+        begun = clock.now_ns()
+        servo.request()
+        reading = servo.collect(begun + 5_000_000)  # this machine may stall for milliseconds
+        good += reading.outcome is Outcome.OK
+        servo.write(0.05)
+        clock.wait_until(begun + 1_000_000)
+    assert good > 190
+    assert cut_torque(wanted, descriptor, clock) is True
+    assert servo.stop() is True
+    servo.close()
+    os.close(descriptor)
+
+
+@pytest.mark.realtime
+def test_the_wrong_id_and_the_wrong_model_are_told_apart(emulator: str) -> None:
+    servo = open_servo(settings(emulator, servo_id=2), MonotonicClock())
+    with pytest.raises(ServoMissingError, match="as id 2 at 4000000 baud"):
+        servo.start()
+    servo.close()
+    servo = open_servo(DynamixelSettings(emulator, 4_000_000, 1, "XM430-W210"), MonotonicClock())
+    with pytest.raises(UnfitServoError, match="It is an XM430-W350"):
+        servo.start()
+    servo.close()

@@ -1,0 +1,83 @@
+"""Which part of the program may know of which: by what is imported, and by what gets loaded."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = Path(__file__).parents[1]
+DRIVER = sorted(
+    f"hw.dynamixel.{module.stem}"
+    for module in (ROOT / "hw" / "dynamixel").glob("*.py")
+    if module.stem != "__init__"
+)
+SIMULATED = ("hw.plant", "hw.hand", "hw.mechanism", "hw.simulated", "hw.dynamixel.emulated")
+
+
+def loaded_by(statement: str) -> set[str]:
+    """The modules in a fresh interpreter after ``statement``."""
+    program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT
+    )
+    return set(json.loads(done.stdout))
+
+
+def within(modules: set[str], *packages: str) -> list[str]:
+    return sorted(
+        module
+        for module in modules
+        if any(module == package or module.startswith(f"{package}.") for package in packages)
+    )
+
+
+def test_the_configured_import_contracts_hold(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    status = lint_imports(no_cache=True)
+    assert status == 0, capfd.readouterr().out
+
+
+@pytest.mark.parametrize("module", DRIVER)
+def test_the_driver_loads_nothing_simulated_and_nothing_of_the_controller(module: str) -> None:
+    loaded = loaded_by(f"import {module}")
+    assert module in loaded
+    assert within(loaded, *SIMULATED, "controller") == []
+
+
+def test_opening_loads_only_what_is_opened() -> None:
+    assert within(loaded_by("import hw.open"), *SIMULATED, "hw.dynamixel", "serial") == []
+    real = loaded_by(
+        "import contextlib\n"
+        "from hw.clock import MonotonicClock\n"
+        "from hw.errors import PortError\n"
+        "from hw.open import open_servo\n"
+        "from hw.settings import DynamixelSettings\n"
+        "with contextlib.suppress(PortError):\n"
+        "    open_servo(DynamixelSettings('/dev/none', 57600, 1, 'XM430-W350'), MonotonicClock())"
+    )
+    assert "hw.dynamixel.servo" in real
+    assert within(real, *SIMULATED) == []
+    simulated = loaded_by(
+        "from hw.clock import SimulatedClock\n"
+        "from hw.open import open_servo\n"
+        "from hw.settings import SimulatedSettings, TrueServo\n"
+        "open_servo(SimulatedSettings(TrueServo(0.01)), SimulatedClock())"
+    )
+    assert "hw.simulated" in simulated
+    assert within(simulated, "hw.dynamixel", "serial", "dynamixel_sdk") == []
+
+
+def test_the_theory_loads_nothing_of_the_hardware() -> None:
+    loaded = loaded_by("import controller.theory")
+    assert within(loaded, "hw", "serial", "dynamixel_sdk") == []
+    outside = within(loaded, "controller")
+    assert [module for module in outside if not module.startswith("controller.theory")] == [
+        "controller"
+    ]
