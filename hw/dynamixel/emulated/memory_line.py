@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from hw.clock import SimulatedClock
 from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.tables import MODELS
-from hw.errors import UnfitServoError
-from hw.settings import DynamixelSettings
 
 
 class MemoryLine:
@@ -47,31 +43,3 @@ class MemoryLine:
 
     def close(self) -> None:
         """Nothing is held, so nothing is let go of."""
-
-
-def open_memory_line(settings: DynamixelSettings, clock: SimulatedClock) -> MemoryLine:
-    """A line to a new emulated bus with the one servo that ``settings`` describe.
-
-    Raises:
-        UnfitServoError: No such servo can be emulated.
-    """
-    model = MODELS.get(settings.model)
-    if model is None:
-        raise UnfitServoError(
-            f"the model {settings.model} is not known; use one of {', '.join(MODELS)}"
-        )
-    if settings.emulated is None:
-        raise UnfitServoError("no truth is given for the emulated servo; set settings.emulated")
-    start_ns = clock.now_ns()
-    try:
-        servo = EmulatedServo(
-            model,
-            settings.id,
-            model.fast_sync_read_firmware,
-            settings.emulated,
-            start_ns=start_ns,
-            baud=settings.baud,
-        )
-    except ValueError as error:
-        raise UnfitServoError(f"no such servo can be emulated: {error}") from error
-    return MemoryLine(EmulatedBus([servo], baud=settings.baud, start_ns=start_ns), clock)
