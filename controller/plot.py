@@ -27,7 +27,7 @@ _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
 _SMOOTH_S = 0.02
 """The velocity is also drawn as its mean over this time [s]: one encoder count within a sample is
 a spike that hides the motion."""
-_LEAST_US = 0.1
+_LEAST_US = 0.02
 """Times are drawn on a logarithmic axis from here [µs]."""
 
 
@@ -155,7 +155,7 @@ def _position(ax: Axes, run: _Run) -> None:
 
 def _torque(ax: Axes, run: _Run) -> None:
     rows = run.rows
-    _line(ax, run.time, rows["wall_torque"], _ASKED, "wall (before delay and limit)", 1.0)
+    _line(ax, run.time, rows["wall_torque"], "#c9d0d5", "wall (before delay and limit)", 3.5)
     _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
     ax.set_ylabel("torque [N·m]")
     _shade_contact(ax, run)
@@ -205,6 +205,7 @@ def _timing(ax: Axes, run: _Run) -> None:
     rows = run.rows
     ax.set_yscale("log")
     drawn = False
+    shown = run.on if run.on.any() else ~run.on
     for field, color, label in (
         ("bus_ns", _WALL, "waiting for the bus"),
         ("work_ns", _SENT, "work"),
@@ -221,7 +222,9 @@ def _timing(ax: Axes, run: _Run) -> None:
                 color=color,
             )
             # A dot of its own for the legend, large enough to be seen.
-            ax.plot([], [], ".", color=color, label=f"{label} (median {np.median(times):.3g} µs)")
+            ax.plot(
+                [], [], ".", color=color, label=f"{label} (median {np.median(times[shown]):.3g} µs)"
+            )
     period_us = 1e-3 * run.config.period_ns
     missed = np.flatnonzero(rows["missed"] > 0)
     if not drawn and not len(missed):
@@ -248,9 +251,16 @@ def _timing(ax: Axes, run: _Run) -> None:
             "v",
             color=_ALARM,
             markersize=5,
-            label=f"missed: {int(rows['missed'].sum())} ticks",
+            label=_missed_label(run),
         )
     ax.set_ylabel("time per tick [µs]")
+
+
+def _missed_label(run: _Run) -> str:
+    """Missed ticks as the report counts them, those of the warm-up apart."""
+    before = int(run.rows["missed"][~run.on].sum())
+    apart = f" (and {before} in the warm-up)" if before else ""
+    return f"missed: {int(run.rows['missed'][run.on].sum())} ticks{apart}"
 
 
 def _shade_contact(ax: Axes, run: _Run) -> None:
