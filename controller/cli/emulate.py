@@ -143,8 +143,6 @@ def command(
     open it. Runs until interrupted.
     """
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda received, _frame: signals.append(received))
     if die_with_parent:
         realtime.die_with_parent(os.getppid(), signal.SIGTERM)
     speed = _speed(baud)
@@ -156,6 +154,9 @@ def command(
             f"{plan[0][0].name}:1 --servo {plan[1][0].name}:2"
         )
     with ExitStack() as stack:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            before = signal.signal(number, lambda received, _frame: signals.append(received))
+            stack.callback(signal.signal, number, before)
         witness = None
         if record is not None:
             with writing("--record", record):

@@ -1,0 +1,81 @@
+"""What the emulate command makes of its options, and what it says of wrong ones."""
+
+import math
+
+import pytest
+
+from controller.cli import main as cli
+from controller.cli.emulate import DEFAULT_TRUTH, truth_of
+from hw.dynamixel.tables import MODELS
+
+
+def refused(capsys, *arguments):
+    """The message for arguments that are refused as the user's mistake."""
+    status = cli.main(["emulate", *arguments])
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--servo", "XM430-W35"], ["XM430-W35", "did you mean XM430-W350"]),
+        (["--servo", "nonsense"], ["nonsense", "XL330-M288"]),
+        (["--servo", "XM430-W350:x"], ["MODEL[:ID[:FIRMWARE]]"]),
+        (["--servo", "XM430-W350:1:45:2"], ["MODEL[:ID[:FIRMWARE]]"]),
+        (["--servo", "XM430-W350:253"], ["id 253", "252"]),
+        (["--servo", "XM430-W350:1:300"], ["firmware_version 300", "255"]),
+        (["--servo", "XM430-W350", "--servo", "XL330-M288"], ["same id"]),
+        (["--servo", "XD540-T270"], ["XD540-T270", "servo.torque_constant"]),
+        (["--baud", "fast"], ["--baud", "fast"]),
+        (["--baud", "12345"], ["12345", "4000000"]),
+        (["--servo", "XL330-M288", "--baud", "4500000"], ["baud_rate", "XL330-M288"]),
+        (["--set", "servo.inertai=1"], ["servo.inertai", "did you mean servo.inertia"]),
+        (["--set", "wall.stiffness=1"], ["wall.stiffness"]),
+        (["--set", "servo.inertia"], ["servo.inertia", "VALUE"]),
+        (["--set", "servo.inertia=0"], ["servo.inertia", "'0'", "above 0"]),
+        (["--set", "servo.inertia=nan"], ["servo.inertia", "nan"]),
+        (["--set", "servo.delay=2"], ["servo.delay", "up to 1"]),
+        (["--set", "servo.counts_per_rev=1.5"], ["servo.counts_per_rev", "whole"]),
+        (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
+        (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
+        (["--nonsense"], ["--nonsense"]),
+    ],
+)
+def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):
+    message = refused(capsys, *arguments)
+    for word in words:
+        assert word in message
+
+
+def test_link_never_replaces_a_file(capsys, tmp_path):
+    file = tmp_path / "precious"
+    file.write_text("data")
+    assert "precious" in refused(capsys, "--link", str(file))
+    assert file.read_text() == "data"
+
+
+def test_record_that_cannot_be_written_is_refused(capsys, tmp_path):
+    assert "--record" in refused(capsys, "--record", str(tmp_path / "no" / "such" / "folder.csv"))
+
+
+def test_a_refused_start_leaves_no_link(capsys, tmp_path):
+    refused(capsys, "--link", str(tmp_path / "bus"), "--servo", "XD540-T270")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_truth_is_what_was_set_and_the_models_limits_otherwise():
+    true = truth_of(MODELS["XL330-M288"], {"inertia": 0.5, "hand": "push"})
+    assert true.inertia == 0.5
+    assert true.hand == "push"
+    assert true.torque_limit == 0.52
+    assert true.damping == DEFAULT_TRUTH.damping
+    assert true.position == math.pi
+
+
+def test_kick_is_the_distance_from_the_wall():
+    true = truth_of(MODELS["XM430-W350"], {"kick": -0.25, "hand_origin": 2.0})
+    assert true.position == 1.75

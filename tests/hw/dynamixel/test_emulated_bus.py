@@ -1,0 +1,227 @@
+"""The wire: when things happen, who answers, in what order, and what garbage does."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hw.dynamixel.codec import (
+    BROADCAST,
+    ErrorCode,
+    Frame,
+    Instruction,
+    Parser,
+    crc16,
+    decode_fast_status,
+    encode,
+)
+from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
+
+X = "XM430-W350"
+PING = encode(1, Instruction.PING)
+READ_POSITION = bytes([132, 0, 4, 0])
+
+
+def test_ping_answers_model_and_firmware():
+    reply = Client(firmware=45).ask(1, Instruction.PING)
+    assert reply == Frame(1, Instruction.STATUS, 0, (1020).to_bytes(2, "little") + b"\x2d")
+
+
+def test_reply_comes_after_the_wire_time_of_both_frames():
+    """At 4 Mbit/s a byte takes 2.5 µs; a ping is 10 bytes, its reply 14; no return delay."""
+    client = Client()
+    bus, start = client.bus, client.clock.now_ns()
+    bus.receive(PING, start)
+    due = start + (10 + 14) * BYTE_NS
+    assert bus.next_event_ns() <= start + 10 * BYTE_NS
+    assert bus.transmit(due - 1) == b""
+    assert len(bus.transmit(due)) == 14
+
+
+def test_position_is_sampled_when_the_last_byte_of_the_request_has_travelled():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 1000, 2)
+    begun = client.clock.now_ns() - 11 * BYTE_NS  # when the write took effect
+    client.pass_time(30 * MS)
+    sampled = client.clock.now_ns() + 14 * BYTE_NS
+    counts = client.read(1, 132, 4, signed=True)
+    t = (sampled - begun) * 1e-9
+    position = FREE.position + 0.5 * 1000 * TORQUE_UNIT / FREE.inertia * t * t
+    assert counts == round(position * 4096 / (2 * math.pi))
+
+
+def test_two_frames_in_one_write_take_effect_one_after_the_other():
+    client = Client()
+    client.enable_current_mode()
+    start = client.clock.now_ns()
+    goal = encode(BROADCAST, Instruction.SYNC_WRITE, bytes([102, 0, 2, 0, 1, 100, 0]))
+    client.line.write(goal + encode(1, Instruction.READ, bytes([126, 0, 2, 0])))
+    (reply,) = client.replies()
+    assert int.from_bytes(reply.params, "little") == 100
+    times = [float(row[0]) for row in client.rows() if row[1] == "rx"][-2:]
+    assert times == pytest.approx(
+        [(start + n * BYTE_NS) * 1e-9 for n in (len(goal), len(goal) + 14)], abs=1e-9
+    )
+
+
+def test_a_frame_sent_while_a_reply_is_owed_waits_for_it():
+    client = Client()
+    start = client.clock.now_ns()
+    client.bus.receive(PING, start)
+    client.bus.receive(PING, start + 1_000)
+    assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS - 1)) == 14
+    assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS)) == 14
+
+
+def test_ping_for_all_is_answered_in_the_order_of_ids():
+    client = Client((X, 7), (X, 2), ("XL330-M288", 5))
+    client.send(BROADCAST, Instruction.PING)
+    replies = client.replies()
+    assert [r.id for r in replies] == [2, 5, 7]
+    assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200, 1020]
+
+
+def test_broadcast_write_and_read_are_never_answered():
+    client = Client((X, 1), (X, 2))
+    client.send(BROADCAST, Instruction.WRITE, bytes([65, 0, 1]))
+    client.send(BROADCAST, Instruction.READ, READ_POSITION)
+    client.send(BROADCAST, 0x77)
+    assert client.replies() == []
+    assert client.read(1, 65, 1) == client.read(2, 65, 1) == 1
+
+
+def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing():
+    client = Client((X, 1), (X, 2), (X, 3))
+    client.send(BROADCAST, Instruction.SYNC_READ, READ_POSITION + bytes([3, 9, 1]))
+    replies = client.replies()
+    assert [r.id for r in replies] == [3, 1]
+    assert all(len(r.params) == 4 for r in replies)
+
+
+def test_sync_write_reaches_each_with_its_own_value_and_is_not_answered():
+    client = Client((X, 1), (X, 2))
+    for i in (1, 2):
+        client.enable_current_mode(i)
+    client.sync_write(102, 2, {1: 50, 2: -60})
+    assert client.replies() == []
+    assert client.torque(1) == pytest.approx(50 * TORQUE_UNIT)
+    assert client.torque(2) == pytest.approx(-60 * TORQUE_UNIT)
+
+
+def test_a_refused_sync_write_fails_silently_and_alone():
+    client = Client((X, 1), (X, 2))
+    for i in (1, 2):
+        client.enable_current_mode(i)
+    client.sync_write(102, 2, {1: 2000, 2: 60})
+    assert client.replies() == []
+    assert client.torque(1) == 0.0
+    assert client.torque(2) > 0
+
+
+def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share():
+    client = Client((X, 3), (X, 7), (X, 4))
+    start = client.clock.now_ns()
+    client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([3, 7, 4]))
+    assert client.line.wait(start + MS)
+    wire = client.line.read()
+    assert client.clock.now_ns() - start == (17 + len(wire)) * BYTE_NS
+    (frame,) = Parser().feed(wire)
+    shares = decode_fast_status(frame, 4)
+    counts = round(FREE.position * 4096 / (2 * math.pi)).to_bytes(4, "little")
+    assert shares == [(i, 0, counts) for i in (3, 7, 4)]
+    for end in (14, 22, 30):
+        assert crc16(wire[:end]) == int.from_bytes(wire[end : end + 2], "little")
+
+
+@pytest.mark.parametrize(("ids", "whole"), [((1, 9, 2), 1), ((1, 2, 9), 2), ((9, 1, 2), 0)])
+def test_fast_sync_read_breaks_off_at_a_missing_servo(ids, whole):
+    client = Client((X, 1), (X, 2))
+    client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes(ids))
+    client.line.wait(client.clock.now_ns() + MS)
+    wire = client.line.read()
+    assert len(wire) == (8 + 8 * whole if whole else 0)
+    assert Parser().feed(wire) == []
+
+
+def test_fast_sync_read_needs_the_firmware():
+    client = Client(firmware=44)
+    client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + b"\x01")
+    assert client.replies() == []
+
+
+def test_a_wrong_crc_is_answered_with_its_error():
+    client = Client()
+    frame = bytearray(encode(1, Instruction.WRITE, bytes([65, 0, 1])))
+    frame[-1] ^= 0x10
+    client.line.write(bytes(frame))
+    (reply,) = client.replies()
+    assert (reply.id, reply.error) == (1, ErrorCode.CRC)
+    assert client.read(1, 65, 1) == 0
+
+
+def test_an_unknown_instruction_is_answered_with_its_error():
+    assert Client().ask(1, 0x77).error == ErrorCode.INSTRUCTION
+
+
+def test_a_changed_id_answers_once_as_the_old_one():
+    client = Client()
+    assert client.ask(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
+    assert client.ask(1, Instruction.PING) is None
+    assert client.ask(9, Instruction.PING) is not None
+
+
+def test_only_servos_at_the_hosts_speed_hear_it():
+    client = Client((X, 1), (X, 2))
+    assert client.write(2, 8, 3, 1) == 0  # 1 Mbit/s; answered at the old speed
+    assert client.ask(2, Instruction.PING) is None
+    assert client.ask(1, Instruction.PING) is not None
+    client.bus.host_baud = 1_000_000
+    start = client.clock.now_ns()
+    assert client.ask(1, Instruction.PING) is None
+    start = client.clock.now_ns()
+    assert client.ask(2, Instruction.PING) is not None
+    assert client.clock.now_ns() - start == 24 * 10_000
+
+
+def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header():
+    for gap, answered in ((1.4 * MS, True), (1.6 * MS, False)):
+        client = Client()
+        client.line.write(PING[:5])
+        client.pass_time(5 * BYTE_NS + int(gap))
+        client.line.write(PING[5:])
+        assert bool(client.replies()) == answered
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.binary(max_size=60), max_size=8))
+def test_no_bytes_break_the_bus(chunks):
+    """Whatever arrives, framed or not, the next ping after a pause is answered."""
+    client = Client(fast=False)
+    for chunk in chunks:
+        client.line.write(chunk)
+        client.line.write(b"\xff\xff\xfd\x00" + chunk)
+        if chunk:
+            client.send(min(chunk[0], 252), chunk[-1], chunk[1:])
+            client.send(BROADCAST, chunk[-1], chunk[1:])
+            client.pass_time(chunk[0] * 1_000)
+    client.pass_time(500 * MS)
+    client.line.read()
+    client.bus.host_baud = client.servos[1].baud
+    client.send(client.servos[1].id, Instruction.PING)
+    assert any(reply.params for reply in client.replies())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 160), st.binary(min_size=1, max_size=8)), max_size=30))
+def test_any_writes_leave_every_register_in_its_range(writes):
+    client = Client(fast=False)
+    servo = client.servos[1]
+    for address, data in writes:
+        client.send(servo.id, Instruction.WRITE, address.to_bytes(2, "little") + data)
+        client.pass_time(MS)
+    for register in servo.memory.registers.values():
+        value = servo.memory[register.name]
+        tripped = register.name == "bus_watchdog" and value == 255
+        assert tripped or register.minimum <= value <= register.maximum, register
