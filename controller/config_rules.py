@@ -63,7 +63,7 @@ def broken_rules(config: Config, unusable: frozenset[str] = frozenset()) -> list
     """
 
     def usable(path: str) -> bool:
-        return path not in unusable and path.split(".")[0] not in unusable
+        return path not in unusable and path.partition(".")[0] not in unusable
 
     return [
         problem
