@@ -27,8 +27,8 @@ _NAP_NS = 10_000_000
 """Longest sleep, after which a wish to stop is noticed [ns]"""
 _IDLE_NS = 300_000
 """There is time to write a part of the record when nothing happens for this long [ns]"""
-_ROWS_AT_ONCE = 16
-"""Of the record, in one idle moment: about 50 µs"""
+_ROWS_AT_ONCE = 4
+"""Of the record, in one idle moment: about 15 µs, which a request may have to wait"""
 _MAX_WAITING = 200_000
 """Rows kept in memory before they are written whether there is time or not"""
 _FLUSH_NS = 500_000_000
