@@ -30,14 +30,14 @@ def open_port(settings: DynamixelSettings) -> int:
         PortError: The port cannot be used.
         PortBusyError: Another program holds it.
     """
-    from hw.dynamixel import serial_line
+    from hw.dynamixel import port
 
     if not settings.port:
         raise PortError(
             "No serial port is configured: set servo.port to the adapter's device, "
             "e.g. /dev/ttyUSB0."
         )
-    return serial_line.open_port(settings.port, settings.baud)
+    return port.open_port(settings.port, settings.baud)
 
 
 def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:

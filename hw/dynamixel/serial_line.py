@@ -1,41 +1,19 @@
-"""A serial port as a line: opened with care once, then nothing but a file descriptor.
-
-The process that opens the port need not be the one that drives the servo: what ``open_port``
-returns can be inherited by another process, and ``FdLine`` asks nothing of it but bytes.
-"""
+"""A serial port as a line: nothing but a file descriptor, perhaps inherited, and a clock."""
 
 from __future__ import annotations
 
-import errno
-import fcntl
-import logging
 import os
 import select
-import stat
-import struct
-import termios
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Final
 
-import serial
-
 from hw.clock import Clock
-from hw.errors import PortBusyError, PortError, ServoLostError
-
-_LOG = logging.getLogger(__name__)
+from hw.errors import ServoLostError
 
 _SPIN_NS: Final = 60_000
 """The end of a wait is spun: a sleep this short returns late by its own length."""
 _WRITE_PATIENCE_S: Final = 0.02
 """A port whose output buffer stays full this long has stopped sending."""
-_BAUD_TOLERANCE: Final = 0.03
-"""An asynchronous receiver tolerates about this much between the two ends."""
-_PTMX: Final = os.makedev(5, 2)
-"""The device behind the controlling end of every pseudo-terminal."""
-_TCGETS2: Final = 0x802C542A
-_TERMIOS2: Final = struct.Struct("=4IB19s2I")
 
 
 class FdLine:
@@ -47,7 +25,7 @@ class FdLine:
         """Take over ``descriptor``; ``close`` closes it.
 
         Args:
-            descriptor: An open port, as ``open_port`` returns it.
+            descriptor: An open port, as ``hw.dynamixel.port.open_port`` returns it.
             clock: Tells the deadlines' time; bytes arrive in real time, so a real one.
         """
         os.set_blocking(descriptor, False)
@@ -129,231 +107,6 @@ class FdLine:
         """Whether an empty read means the end (without VMIN it may just mean nothing is there)."""
         gone = select.POLLHUP | select.POLLERR | select.POLLNVAL
         return any(event & gone for _, event in self._poll.poll(0))
-
-
-def open_port(path: str, baud: int) -> int:
-    """Open a serial port for this process alone: 8N1, raw, low latency, drained.
-
-    The lock is advisory and the kernel's (flock): it goes with the last descriptor, so a crash
-    locks nobody out.
-
-    Args:
-        path: The device, e.g. ``/dev/ttyUSB0``.
-        baud: Bits per second; any rate the adapter can make.
-
-    Returns:
-        A non-blocking descriptor, not inherited by programs that are started.
-
-    Raises:
-        PortError: No such device, not a serial port, not permitted, or the baud rate refused.
-        PortBusyError: Another program has the port.
-    """
-    device = _device(path)
-    _refuse_holders(path, device)
-    try:
-        port = serial.Serial(
-            path,
-            baud,
-            bytesize=serial.EIGHTBITS,
-            parity=serial.PARITY_NONE,
-            stopbits=serial.STOPBITS_ONE,
-            timeout=0,
-            exclusive=True,
-        )
-    except (ValueError, termios.error) as error:
-        raise PortError(
-            f"Port {path} refuses {baud} baud ({error}): "
-            "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has."
-        ) from error
-    except OSError as error:
-        raise _open_error(path, error) from error
-    try:
-        _check_baud(path, port.fileno(), baud)
-        _low_latency(path, port)
-        descriptor = os.dup(port.fileno())
-    finally:
-        port.close()
-    try:
-        _wait_with_a_read_for_bytes(descriptor)
-        _drain(descriptor)
-    except BaseException:
-        os.close(descriptor)
-        raise
-    return descriptor
-
-
-def holders(device: int) -> Iterator[tuple[int, str]]:
-    """Other processes that have a device open, as far as this user may see: pid and program.
-
-    A process that also holds a pseudo-terminal's controlling end is left out: it is the emulator
-    on the far side.
-
-    Args:
-        device: The device's number (``st_rdev``).
-    """
-    for process in Path("/proc").iterdir():
-        if not process.name.isdigit() or int(process.name) == os.getpid():
-            continue
-        holds = far_side = False
-        try:
-            for entry in (process / "fd").iterdir():
-                if (target := _target(entry)) is None:
-                    continue
-                holds |= target == device
-                far_side |= target == _PTMX
-            if holds and not far_side:
-                yield int(process.name), (process / "comm").read_text().strip()
-        except OSError:  # it ended, or is somebody else's
-            continue
-
-
-def _target(entry: Path) -> int | None:
-    """The device number behind a descriptor of some process; None where it is no device."""
-    try:
-        found = entry.stat()
-    except OSError:
-        return None
-    return found.st_rdev if stat.S_ISCHR(found.st_mode) else None
-
-
-def _device(path: str) -> int:
-    """The device's number.
-
-    Raises:
-        PortError: There is none, or it is no device.
-    """
-    try:
-        found = Path(path).stat()
-    except OSError as error:
-        raise _open_error(path, error) from error
-    if not stat.S_ISCHR(found.st_mode):
-        raise PortError(_not_serial(path))
-    return found.st_rdev
-
-
-def _refuse_holders(path: str, device: int) -> None:
-    """Look before opening: to open and set up a port already disturbs whoever uses it."""
-    users = list(holders(device))
-    if users and _is_terminal(path):
-        pid, program = users[0]
-        raise PortBusyError(
-            f"Port {path} is used by {program} (pid {pid}): end that program first."
-        )
-
-
-def _is_terminal(path: str) -> bool:
-    """Whether the device is a terminal at all; others may have any number of users."""
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError as error:
-        raise _open_error(path, error) from error
-    try:
-        return os.isatty(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _open_error(path: str, error: OSError) -> PortError:
-    code = error.errno
-    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
-        return PortError(
-            f"Port {path} does not exist (there is {_candidates()}): "
-            "plug the adapter in, or set servo.port."
-        )
-    if code in (errno.EACCES, errno.EPERM):
-        return PortError(f"Port {path} may not be used by this user: {_permission(path)}.")
-    if code in (errno.EBUSY, errno.EAGAIN):
-        return PortBusyError(
-            f"Port {path} is locked by another program: end that program first "
-            f"(`sudo fuser {path}` names it)."
-        )
-    if code is None:  # pyserial's own words, e.g. a device file without a device behind it
-        return PortError(f"{_not_serial(path)[:-1]} ({error}).")
-    return PortError(f"Port {path} cannot be opened ({error}): check the adapter.")
-
-
-def _not_serial(path: str) -> str:
-    return (
-        f"Port {path} is not a serial port: set servo.port to the adapter's device, "
-        "e.g. /dev/ttyUSB0."
-    )
-
-
-def _candidates() -> str:
-    by_id = Path("/dev/serial/by-id")
-    found = sorted(str(p) for p in by_id.iterdir()) if by_id.is_dir() else []
-    found = found or sorted(
-        str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind)
-    )
-    return ", ".join(found) or "no serial adapter"
-
-
-def _permission(path: str) -> str:
-    """What grants access: the group that owns the device, if it may read and write."""
-    import grp
-
-    found = Path(path).stat()
-    try:
-        group = grp.getgrgid(found.st_gid).gr_name
-    except KeyError:
-        group = "root"
-    if group == "root" or stat.S_IMODE(found.st_mode) & 0o060 != 0o060:
-        return f"let it with `sudo chmod a+rw {path}`"
-    return f"join the group {group} with `sudo usermod -aG {group} $USER` and log in again"
-
-
-def _check_baud(path: str, descriptor: int, baud: int) -> None:
-    """Some adapters take any rate and silently make another."""
-    try:
-        found = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-    except OSError:  # this kernel numbers the request otherwise: nothing is known
-        return
-    actual = _TERMIOS2.unpack(found)[-1]
-    if abs(actual - baud) > _BAUD_TOLERANCE * baud:
-        raise PortError(
-            f"Port {path} gives {actual} baud where {baud} was asked: "
-            "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
-        )
-
-
-def _low_latency(path: str, port: serial.Serial) -> None:
-    """Have each byte handed on at once; FTDI adapters else hold a short reply for 16 ms."""
-    try:
-        port.set_low_latency_mode(True)
-    except (ValueError, OSError) as error:
-        _LOG.info("port %s has no low-latency mode (%s)", path, error)
-    timer = Path("/sys/class/tty", Path(path).resolve().name, "device/latency_timer")
-    try:
-        latency_ms = int(timer.read_text())
-    except (OSError, ValueError):  # not an FTDI adapter: no such timer
-        return
-    if latency_ms > 1:
-        _LOG.warning(
-            "port %s hands replies on after up to %d ms, wanted 1: `echo 1 | sudo tee %s`",
-            path,
-            latency_ms,
-            timer,
-        )
-
-
-def _wait_with_a_read_for_bytes(descriptor: int) -> None:
-    """Let an empty read mean that the port has hung up, and nothing else (VMIN 1)."""
-    settings = termios.tcgetattr(descriptor)
-    settings[6][termios.VMIN] = 1
-    settings[6][termios.VTIME] = 0
-    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
-
-
-def _drain(descriptor: int) -> None:
-    """Drop what was sent to whoever used the port before, until it is quiet."""
-    termios.tcflush(descriptor, termios.TCIOFLUSH)
-    end = time.monotonic() + 0.3  # a change of the latency timer may hold bytes for 250 ms
-    while time.monotonic() < end and select.select((descriptor,), (), (), 0.003)[0]:
-        try:
-            if not os.read(descriptor, 4096):
-                return
-        except OSError:
-            return
 
 
 def _lost(error: OSError | None) -> ServoLostError:

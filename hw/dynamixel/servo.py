@@ -8,13 +8,16 @@ from typing import Final
 from hw.dynamixel.cut import torque_off
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
-from hw.dynamixel.startup import start_up
-from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, Model
+from hw.dynamixel.startup import start_up, watchdog_units
+from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
 from hw.errors import ServoError, ServoLostError, UnfitServoError
 from hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
+_NEVER_NS: Final = 1 << 62
+_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
+"""For each reply of each attempt to look after the Bus Watchdog [ns]"""
 
 
 class DynamixelServo:
@@ -35,7 +38,13 @@ class DynamixelServo:
         self._line = line
         self._step = constant * model.current_unit_ma * 1e-3
         self._link = Link(line, settings.id)
+        self._now_ns = line.clock.now_ns
+        self._watchdog_units = watchdog_units(settings)
         self._limit = 0
+        self._goal = 0
+        self._heard_ns = 0
+        self._silence_ns = _NEVER_NS
+        """After so long without a request the Bus Watchdog may have tripped; never before start"""
         self._running = False
         self._confirmed_off = False
         self.counts = self._link.counts
@@ -44,8 +53,8 @@ class DynamixelServo:
     def start(self) -> list[Check]:
         """Run the checked start-up; then torque is on, at zero torque.
 
-        From here on the servo wants to hear something within every Bus Watchdog period, or its
-        torque goes and the next goals are refused.
+        From here on the servo wants to hear something within every Bus Watchdog period, or it
+        drops its torque and refuses goals without a word. ``request`` notices a pause that long.
 
         ``facts.torque_limit`` is the servo's own from here on, if that is lower.
 
@@ -68,15 +77,26 @@ class DynamixelServo:
         self.facts = self._facts(ready.current_limit)
         self._limit = round(self.facts.torque_limit / self._step)
         self.counts = self._link.counts = BusCounts()
+        self._goal = 0
+        self._heard_ns = self._now_ns()
+        # The watchdog counts whole units, so that one of two may trip soon after the first.
+        self._silence_ns = round(max(self._watchdog_units - 1, 0.75) * WATCHDOG_UNIT_NS)
         self._running = True
         return ready.checks
 
     def request(self) -> None:
-        """Ask for the position. Does not wait.
+        """Ask for the position. Does not wait, except after a pause long enough to be heard of.
+
+        After a pause of most of the Bus Watchdog's time it looks whether the watchdog has
+        tripped. If it has, and the torque was zero, nothing is lost: it is armed again.
 
         Raises:
-            ServoLostError: The port is gone.
+            ServoLostError: The port is gone, or the Bus Watchdog has ended a torque.
         """
+        now_ns = self._now_ns()
+        if now_ns - self._heard_ns > self._silence_ns:
+            self._look_after_watchdog(now_ns - self._heard_ns)
+        self._heard_ns = now_ns
         self._link.request()
 
     def collect(self, deadline_ns: int) -> Reading:
@@ -110,6 +130,7 @@ class DynamixelServo:
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
         limit = self._limit
         goal = max(-limit, min(limit, round(torque / self._step)))
+        self._goal = goal
         self._link.send_current(goal)
         return goal * self._step
 
@@ -136,11 +157,38 @@ class DynamixelServo:
         try:
             if self._running:
                 self._running = False
+                self._silence_ns = _NEVER_NS
                 self._link.send_current(0)
             self._confirmed_off = torque_off(self._line, self._link)
         except ServoLostError:
             self._confirmed_off = False
         return self._confirmed_off
+
+    def _look_after_watchdog(self, silence_ns: int) -> None:
+        """See whether the servo still takes goals after a pause; make it so if nothing was lost.
+
+        Raises:
+            ServoLostError: The port is gone, or the torque is, or nothing answers.
+        """
+        register = self._model.registers["bus_watchdog"]
+        link, now_ns = self._link, self._now_ns
+        units = self._watchdog_units
+        for patience in _PATIENCE_NS:
+            found = link.read_register(register, now_ns() + patience)
+            if found == units:
+                return
+            if found is not None and self._goal:
+                break
+            link.write_register(register, 0, now_ns() + patience)
+            link.write_register(register, units, now_ns() + patience)
+        else:
+            if link.read_register(register, now_ns() + _PATIENCE_NS[-1]) == units:
+                return
+        raise ServoLostError(
+            f"The {self.facts.name} heard nothing for {silence_ns * 1e-6:.0f} ms, so its Bus "
+            f"Watchdog ({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque: find "
+            "what stalls this machine, or raise servo.watchdog_s."
+        )
 
     def _facts(self, current_limit: int) -> Facts:
         """The facts, with the torque limit a whole number of steps within every limit."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from hw.dynamixel.checklist import Checklist
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link, Sample
 from hw.dynamixel.probe import probe_sign
@@ -29,6 +30,7 @@ from hw.settings import DynamixelSettings
 
 _WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
+_WATCHDOG_UNITS: Final = 127
 _REVERSE: Final = 0x01
 _TORQUE_ON_BY_GOAL: Final = 0x08
 _HARDWARE_ERRORS: Final = {
@@ -73,14 +75,29 @@ def start_up(
     start.identify()
     start.torque_off()
     start.judge_what_only_a_person_changes()
-    start.refuse_if_unfit()
+    start.list.refuse_if_unfit()
     start.set_up()
     start.judge_limits_and_position()
-    start.refuse_if_unfit()
+    start.list.refuse_if_unfit()
     start.torque_on()
     start.prove_the_sign()
-    start.refuse_if_unfit()
-    return Ready(start.checks, start.current_limit)
+    start.list.refuse_if_unfit()
+    return Ready(start.list.checks, start.current_limit)
+
+
+def watchdog_units(settings: DynamixelSettings) -> int:
+    """The configured Bus Watchdog in the register's unit.
+
+    Raises:
+        UnfitServoError: No servo has such a one.
+    """
+    units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+    if not 1 <= units <= _WATCHDOG_UNITS:
+        raise UnfitServoError(
+            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos have 0.02 to "
+            "2.54 s: set servo.watchdog_s within that."
+        )
+    return units
 
 
 class _Startup:
@@ -93,9 +110,7 @@ class _Startup:
         torque_step: float,
     ) -> None:
         where = settings.port or "the emulated bus in memory"
-        self.checks: list[Check] = []
         self.current_limit = 0
-        self._faults: list[str] = []
         self._settings = settings
         self._model = model
         self._link = link
@@ -104,6 +119,7 @@ class _Startup:
         self._sdk = Sdk(line, settings.baud, settings.id, where)
         self._registers = model.registers
         self._name = f"{model.name} with id {settings.id} on {where}"
+        self.list = Checklist(self._name)
 
     # What is there
 
@@ -113,7 +129,7 @@ class _Startup:
         found = model_by_number(number)
         name = found.name if found else "unknown model"
         no_current = "" if found is None or found.current_mode else ", which has no current mode"
-        self._check(
+        self.list.add(
             "model",
             number == self._model.number,
             f"{name} ({number})",
@@ -121,10 +137,10 @@ class _Startup:
             f"It is an {name} (model number {number}){no_current}: connect an {self._model.name}, "
             "or set servo.model to what is there.",
         )
-        self.refuse_if_unfit()
+        self.list.refuse_if_unfit()
         self._have_replies_to_everything()
         firmware = self._read("firmware_version")
-        self._check(
+        self.list.add(
             "firmware",
             firmware >= _WATCHDOG_FIRMWARE,
             str(firmware),
@@ -132,7 +148,7 @@ class _Startup:
             f"Its firmware {firmware} has no Bus Watchdog ({_WATCHDOG_FIRMWARE} or later has): "
             "update it with Dynamixel Wizard.",
         )
-        self.refuse_if_unfit()
+        self.list.refuse_if_unfit()
 
     def _have_replies_to_everything(self) -> None:
         """Status Return Level 2; below it a servo is silent on writes, at 0 even on reads."""
@@ -145,7 +161,7 @@ class _Startup:
             self._sdk.write_unanswered(register, register.default)
             level = self._sdk.read(register)
             found += f", set to {level}"
-        self._check(
+        self.list.add(
             "status return level",
             level == register.default,
             found,
@@ -161,7 +177,7 @@ class _Startup:
             self._write("torque_enable", 0)
         off = not was_on or self._read("torque_enable") == 0
         found = "off" if not was_on else "on, switched off" if off else "on"
-        self._check(
+        self.list.add(
             "torque at the start", off, found, "off", "Its torque stays on: switch its power off."
         )
 
@@ -171,7 +187,7 @@ class _Startup:
         """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
         error = self._read("hardware_error_status")
         names = ", ".join(name for bit, name in _HARDWARE_ERRORS.items() if error >> bit & 1)
-        self._check(
+        self.list.add(
             "hardware error",
             error == 0,
             f"{names or 'unknown'} (0x{error:02x})" if error else "none",
@@ -180,7 +196,7 @@ class _Startup:
             "then reboot it or switch its power off and on; nothing else clears it.",
         )
         drive_mode = self._read("drive_mode")
-        self._check(
+        self.list.add(
             "direction",
             not drive_mode & _REVERSE,
             "reverse" if drive_mode & _REVERSE else "normal",
@@ -189,7 +205,7 @@ class _Startup:
             "that a wall would push the wrong way: clear bit 0 of Drive Mode (10) with Dynamixel "
             "Wizard.",
         )
-        self._check(
+        self.list.add(
             "torque on by goal update",
             not drive_mode & _TORQUE_ON_BY_GOAL,
             "on" if drive_mode & _TORQUE_ON_BY_GOAL else "off",
@@ -203,7 +219,7 @@ class _Startup:
             for bit, danger in ((1, "torque on at power-up"), (2, "old goals restored"))
             if startup & bit
         ]
-        self._check(
+        self.list.add(
             "start-up configuration",
             not dangers,
             " and ".join(dangers) or "0",
@@ -221,18 +237,12 @@ class _Startup:
         self._settle_at("return delay", "return_delay_time", 0)
         self._write("goal_current", 0)  # the mode change has set it to Current Limit
         self._settle_at("goal current", "goal_current", 0)
-        units = round(self._settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
-        if not 1 <= units <= self._registers["bus_watchdog"].maximum:
-            raise UnfitServoError(
-                f"A Bus Watchdog of {self._settings.watchdog_s:g} s was asked of the {self._name}, "
-                "which has 0.02 to 2.54 s: set servo.watchdog_s within that."
-            )
-        self._settle_at("bus watchdog", "bus_watchdog", units)
+        self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
 
     def judge_limits_and_position(self) -> None:
         """The servo's own limit on torque, and where it stands."""
         self.current_limit = self._read("current_limit")
-        self._check(
+        self.list.add(
             "current limit",
             self.current_limit > 0,
             f"{self.current_limit} ({self.current_limit * self._torque_step:.2f} N·m)",
@@ -243,7 +253,7 @@ class _Startup:
         position = self._sample().counts * POSITION_UNIT
         keep_out = self._settings.keep_out
         inside = keep_out is not None and keep_out[0] <= position <= keep_out[1]
-        self._check(
+        self.list.add(
             "position",
             not inside,
             f"{position:.3f} rad" + (", inside the wall" if inside else ""),
@@ -258,20 +268,20 @@ class _Startup:
         """Enable torque; the goal is zero."""
         self._write("torque_enable", 1)
         on = self._read("torque_enable") == 1
-        self._check(
+        self.list.add(
             "torque",
             on,
             "on" if on else "off",
             "on",
             "Its torque stays off: check its supply voltage and Hardware Error Status (70).",
         )
-        self.refuse_if_unfit()
+        self.list.refuse_if_unfit()
 
     def prove_the_sign(self) -> None:
         """See a small torque away from the wall move the shaft away from the wall."""
         settings = self._settings
         if settings.probe_torque <= 0.0:
-            self.checks.append(Check("torque sign", True, "not probed", "not asked for"))
+            self.list.add("torque sign", True, "not probed", "not asked for")
             return
         limit = min(round(settings.probe_torque / self._torque_step), self.current_limit)
         direction = 1 if settings.probe_direction > 0 else -1
@@ -289,21 +299,9 @@ class _Startup:
                 f"Its shaft did not move at {abs(torque):.2g} N·m: free it if it is blocked or "
                 "held, or raise servo.probe_torque; 0 skips the probe."
             )
-        self._check("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
+        self.list.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
 
     # Tools
-
-    def refuse_if_unfit(self) -> None:
-        """Raise with a sentence for everything found wrong so far."""
-        if self._faults:
-            raise UnfitServoError(
-                f"The {self._name} must not be driven as it is. " + " ".join(self._faults)
-            )
-
-    def _check(self, name: str, ok: bool, found: str, wanted: str, remedy: str) -> None:
-        self.checks.append(Check(name, ok, found, wanted))
-        if not ok:
-            self._faults.append(remedy)
 
     def _settle_at(self, name: str, register_name: str, wanted: int) -> None:
         """Write a register where it differs, and read it back."""
@@ -315,7 +313,7 @@ class _Startup:
             after = self._sdk.read(register)
         found = str(after) if after == before else f"{before}, set to {after}"
         title = register_name.replace("_", " ").title()
-        self._check(
+        self.list.add(
             name,
             after == wanted,
             found,

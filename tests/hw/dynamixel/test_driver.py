@@ -260,3 +260,58 @@ def test_a_silent_loop_loses_its_torque_to_the_watchdog() -> None:
     assert bench.state.torque > 0.9
     bench.wait(0.002)
     assert bench.state.torque == 0.0
+
+
+@pytest.mark.parametrize("pause_s", [0.019, 0.03, 0.039, 0.041, 0.5, 20.0])
+def test_a_pause_before_the_first_cycle_costs_no_torque(pause_s: float) -> None:
+    """The watchdog trips while the program gets ready; goals would be refused without a word."""
+    bench = started(watchdog_s=0.04)
+    bench.wait(pause_s)
+    bench.cycle(1.0)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+def test_a_pause_at_zero_torque_costs_no_torque() -> None:
+    bench = started(watchdog_s=0.04)
+    for torque in (1.0, 0.0):
+        bench.cycle(torque)
+    bench.wait(0.1)
+    bench.cycle(1.0)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+def test_a_short_pause_under_torque_is_nothing() -> None:
+    bench = started(watchdog_s=0.04)
+    bench.cycle(1.0)
+    bench.wait(0.03)
+    bench.cycle(1.0)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+def test_a_torque_that_the_watchdog_has_ended_is_not_brought_back_but_told() -> None:
+    bench = started(watchdog_s=0.04)
+    bench.cycle(1.0)
+    bench.wait(0.06)
+    with pytest.raises(ServoLostError, match=r"heard nothing for 6\d ms.*Watchdog \(40 ms\)"):
+        bench.cycle(1.0)
+    assert bench.state.torque == 0.0
+    assert bench.servo.stop() is True
+
+
+def test_a_pause_is_got_over_with_lost_replies() -> None:
+    bench, servo, _ = troubled(lambda number, reply: [] if number < 3 else [(0, reply)])
+    bench.wait(0.1)
+    servo.request()
+    servo.write(1.0)
+    bench.wait(0.001)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+def test_a_stopped_servo_may_be_left_alone_for_ever() -> None:
+    bench = started()
+    bench.cycle(1.0)
+    bench.servo.stop()
+    bench.wait(100.0)
+    assert math.isfinite(bench.servo.facts.torque_limit)
+    bench.servo.request()
+    assert bench.servo.collect(bench.clock.now_ns() + 900_000).outcome is Outcome.OK

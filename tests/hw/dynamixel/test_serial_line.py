@@ -19,8 +19,9 @@ from pathlib import Path
 import pytest
 
 from hw.clock import MonotonicClock
-from hw.dynamixel import serial_line
-from hw.dynamixel.serial_line import FdLine, open_port
+from hw.dynamixel import port
+from hw.dynamixel.port import open_port
+from hw.dynamixel.serial_line import FdLine
 from hw.errors import PortBusyError, PortError, ServoLostError
 
 EVERY_BYTE = bytes(range(256))
@@ -146,11 +147,11 @@ def test_a_rate_without_a_constant_of_its_own_is_set(ends: Ends) -> None:
 def test_an_adapter_that_makes_another_rate_is_refused(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = serial_line._TERMIOS2.pack(0, 0, 0, 0, 0, bytes(19), 921_600, 921_600)
+    made = port._TERMIOS2.pack(0, 0, 0, 0, 0, bytes(19), 921_600, 921_600)
     real = fcntl.ioctl
 
     def ioctl(descriptor: int, request: int, *rest: object) -> object:
-        if request == serial_line._TCGETS2:
+        if request == port._TCGETS2:
             return made
         return real(descriptor, request, *rest)  # type: ignore[call-overload]
 
@@ -181,7 +182,7 @@ def test_a_port_of_a_group_names_the_group(tmp_path: Path) -> None:
     os.chown(device, -1, os.getgid())
     name = grp.getgrgid(os.getgid()).gr_name
     device.chmod(0o660)
-    advice = serial_line._permission(str(device))
+    advice = port._permission(str(device))
     wanted = "sudo chmod a+rw" if name == "root" else f"usermod -aG {name}"
     assert wanted in advice
 
@@ -245,7 +246,7 @@ def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:
 def test_a_killed_owner_locks_nobody_out(ends: Ends) -> None:
     program = (
         "import sys, time\n"
-        "from hw.dynamixel.serial_line import open_port\n"
+        "from hw.dynamixel.port import open_port\n"
         "held = open_port(sys.argv[1], 1000000)\n"
         "print('held', flush=True)\n"
         "time.sleep(60)\n"

@@ -152,7 +152,8 @@ def test_the_servo_is_not_started_inside_the_wall() -> None:
 
 
 def test_a_watchdog_the_servo_does_not_have_is_refused() -> None:
-    refused(Bench(watchdog_s=3.0), match=r"0\.02 to 2\.54 s: set servo\.watchdog_s")
+    with pytest.raises(UnfitServoError, match=r"0\.02 to 2\.54 s: set servo\.watchdog_s"):
+        Bench(watchdog_s=3.0)
 
 
 def test_nobody_at_this_id_is_a_missing_servo() -> None:
