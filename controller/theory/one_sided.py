@@ -249,5 +249,7 @@ def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
     frequency = np.sqrt(walls.alpha) * (walls.delay + 1)
     scale = np.maximum(_SLOW / frequency, 1.0)
     delta, beta = walls.delta * scale**2, walls.beta * scale**2
-    alpha, _ = critical(delta, beta, walls.delay, walls.samples)
+    alpha = walls.alpha
+    if np.any(scale > 1):
+        alpha, _ = critical(delta, beta, walls.delay, walls.samples)
     return _Walls(delta, beta, walls.delay, walls.samples, alpha), scale

@@ -1,0 +1,190 @@
+"""The guard against a thousand random plants: no more than is safe, no less than was promised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from controller.belief import Belief, Bounded
+from controller.guard import Decision, GuardSettings, Request, Side, Situation, decide
+from controller.theory import max_virtual_damping
+from tests.theory.oracles import Loop, bounce, radius
+
+BELIEFS, DELAYS = 125, 8
+MARGIN, CAP = 0.8, 0.7
+SIDES: tuple[Side, ...] = ("above", "below", "both")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One decision, and all that it was made from."""
+
+    decision: Decision
+    situation: Situation
+    before_device: float
+
+    def loop(self, inertia: float, damping: float, gain: float, device: float) -> Loop:
+        """The loop with the commanded wall on a true servo of these properties."""
+        d = self.decision
+        return Loop(
+            inertia,
+            damping,
+            gain * d.stiffness,
+            gain * d.damping,
+            self.situation.period,
+            self.before_device + device,
+            d.request.velocity_samples,
+        )
+
+    def at_corner(self) -> Loop:
+        b = self.situation.belief
+        return self.loop(b.inertia.low, b.damping.low, b.torque_gain.high, b.delay.high)
+
+    def at_random(self, random: np.random.Generator, corners: bool) -> Loop:
+        """A true servo within the bounds; with ``corners`` each property at one of its ends."""
+
+        def draw(bounded: Bounded) -> float:
+            share = float(random.integers(0, 2)) if corners else random.random()
+            return bounded.low + share * (bounded.high - bounded.low)
+
+        b = self.situation.belief
+        return self.loop(
+            draw(b.inertia), draw(b.damping), draw(b.torque_gain), max(draw(b.delay), 0.0)
+        )
+
+
+def random_belief(random: np.random.Generator, period: float) -> Belief:
+    """Servos from the smallest to a robot's joint, known to within up to a factor of two."""
+
+    def around(value: float) -> Bounded:
+        width = random.uniform(1, 1.5)
+        return Bounded(value, value / width, value * width)
+
+    inertia = 10 ** random.uniform(-3, -0.5)
+    damping = 10 ** random.uniform(-3.5, -1.3) * inertia / period
+    return Belief(
+        inertia=around(inertia),
+        damping=around(damping),
+        coulomb=Bounded.exactly(0.0),
+        delay=around(random.choice([0.0, random.uniform(0, 2)]) * period),
+        torque_gain=around(1.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def cases() -> list[Case]:
+    random = np.random.default_rng(20)
+    settings = GuardSettings("stable", MARGIN, CAP)
+    found = []
+    for i in range(BELIEFS):
+        period = float(random.choice([0.5e-3, 1e-3, 2e-3]))
+        situation = Situation(
+            belief=random_belief(random, period),
+            period=period,
+            torque_limit=random.uniform(0.5, 10),
+            position_step=float(random.choice([0.0, 0.0, 2 * np.pi / 4096])),
+        )
+        late = np.concatenate([random.integers(0, 6, DELAYS // 2), random.uniform(0, 6, 4)])
+        b, samples = situation.belief, int(random.choice([1, 1, 1, 2, 4]))
+        ceiling = max_virtual_damping(
+            b.inertia.low, b.damping.low, period, np.median(late) * period + b.delay.high, samples
+        )
+        request = Request(
+            stiffness=1e6,
+            damping=float(random.uniform(0, 3) * ceiling / b.torque_gain.high),
+            side=SIDES[i % 3],
+            velocity_samples=samples,
+        )
+        delays = (late * period).tolist()
+        found += [
+            Case(decision, situation, delay)
+            for decision, delay in zip(
+                decide(request, settings, situation, delays), delays, strict=True
+            )
+        ]
+    assert len(found) == 1000
+    return found
+
+
+def test_commanded_is_margin_times_the_smallest_limit_and_no_less(cases: list[Case]) -> None:
+    for case in cases:
+        d = case.decision
+        values = (d.limits.linear, d.limits.exact, d.limits.one_sided, d.limits.quantisation)
+        least = min(v for v in values if v is not None)
+        assert d.stiffness == pytest.approx(MARGIN * least, rel=1e-3)
+        assert d.binding is not None
+        assert getattr(d.limits, d.binding) == least
+
+
+def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling(
+    cases: list[Case],
+) -> None:
+    b = [case.situation.belief for case in cases]
+    ceiling = max_virtual_damping(
+        [x.inertia.low for x in b],
+        [x.damping.low for x in b],
+        [case.situation.period for case in cases],
+        [case.decision.delay for case in cases],
+        [case.decision.request.velocity_samples for case in cases],
+    ) / [x.torque_gain.high for x in b]
+    asked = np.array([case.decision.request.damping for case in cases])
+    given = np.array([case.decision.damping for case in cases])
+    np.testing.assert_allclose(given, np.minimum(asked, CAP * ceiling), rtol=1e-3)
+    assert 200 < np.count_nonzero(given < asked) < 900
+
+
+def test_limits_are_on_the_edge_for_an_independent_model(cases: list[Case]) -> None:
+    # a guard that commands too little is as wrong: at its own exact limit the loop is critical
+    for case in cases[::5]:
+        loop = case.at_corner()
+        exact = case.decision.limits.exact
+        assert exact is not None
+        scale = exact / case.decision.stiffness if case.decision.stiffness else 0.0
+        if scale:
+            assert radius(loop._replace(stiffness=loop.stiffness * scale * (1 - 1e-3))) < 1
+            assert radius(loop._replace(stiffness=loop.stiffness * scale * (1 + 1e-3))) > 1
+
+
+def test_poles_are_inside_the_circle_whatever_the_true_servo(cases: list[Case]) -> None:
+    random = np.random.default_rng(21)
+    for case in cases:
+        # where quantisation leaves no stiffness, one pole is at 1 and the device stays where it is
+        edge = 1.0 if case.decision.stiffness else 1.0 + 1e-9
+        assert radius(case.at_corner()) < edge
+        assert radius(case.at_random(random, corners=False)) < edge
+        assert radius(case.at_random(random, corners=True)) < edge
+
+
+def test_one_sided_walls_return_no_device_faster_than_it_came(cases: list[Case]) -> None:
+    random = np.random.default_rng(22)
+    pushing = [c for c in cases if c.decision.request.side != "both" and c.decision.stiffness]
+    assert len(pushing) > 400
+    # a missed sample is the worst phase nearly always; the others are spread
+    phases = np.array([1e-9, 0.35, 0.7, 1.0])
+    loops = [case.at_corner() for case in pushing]
+    loops += [case.at_random(random, corners=bool(i % 2)) for i, case in enumerate(pushing)]
+    assert np.max(bounce(loops, phases)) <= 1.0
+
+
+def test_the_linear_condition_alone_would_command_what_is_unstable(cases: list[Case]) -> None:
+    unstable = 0
+    for case in cases[::10]:
+        linear = case.decision.limits.linear
+        loop, gain = case.at_corner(), case.situation.belief.torque_gain.high
+        assert linear is not None
+        unstable += radius(loop._replace(stiffness=MARGIN * linear * gain)) > 1
+    assert unstable > 30
+
+
+def test_the_exact_limit_alone_would_throw_devices_back(cases: list[Case]) -> None:
+    pushing = [c for c in cases if c.decision.request.side != "both"][::10]
+    loops = []
+    for case in pushing:
+        exact = case.decision.limits.exact
+        assert exact is not None
+        gain = case.situation.belief.torque_gain.high
+        loops.append(case.at_corner()._replace(stiffness=MARGIN * exact * gain))
+    thrown = np.max(bounce(loops, np.array([1.0])), axis=1) > 1.01
+    assert np.count_nonzero(thrown) > len(pushing) / 4

@@ -1,0 +1,136 @@
+"""Independent answers that the theory is held against; nothing here uses ``controller``.
+
+The loop is written as a state matrix in SI units: position, speed, the torques still to act, and
+the positions that the velocity difference looks back at. Motion over a held torque comes from the
+matrix exponential.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+
+
+class Loop(NamedTuple):
+    """A device, and the wall on it."""
+
+    inertia: float
+    damping: float
+    stiffness: float
+    virtual_damping: float
+    period: float
+    delay: float
+    samples: int = 1
+    hand_stiffness: float = 0.0
+
+
+def held(loop: Loop, time: float) -> tuple[Array, Array]:
+    """Transition of (position, speed) over ``time``, and what a unit of held torque adds."""
+    a = np.zeros((3, 3))
+    a[0, 1] = 1.0
+    a[1] = [-loop.hand_stiffness / loop.inertia, -loop.damping / loop.inertia, 1 / loop.inertia]
+    e = expm(a * time)
+    return e[:2, :2], e[:2, 2]
+
+
+def state_matrix(loop: Loop) -> Array:
+    """One period of the two-sided loop."""
+    late = loop.delay / loop.period
+    whole = int(np.floor(late))
+    fraction = late - whole
+    first, first_torque = held(loop, fraction * loop.period)
+    rest, rest_torque = held(loop, (1 - fraction) * loop.period)
+    torques = whole + 1  # commanded in the periods before, the latest first
+    size = 2 + torques + loop.samples
+    a = np.zeros((size, size))
+    command = np.zeros(size)
+    command[0] = -loop.stiffness - loop.virtual_damping / (loop.samples * loop.period)
+    command[-1] = loop.virtual_damping / (loop.samples * loop.period)
+
+    def commanded(periods_ago: int) -> Array:
+        if periods_ago == 0:
+            return command
+        unit = np.zeros(size)
+        unit[1 + periods_ago] = 1.0
+        return unit
+
+    a[:2, :2] = rest @ first
+    a[:2] += np.outer(rest @ first_torque, commanded(whole + 1))
+    a[:2] += np.outer(rest_torque, commanded(whole))
+    a[2] = command
+    for i in range(1, torques):
+        a[2 + i, 1 + i] = 1.0
+    a[2 + torques, 0] = 1.0
+    for i in range(1, loop.samples):
+        a[2 + torques + i, 1 + torques + i] = 1.0
+    return a
+
+
+def radius(loop: Loop) -> float:
+    """Largest magnitude of a closed-loop pole; stable below 1."""
+    return float(np.max(np.abs(np.linalg.eigvals(state_matrix(loop)))))
+
+
+def bounce(loops: list[Loop], phases: Array) -> Array:
+    """Exit over entry speed of a wall that never pulls, for each loop and phase.
+
+    The device comes freely at unit speed to a wall that fills the positions above 0; ``phases``
+    are the times from the entry to the first sample inside, in periods. Every period is split
+    where the torque switches, and followed until no torque is left to act. The speed is looked at
+    there only, so a device that leaves freely has lost up to b T / m of it since the wall.
+    """
+    late = np.array([loop.delay / loop.period for loop in loops])
+    whole = np.floor(late).astype(int)
+    split = [
+        (held(loop, (x - n) * loop.period), held(loop, (1 - x + n) * loop.period))
+        for loop, x, n in zip(loops, late, whole, strict=True)
+    ]
+    first, first_torque, rest, rest_torque = (
+        np.array([pair[i][j] for pair in split]) for i in (0, 1) for j in (0, 1)
+    )
+    inertia, damping, k, big_b, period, samples = (
+        np.array([getattr(loop, name) for loop in loops])[:, None]
+        for name in ("inertia", "damping", "stiffness", "virtual_damping", "period", "samples")
+    )
+    rate = damping / inertia
+
+    def free(time: Array) -> Array:
+        return np.where(rate * period > 1e-9, -np.expm1(-rate * time) / rate, time)
+
+    rows = np.arange(len(loops))
+    at = phases[None, :] * period
+    x, v = free(at), np.exp(-rate * at)
+    positions = [free(at - back * period) for back in range(int(samples.max()), 0, -1)]
+    torques = [np.zeros_like(x) for _ in range(int(whole.max()) + 2)]
+    leaving = np.zeros_like(x)
+    inside = np.ones_like(x, dtype=bool)
+    for _ in range(200_000):
+        positions.append(x)
+        back = np.array(positions[-1 - int(samples.max()) :])[::-1]
+        before = back[samples[:, 0].astype(int), rows]
+        pushed = k * x + big_b * (x - before) / (samples * period)
+        torques.append(-np.where(inside, np.maximum(pushed, 0), 0))
+        recent = np.array(torques[-2 - int(whole.max()) :])[::-1]
+        for motion, per_torque, torque in (
+            (first, first_torque, recent[whole + 1, rows]),
+            (rest, rest_torque, recent[whole, rows]),
+        ):
+            x, v = (
+                motion[:, 0, :1] * x + motion[:, 0, 1:] * v + per_torque[:, :1] * torque,
+                motion[:, 1, :1] * x + motion[:, 1, 1:] * v + per_torque[:, 1:] * torque,
+            )
+            leaving = np.where(x < 0, np.maximum(leaving, -v), leaving)
+        inside = x > 0
+        quiet = ~recent.any(axis=0) & ~inside
+        # a device that creeps out keeps torque acting for ever, but has lost its speed for good
+        impulse = np.abs(recent).sum(axis=0) * period / inertia
+        slow = (v <= 0) & (v**2 + k / inertia * x**2 < 0.01) & (impulse < 0.1)
+        if np.all(quiet | slow):
+            return leaving
+        positions, torques = positions[-1 - int(samples.max()) :], torques[-2 - int(whole.max()) :]
+    raise AssertionError("a contact did not end")

@@ -1,0 +1,125 @@
+"""A wall that never pulls: restitution against an independent contact, and the limit from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from controller.theory import (
+    critical_stiffness,
+    max_virtual_damping,
+    one_sided_limit,
+    restitution,
+)
+from tests.theory.oracles import Loop, bounce
+
+
+@pytest.mark.parametrize(
+    ("of_ceiling", "of_critical", "expected"),
+    [
+        (0.2, 0.80, [1.18, 1.06, 1.04, 1.02]),
+        (0.2, 0.65, [1.01, 0.92, 0.90, 0.88]),
+        (0.5, 0.80, [1.42, 1.27, 1.24, 1.22]),
+        (0.5, 0.55, [1.17, 1.00, 0.96, 0.94]),
+        (0.5, 0.40, [1.00, 0.82, 0.79, 0.77]),
+    ],
+)
+def test_a_stable_two_sided_wall_throws_the_device_back(
+    of_ceiling: float, of_critical: float, expected: list[float]
+) -> None:
+    # d = 0, 1, 2, 5 with negligible damping; two decimals, found by two simulations apart from
+    # this one: half a unit of the last place, and a tenth of it for their phase grids
+    delay = np.array([0.0, 1.0, 2.0, 5.0])
+    virtual = of_ceiling * max_virtual_damping(1.0, 1e-6, 1.0, delay)
+    stiffness = of_critical * critical_stiffness(1.0, 1e-6, virtual, 1.0, delay)
+    found = restitution(1.0, 1e-6, stiffness, virtual, 1.0, delay)
+    np.testing.assert_allclose(found, expected, atol=0.0056)
+
+
+def random_walls(count: int, seed: int) -> tuple[np.ndarray, ...]:
+    """Inertia, damping, virtual damping (negative for one in five), period, delay, N."""
+    random = np.random.default_rng(seed)
+    inertia = 10 ** random.uniform(-3, -1, count)
+    period = 10 ** random.uniform(-3.3, -2.5, count)
+    damping = 10 ** random.uniform(-3, -1, count) * inertia / period
+    late = np.where(
+        random.random(count) < 0.4, random.integers(0, 6, count), random.uniform(0, 6, count)
+    )
+    n = random.choice([1, 1, 1, 2, 4], count)
+    ceiling = max_virtual_damping(inertia, damping, period, late * period, n)
+    virtual = np.where(
+        random.random(count) < 0.2,
+        -damping * random.random(count),
+        0.8 * ceiling * random.random(count),
+    )
+    return inertia, damping, virtual, period, late * period, n
+
+
+def test_restitution_equals_an_independent_contact() -> None:
+    m, b, virtual, t, delay, n = random_walls(40, seed=1)
+    stiffness = 0.9 * critical_stiffness(m, b, virtual, t, delay, n)
+    loops = [
+        Loop(*map(float, row[:6]), samples=int(row[6]))
+        for row in zip(m, b, stiffness, virtual, t, delay, n, strict=True)
+    ]
+    # the oracle looks at the speed at samples and switches only: a device that leaves freely has
+    # lost up to b T / m of its speed since the wall
+    simulated = np.max(bounce(loops, np.linspace(1e-9, 1, 33)), axis=1)
+    found = restitution(m, b, stiffness, virtual, t, delay, 33, n)
+    fast = simulated > 0.3
+    assert np.count_nonzero(fast) > 25
+    difference = (found - simulated)[fast]
+    assert np.all(difference > -1e-6)
+    assert np.all(difference < (found * b * t / m)[fast] + 1e-6)
+
+
+def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
+    m, b, virtual, t, delay, n = random_walls(150, seed=2)
+    limit = one_sided_limit(m, b, virtual, t, delay, n)
+    exact = critical_stiffness(m, b, virtual, t, delay, n)
+    assert np.all(limit <= exact * (1 + 1e-9))
+    below = restitution(m, b, limit * (1 - 2e-4), virtual, t, delay, 201, n)
+    above = restitution(m, b, limit * (1 + 2e-4), virtual, t, delay, 201, n)
+    assert np.all(below < 1 + 1e-6)
+    lower = limit < exact * (1 - 1e-6)
+    assert np.count_nonzero(lower) > 75
+    assert np.all(above[lower] > 1 - 1e-6)
+
+
+def test_virtual_damping_makes_it_much_lower_than_the_exact_limit() -> None:
+    virtual = np.array([0.0, 0.2, 0.5]) * max_virtual_damping(1.0, 1e-5, 1.0, 1.0)
+    share = one_sided_limit(1.0, 1e-5, virtual, 1.0, 1.0) / critical_stiffness(
+        1.0, 1e-5, virtual, 1.0, 1.0
+    )
+    # restitution 1.06 at .8 and .92 at .65; exactly 1.00 at .55
+    np.testing.assert_allclose(share, [1.0, 0.74, 0.55], atol=0.01)
+
+
+def test_very_light_damping_is_quick_and_continuous() -> None:
+    # contacts of 10^5 periods: extrapolated; the limit in units of the damping must not jump
+    damping = 10.0 ** np.arange(-10, -3)
+    share = one_sided_limit(1.0, damping, 3 * damping, 1.0, 2.0) / critical_stiffness(
+        1.0, damping, 3 * damping, 1.0, 2.0
+    )
+    assert np.all(np.diff(share) < 0)
+    shortfall = (1 - share) / np.sqrt(damping)
+    np.testing.assert_allclose(shortfall, shortfall[0], rtol=0.05)
+
+
+def test_zero_where_nothing_is_stable() -> None:
+    assert one_sided_limit(1.0, 0.0, 0.0, 1.0, 1.0) == 0
+    assert one_sided_limit(1.0, 0.01, 5.0, 1.0, 1.0) == 0
+
+
+def test_shapes_broadcast() -> None:
+    assert one_sided_limit(1.0, 0.1, np.zeros((2, 1)), 1.0, np.ones(3)).shape == (2, 3)
+    assert restitution(1.0, 0.1, np.full((2, 1), 0.01), 0.0, 1.0, np.ones(3)).shape == (2, 3)
+
+
+def test_errors_name_the_argument() -> None:
+    with pytest.raises(ValueError, match="stiffness must be > 0, got 0"):
+        restitution(1.0, 0.1, 0.0, 0.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="phases must be >= 2, got 1"):
+        restitution(1.0, 0.1, 1.0, 0.0, 1.0, 0.0, phases=1)
+    with pytest.raises(ValueError, match="inertia must be > 0, got -1"):
+        one_sided_limit(-1.0, 0.1, 0.0, 1.0, 0.0)
