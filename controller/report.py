@@ -27,6 +27,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "missed_ticks": ended.missed,
         "rate_hz": ended.ticks / elapsed if elapsed else None,
         "grid_hz": result.get("grid_hz"),
+        "real_time_factor": _speed(config, result),
         "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
         "work_us": statistics.work.as_report(50, 99, 99.9),
         "bus_us": statistics.bus.as_report(50, 99, 99.9),
@@ -60,6 +61,13 @@ def exit_status(stop_reason: str) -> int:
     if stop_reason == f"trip:{Trip.SERVO_LOST}":
         return 4
     return {"duration": 0, "interrupted": 130}.get(stop_reason, 3)
+
+
+def _speed(config: Config, result: dict[str, Any]) -> float | None:
+    """How many times faster than real time the simulated clock ran."""
+    if config.loop.clock != "simulated" or not result.get("real_s"):
+        return None
+    return float(result["elapsed_s"] / result["real_s"])
 
 
 def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -19,7 +20,7 @@ from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
 from controller.wall import Wall
 from hw.clock import Clock, SimulatedClock
-from hw.errors import ServoLostError
+from hw.errors import ServoLostError, TorqueLostError
 from hw.open import open_servo
 from hw.servo import Check, Servo
 
@@ -39,6 +40,8 @@ class Result:
     ticks: int
     missed: int
     elapsed_s: float
+    real_s: float
+    """What that took in real time, start-up not counted [s]"""
     grid_hz: float
     guard: dict[str, Any]
     delay: dict[str, float]
@@ -72,14 +75,21 @@ def run_session(
     """
     servo = open_servo(config.servo_settings(), clock, port)
     try:
+        # All that takes long comes before the start: a started servo wants to hear something
+        # within every period of its Bus Watchdog.
+        waiter = waiter_for(clock, _spin_ns(config))
+        limit = servo.facts.torque_limit
         ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
         checks = servo.start()
+        if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
+            ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
         tell(f"{servo.facts.name}: torque is on, {len(checks)} start-up checks passed")
         tick = Tick(_parts(config, clock, servo, telemetry, ladder))
-        waiter = waiter_for(clock, _spin_ns(config))
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
         telemetry.words[Word.STATE] = State.RUNNING
+        began_s = time.monotonic()
         reason, message = _run(grid, config, servo, duration_s)
+        real_s = time.monotonic() - began_s
         torque_off = servo.stop()
         telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
         on_block()
@@ -92,6 +102,7 @@ def run_session(
         ticks=tick.ticks,
         missed=tick.missed,
         elapsed_s=grid.elapsed_s,
+        real_s=real_s,
         grid_hz=1e9 / grid.period_ns,
         guard=decision_report(decision),
         delay=delay_report(config, decision, ladder.age_ns),
@@ -186,6 +197,8 @@ def _run(grid: _Grid, config: Config, servo: Servo, duration_s: float | None) ->
         grid.tick.wall_on()
         grid.begin()
         return reason or grid.serve(duration_s) or "duration", ""
+    except TorqueLostError as error:
+        return f"trip:{Trip.TORQUE_LOST}", str(error)
     except ServoLostError as error:
         return f"trip:{Trip.SERVO_LOST}", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off

@@ -8,6 +8,7 @@
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
     └── ServoLostError (also OSError)   it answered before and does not any more
+        └── TorqueLostError             it answers, but its Bus Watchdog dropped the torque
 """
 
 from __future__ import annotations
@@ -35,3 +36,7 @@ class UnfitServoError(ServoError, ValueError):
 
 class ServoLostError(ServoError, OSError):
     """The servo answered before and does not any more."""
+
+
+class TorqueLostError(ServoLostError):
+    """The servo answers, but its Bus Watchdog has dropped the torque."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 from hw.hand import DAMPING, STIFFNESS, hand_of
 from hw.plant import PlantParameters, Pull, State, step
@@ -35,18 +36,25 @@ class Mechanism:
         "_torque",
         "_torque_limit",
         "_torque_step",
+        "_true",
         "time_ns",
     )
 
-    def __init__(self, true: TrueServo, start_ns: int) -> None:
+    def __init__(self, true: TrueServo, start_ns: int, *, hand_waits: bool = False) -> None:
         """A servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
+
+        Args:
+            true: What it is.
+            start_ns: Present time [ns].
+            hand_waits: The scripted hand keeps off until ``take_hold``.
 
         Raises:
             ValueError: A value is out of range.
         """
         self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
         self._state = State(true.position, 0.0)
-        self._hand = hand_of(true)
+        self._true = true
+        self._hand = None if hand_waits else hand_of(true)
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
         if self._delay_ns < 0:
@@ -76,6 +84,12 @@ class Mechanism:
     def torque(self) -> float:
         """The torque that acts [N·m], from the time last advanced to."""
         return self._torque
+
+    def take_hold(self, now_ns: int) -> None:
+        """Let the scripted hand take the shaft where it is at ``now_ns`` [ns]."""
+        self.advance(now_ns)
+        self._hand = hand_of(replace(self._true, position=self.position))
+        self._start_ns = now_ns
 
     def advance(self, now_ns: int) -> None:
         """Let time pass until ``now_ns`` [ns].

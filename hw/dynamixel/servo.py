@@ -10,7 +10,7 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.startup import start_up, watchdog_units
 from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
-from hw.errors import ServoError, ServoLostError, UnfitServoError
+from hw.errors import ServoError, ServoLostError, TorqueLostError, UnfitServoError
 from hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from hw.settings import DynamixelSettings
 
@@ -91,7 +91,8 @@ class DynamixelServo:
         tripped. If it has, and the torque was zero, nothing is lost: it is armed again.
 
         Raises:
-            ServoLostError: The port is gone, or the Bus Watchdog has ended a torque.
+            ServoLostError: The port is gone.
+            TorqueLostError: The Bus Watchdog has ended a torque.
         """
         now_ns = self._now_ns()
         if now_ns - self._heard_ns > self._silence_ns:
@@ -168,7 +169,8 @@ class DynamixelServo:
         """See whether the servo still takes goals after a pause; make it so if nothing was lost.
 
         Raises:
-            ServoLostError: The port is gone, or the torque is, or nothing answers.
+            ServoLostError: The port is gone.
+            TorqueLostError: The torque is gone, or nothing answers.
         """
         register = self._model.registers["bus_watchdog"]
         link, now_ns = self._link, self._now_ns
@@ -184,7 +186,7 @@ class DynamixelServo:
         else:
             if link.read_register(register, now_ns() + _PATIENCE_NS[-1]) == units:
                 return
-        raise ServoLostError(
+        raise TorqueLostError(
             f"The {self.facts.name} heard nothing for {silence_ns * 1e-6:.0f} ms, so its Bus "
             f"Watchdog ({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque: find "
             "what stalls this machine, or raise servo.watchdog_s."

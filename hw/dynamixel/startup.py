@@ -14,11 +14,12 @@ from typing import Final
 from hw.dynamixel.checklist import Checklist
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link, Sample
-from hw.dynamixel.probe import probe_sign
+from hw.dynamixel.probe import Push, probe_sign
 from hw.dynamixel.sdk import Sdk
 from hw.dynamixel.tables import (
     CURRENT_MODE,
     POSITION_UNIT,
+    WATCHDOG_TRIPPED,
     WATCHDOG_UNIT_NS,
     Model,
     Register,
@@ -42,6 +43,8 @@ _HARDWARE_ERRORS: Final = {
 }
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
+_PUSHES: Final = 3
+"""A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,13 +288,19 @@ class _Startup:
             return
         limit = min(round(settings.probe_torque / self._torque_step), self.current_limit)
         direction = 1 if settings.probe_direction > 0 else -1
-        push = probe_sign(self._link, self._clock, direction * max(1, limit), self._name)
+        push, tripped = self._push(direction * max(1, limit))
         torque = push.peak * self._torque_step
         if push.moved:
             found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
             remedy = (
                 f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
                 "check Drive Mode (10), and that nobody turns the shaft during the start."
+            )
+        elif tripped:
+            found = "no motion, because the Bus Watchdog tripped"
+            remedy = (
+                f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the push that was to "
+                "prove the torque's sign: find what stalls this machine, or raise servo.watchdog_s."
             )
         else:
             found = f"no motion at {torque:+.3f} N·m"
@@ -300,6 +309,18 @@ class _Startup:
                 "held, or raise servo.probe_torque; 0 skips the probe."
             )
         self.list.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
+
+    def _push(self, limit: int) -> tuple[Push, bool]:
+        """Push, again if the Bus Watchdog ended the torque, and whether it did the last time."""
+        for _ in range(_PUSHES):
+            push = probe_sign(self._link, self._clock, limit, self._name)
+            tripped = not push.moved and self._read("bus_watchdog") == WATCHDOG_TRIPPED
+            if not tripped:
+                break
+            self._write("bus_watchdog", 0)
+            self._write("goal_current", 0)
+            self._write("bus_watchdog", watchdog_units(self._settings))
+        return push, tripped
 
     # Tools
 

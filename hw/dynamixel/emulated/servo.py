@@ -85,7 +85,8 @@ class EmulatedServo:
         self.firmware = firmware
         self.table = ControlTable(model, firmware)
         self.memory = self.table.memory
-        self.mechanism = Mechanism(true, start_ns)
+        self.mechanism = Mechanism(true, start_ns, hand_waits=True)
+        self._held = False
         self.registered: tuple[int, bytes] | None = None
         """What a reg write has put aside for the next action"""
         self.answers_from_ns = start_ns
@@ -167,6 +168,11 @@ class EmulatedServo:
         """Write, with every consequence, at ``now_ns`` [ns]."""
         error = self.table.write(address, data)
         if error == ErrorCode.NONE:
+            if self.memory["torque_enable"] and not self._held:
+                # The scripted hand belongs to whoever tries the wall: it waits for the torque,
+                # and does not disturb a start-up that looks at the shaft.
+                self._held = True
+                self.mechanism.take_hold(now_ns)
             self._drive(now_ns)
         return error
 

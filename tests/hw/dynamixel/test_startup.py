@@ -275,6 +275,33 @@ def test_a_hand_that_comes_and_goes_does_not_falsify_the_probe() -> None:
         assert bench.servo.start()[-1].ok
 
 
+def stalling(bench: Bench, stalls: int) -> None:
+    """The machine stalls for 60 ms just after torque went on, so many times."""
+    wait = bench.line.wait
+    left = [stalls]
+
+    def stall(deadline_ns: int) -> bool:
+        armed = bench.truth.watchdog_ns is not None
+        if armed and left[0]:
+            left[0] -= 1
+            bench.wait(0.06)
+        return wait(deadline_ns)
+
+    bench.line.wait = stall  # type: ignore[method-assign]
+
+
+def test_a_stall_that_trips_the_watchdog_during_the_start_is_got_over() -> None:
+    bench = Bench()
+    stalling(bench, 1)
+    assert bench.found("torque sign").startswith("-3 counts")
+
+
+def test_a_machine_that_always_stalls_is_told_apart_from_a_blocked_shaft() -> None:
+    bench = Bench()
+    stalling(bench, 1000)
+    refused(bench, match=r"Bus Watchdog \(40 ms\) ended the push.*servo\.watchdog_s")
+
+
 def test_a_servo_that_stops_answering_in_the_probe_is_missing() -> None:
     bench = Bench(replace(TRUE, coulomb=2.0))
     calls = itertools.count()
