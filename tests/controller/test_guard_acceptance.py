@@ -12,7 +12,7 @@ from controller.guard import Decision, GuardSettings, Request, Side, Situation, 
 from controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
 
-BELIEFS, DELAYS = 125, 8
+BELIEFS, DELAYS = 250, 4
 MARGIN, CAP = 0.8, 0.7
 SIDES: tuple[Side, ...] = ("above", "below", "both")
 
@@ -86,7 +86,9 @@ def cases() -> list[Case]:
             torque_limit=random.uniform(0.5, 10),
             position_step=float(random.choice([0.0, 0.0, 2 * np.pi / 4096])),
         )
-        late = np.concatenate([random.integers(0, 6, DELAYS // 2), random.uniform(0, 6, 4)])
+        late = np.concatenate(
+            [random.integers(0, 6, DELAYS // 2), random.uniform(0, 6, DELAYS // 2)]
+        )
         b, samples = situation.belief, int(random.choice([1, 1, 1, 2, 4]))
         ceiling = max_virtual_damping(
             b.inertia.low, b.damping.low, period, np.median(late) * period + b.delay.high, samples

@@ -1,0 +1,256 @@
+"""What the guard promises one by one: clamps, names, reasons, modes, errors."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from controller.belief import Belief, Bounded
+from controller.guard import (
+    Decision,
+    GuardSettings,
+    Mode,
+    Request,
+    Situation,
+    decide,
+    decision_report,
+)
+from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+
+COUNT = 2 * math.pi / 4096
+
+
+def situation(position_step: float = 0.0, **changes: Bounded) -> Situation:
+    """A servo like an MX-64, known exactly but for the changes, at 1 kHz."""
+    belief = Belief(
+        inertia=Bounded.exactly(0.011951),
+        damping=Bounded.exactly(0.011692),
+        coulomb=Bounded.exactly(0.09039),
+        delay=Bounded.exactly(0.5e-3),
+        torque_gain=Bounded.exactly(1.0),
+    )
+    return Situation(replace(belief, **changes), 1e-3, 4.1, position_step)
+
+
+def one(
+    request: Request, where: Situation | None = None, mode: Mode = "stable", delay: float = 1.5e-3
+) -> Decision:
+    return decide(request, GuardSettings(mode), where or situation(), [delay])[0]
+
+
+def test_a_safe_request_is_commanded_as_it_is_without_a_word() -> None:
+    decision = one(Request(1.5, 0.01, "above"))
+    assert (decision.stiffness, decision.damping) == (1.5, 0.01)
+    assert decision.binding is None
+    assert decision.reasons == ()
+
+
+def test_the_devices_own_lag_counts_at_its_longest() -> None:
+    decision = one(Request(1e6, 0.0, "both"), situation(delay=Bounded(1e-3, 0.5e-3, 2e-3)))
+    assert decision.delay == pytest.approx(3.5e-3)
+
+
+def test_what_acts_is_the_gain_times_what_is_commanded() -> None:
+    plain = one(Request(1e6, 0.1, "both"))
+    strong = one(Request(1e6, 0.1 / 1.33, "both"), situation(torque_gain=Bounded.exactly(1.33)))
+    assert strong.stiffness == pytest.approx(plain.stiffness / 1.33)
+    assert strong.damping_ceiling == pytest.approx(plain.damping_ceiling / 1.33)
+
+
+@pytest.mark.parametrize(
+    "doubt",
+    [
+        {"inertia": Bounded(0.011951, 0.008, 0.018)},
+        {"damping": Bounded(0.011692, 0.006, 0.023)},
+        {"delay": Bounded(0.5e-3, 0.0, 1e-3)},
+        {"torque_gain": Bounded(1.0, 0.75, 1.33)},
+    ],
+)
+def test_doubt_about_anything_lowers_what_is_commanded(doubt: dict[str, Bounded]) -> None:
+    request = Request(1e6, 0.5, "above")
+    assert one(request, situation(**doubt)).stiffness < one(request).stiffness
+
+
+def test_many_delays_at_once_give_what_each_gives_alone() -> None:
+    delays = [0.0, 0.7e-3, 3e-3, 10e-3]
+    request = Request(1e6, 0.3, "below")
+    together = decide(request, GuardSettings(), situation(COUNT), delays)
+    assert [d.delay for d in together] == pytest.approx([d + 0.5e-3 for d in delays])
+    for decision, delay in zip(together, delays, strict=True):
+        alone = one(request, situation(COUNT), delay=delay)
+        assert decision.stiffness == pytest.approx(alone.stiffness, rel=2e-4)
+        assert decision.damping == pytest.approx(alone.damping)
+    assert sorted((d.stiffness for d in together), reverse=True) == [d.stiffness for d in together]
+
+
+@pytest.mark.parametrize("stiffness", [1e6, 1e12, 1e300])
+def test_absurd_stiffness_is_a_legal_request(stiffness: float) -> None:
+    asked, absurd = one(Request(1e5, 0.1, "above")), one(Request(stiffness, 0.1, "above"))
+    assert absurd.stiffness == asked.stiffness
+    assert absurd.binding == "one_sided"
+
+
+def test_a_two_sided_wall_has_no_one_sided_limit() -> None:
+    assert one(Request(1e6, 0.1, "both")).limits.one_sided is None
+    for side in ("above", "below"):
+        limits = one(Request(1e6, 0.1, side)).limits
+        assert limits.one_sided is not None
+        assert limits.exact is not None
+        assert limits.one_sided < limits.exact
+
+
+def test_linear_binds_where_it_is_below_the_exact_limit() -> None:
+    decision = one(Request(1e6, 0.0, "both"), delay=5e-3)
+    assert decision.binding == "linear"
+    assert decision.limits.linear == pytest.approx(0.011692 / 6e-3)
+
+
+def test_damping_below_what_the_device_has_is_raised() -> None:
+    decision = one(Request(1.0, -0.02, "both"))
+    assert decision.damping == pytest.approx(-0.7 * 0.011692)
+    assert decision.stiffness > 0
+    assert any("-0.02" in reason and "-0.01169" in reason for reason in decision.reasons)
+    kept = one(Request(1.0, -0.005, "both"))
+    assert kept.damping == -0.005
+
+
+def test_without_any_damping_no_stiffness_is_commanded_and_the_reason_says_what_to_do() -> None:
+    decision = one(Request(5.0, 0.0, "above"), situation(damping=Bounded.exactly(0.0)))
+    assert decision.stiffness == 0
+    assert decision.binding == "linear"
+    assert any("give the wall virtual damping" in reason for reason in decision.reasons)
+
+
+def test_quantisation_leaves_the_share_of_one_count() -> None:
+    decision = one(Request(1e6, 0.2, "both"), situation(COUNT))
+    left = 0.1 * 4.1 - 0.2 * COUNT / 1e-3
+    assert decision.limits.quantisation == pytest.approx(left / COUNT)
+    # a difference over 4 samples divides what one count commands by 4
+    longer = one(Request(1e6, 0.2, "both", velocity_samples=4), situation(COUNT))
+    assert longer.limits.quantisation == pytest.approx((0.41 - 0.05 * COUNT / 1e-3) / COUNT)
+    assert one(Request(1e6, 0.2, "both")).limits.quantisation is None
+
+
+def test_damping_alone_can_use_up_what_one_count_may_command() -> None:
+    decision = one(Request(100.0, 0.5, "both"), situation(COUNT))
+    assert decision.stiffness == 0
+    assert decision.binding == "quantisation"
+    assert any("one encoder count" in reason and "0.267" in reason for reason in decision.reasons)
+
+
+def test_mode_passive_keeps_the_wall_passive() -> None:
+    decision = one(Request(1e6, 3.0, "both"), mode="passive")
+    assert decision.damping == pytest.approx(0.7 * 0.011692)
+    assert decision.binding == "passive"
+    expected = passive_limit(0.011692, decision.damping, 1e-3, 2e-3)
+    assert decision.stiffness == pytest.approx(0.8 * expected)
+    assert one(Request(1e6, 3.0, "both")).limits.passive is None
+
+
+def test_mode_off_commands_what_is_asked_and_says_so() -> None:
+    decision = one(Request(1e6, 5.0, "above"), mode="off")
+    assert (decision.stiffness, decision.damping) == (1e6, 5.0)
+    assert decision.binding is None
+    assert "the guard is off" in decision.reasons[0]
+    assert decision.limits.exact is not None
+
+
+def test_only_friction_is_told_where_the_guard_is_off() -> None:
+    critical = float(critical_stiffness(0.011951, 0.011692, 0.0, 1e-3, 2e-3))
+    rough, smooth = situation(), situation(coulomb=Bounded.exactly(0.0))
+    above, below = Request(1.01 * critical, 0.0, "both"), Request(0.99 * critical, 0.0, "both")
+    assert one(above, rough, "off").only_friction
+    assert any("friction" in reason for reason in one(above, rough, "off").reasons)
+    assert not one(below, rough, "off").only_friction
+    assert not one(above, smooth, "off").only_friction
+    assert not one(above, rough).only_friction
+    ceiling = float(max_virtual_damping(0.011951, 0.011692, 1e-3, 2e-3))
+    assert one(Request(0.0, 1.01 * ceiling, "both"), rough, "off").only_friction
+
+
+def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() -> None:
+    request = Request(1000.0, 0.2, "above")
+    wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
+    decision = decide(request, GuardSettings(), wide, [3e-3], inserted=1e-3)[0]
+    first, *others = decision.reasons
+    assert "1000 N·m/rad was asked" in first
+    assert f"{decision.stiffness:.4g} is commanded" in first
+    assert "one_sided" in first
+    # period/2 + 3 ms + the servo's 0.5 ms; the age is 2 ms of it
+    age = next(reason for reason in others if "sample's age" in reason)
+    assert "2 ms is 50 % of the total delay" in age
+    assert "4 ms" in age
+    at_half = decide(request, GuardSettings(), wide, [2e-3], inserted=1e-3)[0]
+    assert f"at 1 ms K could be {at_half.stiffness:.3g}" in age
+    twice = one(request, situation(damping=Bounded.exactly(0.012)), delay=3e-3)
+    assert any(
+        "twice the viscous damping" in reason and f"{twice.stiffness:.3g}" in reason
+        for reason in others
+    )
+    assert any("belief is wide" in reason for reason in others)
+    two_sided = one(replace(request, side="both"), wide, delay=3e-3)
+    assert any(
+        f"two-sided wall, which also pulls, could have K {two_sided.stiffness:.3g}" in reason
+        for reason in others
+    )
+
+
+@pytest.mark.parametrize(
+    ("delay", "inserted", "lag", "words"),
+    [
+        (4e-3, 4e-3, 0.5e-3, "the inserted delay 4 ms"),
+        (1e-3, 0.0, 5e-3, "the device's own delay, at most 5 ms"),
+        (0.0, 0.0, 0.0, "half the period"),
+    ],
+)
+def test_the_largest_part_of_the_delay_is_named(
+    delay: float, inserted: float, lag: float, words: str
+) -> None:
+    where = situation(delay=Bounded.exactly(lag))
+    decision = decide(Request(1e6, 0.05, "both"), GuardSettings(), where, [delay], inserted)[0]
+    assert any(words in reason for reason in decision.reasons)
+
+
+def test_a_clamped_damping_names_the_ceiling() -> None:
+    decision = one(Request(1.0, 30.0, "both"))
+    ceiling = float(max_virtual_damping(0.011951, 0.011692, 1e-3, 2e-3))
+    assert decision.damping == pytest.approx(0.7 * ceiling)
+    assert any(f"0.7 of the ceiling {ceiling:.4g}" in reason for reason in decision.reasons)
+
+
+@pytest.mark.parametrize("mode", ["stable", "passive", "off"])
+@pytest.mark.parametrize("damping", [0.0, -1.0, 1e9])
+def test_the_report_is_plain_json(mode: Mode, damping: float) -> None:
+    report = decision_report(one(Request(1e12, damping, "above"), situation(COUNT), mode))
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert set(report) == {
+        "requested", "commanded", "limit", "damping_ceiling", "margin", "binding", "reasons",
+        "only_friction",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Request(-1.0, 0.0, "above"), "stiffness must be finite and >= 0, got -1"),
+        (lambda: Request(math.nan, 0.0, "above"), "stiffness must be finite and >= 0, got nan"),
+        (lambda: Request(math.inf, 0.0, "above"), "stiffness must be finite and >= 0, got inf"),
+        (lambda: Request(1.0, math.inf, "above"), "damping must be finite, got inf"),
+        (lambda: GuardSettings(margin=1.0), "margin must be between 0 and 1, got 1"),
+        (lambda: GuardSettings(damping_cap=0.0), "damping_cap must be between 0 and 1, got 0"),
+        (lambda: replace(situation(), torque_limit=0.0), "torque_limit must be > 0, got 0"),
+        (lambda: situation(-1.0), "position_step must be >= 0, got -1"),
+        (lambda: one(Request(1.0, 0.0, "above"), delay=-1.0), "delays must be >= 0, got -1"),
+        (
+            lambda: one(Request(1.0, 0.0, "above"), situation(inertia=Bounded.exactly(0.0))),
+            "inertia must be > 0, got 0",
+        ),
+    ],
+)
+def test_errors_name_what_is_wrong(make: object, message: str) -> None:
+    assert callable(make)
+    with pytest.raises(ValueError, match=message):
+        make()
