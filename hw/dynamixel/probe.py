@@ -10,6 +10,7 @@ which stops a servo without friction; one with friction stops by itself.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -53,22 +54,26 @@ class Push:
         return self.moved * self.peak > 0
 
 
-def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
+def probe_sign(
+    link: Link, clock: Clock, limit: int, name: str, may_be_at: Callable[[int], bool]
+) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
-    A push with the wrong result is repeated once: a hand on the shaft may have moved it.
+    A hand may be on the shaft. The push waits until the shaft rests where it may be, and one with
+    the wrong result is repeated once.
 
     Args:
         link: The servo.
         clock: Tells the time; the probe cycles at 1 kHz, which also keeps the Bus Watchdog quiet.
         limit: Largest goal current, with the sign to push in [current units].
         name: Of the servo, for messages.
+        may_be_at: Whether the shaft may be at a position [encoder counts].
 
     Raises:
-        UnfitServoError: The shaft does not rest.
+        UnfitServoError: The shaft does not rest where it may be.
         ServoMissingError: The servo stops answering.
     """
-    prober = _Prober(link, clock, name)
+    prober = _Prober(link, clock, name, may_be_at)
     for _ in range(2):
         prober.wait_for_rest()
         push = prober.push(limit)
@@ -78,7 +83,10 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
 
 
 class _Prober:
-    def __init__(self, link: Link, clock: Clock, name: str) -> None:
+    def __init__(
+        self, link: Link, clock: Clock, name: str, may_be_at: Callable[[int], bool]
+    ) -> None:
+        self._may_be_at = may_be_at
         self._link = link
         self._clock = clock
         self._name = name
@@ -88,15 +96,15 @@ class _Prober:
     def wait_for_rest(self) -> None:
         begun = since = self._cycle(0)
         low = high = self._position
-        while (now := self._cycle(0)) - since < _REST_NS:
+        while (now := self._cycle(0)) - since < _REST_NS or not self._may_be_at(self._position):
             low, high = min(low, self._position), max(high, self._position)
+            if now - begun > _REST_END_NS:
+                raise UnfitServoError(
+                    f"The shaft of the {self._name} has not come to rest outside the wall within "
+                    f"{_REST_END_NS * 1e-9:.0f} s, so the torque's sign cannot be proved: hold it "
+                    "still, or set servo.probe_torque=0 to skip the probe."
+                )
             if high - low > _REST_COUNTS:
-                if now - begun > _REST_END_NS:
-                    raise UnfitServoError(
-                        f"The shaft of the {self._name} does not rest ({high - low} counts within "
-                        f"{(now - since) * 1e-6:.0f} ms), so the torque's sign cannot be proved: "
-                        "hold it still, or set servo.probe_torque=0 to skip the probe."
-                    )
                 since, low, high = now, self._position, self._position
 
     def push(self, limit: int) -> Push:

@@ -43,6 +43,11 @@ _HARDWARE_ERRORS: Final = {
 }
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
+_LOOK_NS: Final = 20_000_000
+"""Between two looks at a shaft inside the wall"""
+_STANDS_NS: Final = 1_000_000_000
+"""Not moved for so long: nobody is about to turn it out"""
+_TURN_OUT_NS: Final = 5_000_000_000
 _PUSHES: Final = 3
 """A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
 
@@ -253,17 +258,36 @@ class _Startup:
             "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
             "Dynamixel Wizard.",
         )
-        position = self._sample().counts * POSITION_UNIT
-        keep_out = self._settings.keep_out
-        inside = keep_out is not None and keep_out[0] <= position <= keep_out[1]
+        position = self._sample().counts
+        found = f"{position * POSITION_UNIT:.3f} rad"
+        if not self._may_be_at(position):
+            position = self._wait_to_be_turned_out(position)
+            found += f", inside the wall; then {position * POSITION_UNIT:.3f} rad"
         self.list.add(
             "position",
-            not inside,
-            f"{position:.3f} rad" + (", inside the wall" if inside else ""),
-            "anywhere" if keep_out is None else "outside the wall",
-            f"It stands inside the wall, at {position:.3f} rad: turn it out by hand, or move the "
-            "wall with wall.position.",
+            self._may_be_at(position),
+            found,
+            "anywhere" if self._settings.keep_out is None else "outside the wall",
+            f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad: turn it out by "
+            "hand, or move the wall with wall.position.",
         )
+
+    def _may_be_at(self, counts: int) -> bool:
+        keep_out = self._settings.keep_out
+        return keep_out is None or not keep_out[0] <= counts * POSITION_UNIT <= keep_out[1]
+
+    def _wait_to_be_turned_out(self, position: int) -> int:
+        """Give a hand that is moving the shaft the time to leave the wall; where it is then."""
+        begun = moved = self._clock.now_ns()
+        while not self._may_be_at(position):
+            self._clock.wait_until(self._clock.now_ns() + _LOOK_NS)
+            now = self._clock.now_ns()
+            before, position = position, self._sample().counts
+            if abs(position - before) > 1:
+                moved = now
+            if now - moved > _STANDS_NS or now - begun > _TURN_OUT_NS:
+                break
+        return position
 
     # Torque
 
@@ -313,7 +337,7 @@ class _Startup:
     def _push(self, limit: int) -> tuple[Push, bool]:
         """Push, again if the Bus Watchdog ended the torque, and whether it did the last time."""
         for _ in range(_PUSHES):
-            push = probe_sign(self._link, self._clock, limit, self._name)
+            push = probe_sign(self._link, self._clock, limit, self._name, self._may_be_at)
             tripped = not push.moved and self._read("bus_watchdog") == WATCHDOG_TRIPPED
             if not tripped:
                 break

@@ -148,6 +148,10 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
 
 def test_the_servo_is_not_started_inside_the_wall() -> None:
     refused(Bench(keep_out=(-0.4, 100.0)), match=r"inside the wall, at -0\.301 rad: turn it out")
+    bench = Bench(keep_out=(-0.4, 100.0))
+    begun = bench.clock.now_ns()
+    refused(bench, match="turn it out")
+    assert bench.clock.now_ns() - begun < 1.5e9  # nobody moves it: no point in waiting longer
     Bench(keep_out=(-0.2, 100.0)).servo.start()
 
 
@@ -267,12 +271,23 @@ def test_the_probe_can_be_skipped() -> None:
     assert bench.truth.memory["torque_enable"] == 1
 
 
-def test_a_hand_that_comes_and_goes_does_not_falsify_the_probe() -> None:
-    """The push moves the shaft at 0.6 rad/s half of the time: the probe waits for its rests."""
-    for start_s in (0.0, 0.3, 0.7, 1.5, 2.5, 3.5):
-        bench = Bench(replace(TRUE, hand="push", position=-0.5))
-        bench.wait(start_s)
-        assert bench.servo.start()[-1].ok
+@pytest.mark.parametrize("start_s", [0.0, 0.3, 0.7, 1.0, 1.4, 2.0, 2.6, 3.2, 3.9, 4.5])
+def test_a_hand_that_comes_and_goes_neither_falsifies_the_probe_nor_starts_inside(
+    start_s: float,
+) -> None:
+    """The push moves at 0.6 rad/s half of the time, in and out of the wall."""
+    bench = Bench(replace(TRUE, hand="push", position=-0.5), keep_out=(0.0, 100.0))
+    bench.wait(start_s)
+    assert bench.servo.start()[-1].ok
+    assert bench.state.position < 0.0
+
+
+def test_a_hand_that_leans_into_the_wall_is_refused() -> None:
+    bench = Bench(replace(TRUE, hand="lean", position=-0.5), keep_out=(0.0, 100.0))
+    bench.wait(0.6)
+    begun = bench.clock.now_ns()
+    refused(bench, match=r"stands inside the wall|not come to rest outside the wall")
+    assert bench.clock.now_ns() - begun < 6e9
 
 
 def stalling(bench: Bench, stalls: int) -> None:
