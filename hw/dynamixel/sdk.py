@@ -11,6 +11,7 @@ happen in registers of one or two bytes, and no others are accepted.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
@@ -202,6 +203,27 @@ class Sdk:
     def _result(self, result: int) -> str:
         text: str = self._packets.getTxRxResult(result)
         return text.removeprefix("[TxRxResult] ").rstrip("!")
+
+
+class Table:
+    """A servo's registers by name."""
+
+    def __init__(self, sdk: Sdk, registers: Mapping[str, Register]) -> None:
+        """Use ``sdk`` for the registers of one model."""
+        self.sdk = sdk
+        self.registers = registers
+
+    def read(self, name: str) -> int:
+        """The value of a register; see ``Sdk.read``."""
+        return self.sdk.read(self.registers[name])
+
+    def write(self, name: str, value: int) -> None:
+        """Write a register; see ``Sdk.write``."""
+        self.sdk.write(self.registers[name], value)
+
+    def label(self, name: str) -> str:
+        """A register's name and address as the manual gives them."""
+        return _label(self.registers[name])
 
 
 def _attempts() -> list[bool]:

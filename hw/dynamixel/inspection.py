@@ -1,0 +1,133 @@
+"""What a servo is and how it is set up, judged before anything is written to it.
+
+Only torque that is on is switched off, and a servo that does not confirm writes is made to: neither
+outlives its power. What a person has set up, only a person changes.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hw.dynamixel.checklist import Checklist
+from hw.dynamixel.sdk import Table
+from hw.dynamixel.tables import Model, model_by_number
+from hw.errors import ServoMissingError
+
+_WATCHDOG_FIRMWARE: Final = 38
+"""First firmware with a Bus Watchdog"""
+_REVERSE: Final = 0x01
+_TORQUE_ON_BY_GOAL: Final = 0x08
+_HARDWARE_ERRORS: Final = {
+    0: "input voltage",
+    2: "overheating",
+    3: "motor encoder",
+    4: "electrical shock",
+    5: "overload",
+}
+
+
+def identify(table: Table, model: Model, checklist: Checklist) -> None:
+    """Model and firmware; without them no other register has a meaning, so raise at once."""
+    number = table.sdk.ping()
+    found = model_by_number(number)
+    name = found.name if found else "unknown model"
+    no_current = "" if found is None or found.current_mode else ", which has no current mode"
+    checklist.add(
+        "model",
+        number == model.number,
+        f"{name} ({number})",
+        f"{model.name} ({model.number})",
+        f"It is an {name} (model number {number}){no_current}: connect an {model.name}, "
+        "or set servo.model to what is there.",
+    )
+    checklist.refuse_if_unfit()
+    _have_replies_to_everything(table, checklist)
+    firmware = table.read("firmware_version")
+    checklist.add(
+        "firmware",
+        firmware >= _WATCHDOG_FIRMWARE,
+        str(firmware),
+        f"at least {_WATCHDOG_FIRMWARE}",
+        f"Its firmware {firmware} has no Bus Watchdog ({_WATCHDOG_FIRMWARE} or later has): "
+        "update it with Dynamixel Wizard.",
+    )
+    checklist.refuse_if_unfit()
+
+
+def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
+    """Status Return Level 2; below it a servo is silent on writes, at 0 even on reads."""
+    register = table.registers["status_return_level"]
+    try:
+        found = str(level := table.sdk.read(register))
+    except ServoMissingError:
+        found, level = "no replies to reads", 0
+    if level != register.default:
+        table.sdk.write_unanswered(register, register.default)
+        level = table.sdk.read(register)
+        found += f", set to {level}"
+    checklist.add(
+        "status return level",
+        level == register.default,
+        found,
+        str(register.default),
+        f"Its Status Return Level ({register.address}) stays {level} when {register.default} "
+        "is written: set it with Dynamixel Wizard.",
+    )
+
+
+def torque_off(table: Table, checklist: Checklist) -> None:
+    """Torque that is on belongs to somebody else's run; EEPROM is locked while it is on."""
+    was_on = table.read("torque_enable") != 0
+    if was_on:
+        table.write("torque_enable", 0)
+    off = not was_on or table.read("torque_enable") == 0
+    found = "off" if not was_on else "on, switched off" if off else "on"
+    checklist.add(
+        "torque at the start", off, found, "off", "Its torque stays on: switch its power off."
+    )
+
+
+def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None:
+    """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
+    error = table.read("hardware_error_status")
+    names = ", ".join(name for bit, name in _HARDWARE_ERRORS.items() if error >> bit & 1)
+    checklist.add(
+        "hardware error",
+        error == 0,
+        f"{names or 'unknown'} (0x{error:02x})" if error else "none",
+        "none",
+        f"It has latched a hardware error ({names or f'0x{error:02x}'}): remove the cause, "
+        "then reboot it or switch its power off and on; nothing else clears it.",
+    )
+    drive_mode = table.read("drive_mode")
+    checklist.add(
+        "direction",
+        not drive_mode & _REVERSE,
+        "reverse" if drive_mode & _REVERSE else "normal",
+        "normal",
+        "Its Drive Mode is reverse, which may turn round the position but not the torque, so "
+        "that a wall would push the wrong way: clear bit 0 of Drive Mode (10) with Dynamixel "
+        "Wizard.",
+    )
+    checklist.add(
+        "torque on by goal update",
+        not drive_mode & _TORQUE_ON_BY_GOAL,
+        "on" if drive_mode & _TORQUE_ON_BY_GOAL else "off",
+        "off",
+        "Any goal, a late one too, would switch its torque back on: clear bit 3 of Drive Mode "
+        "(10) with Dynamixel Wizard.",
+    )
+    startup = table.read("startup_configuration")
+    dangers = [
+        danger
+        for bit, danger in ((1, "torque on at power-up"), (2, "old goals restored"))
+        if startup & bit
+    ]
+    checklist.add(
+        "start-up configuration",
+        not dangers,
+        " and ".join(dangers) or "0",
+        "0",
+        f"Its Startup Configuration means {' and '.join(dangers)}: write 0 to Startup "
+        "Configuration (60) with Dynamixel Wizard.",
+    )
