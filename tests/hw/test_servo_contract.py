@@ -12,8 +12,9 @@ import pytest
 
 from hw.clock import Clock, SimulatedClock
 from hw.errors import ServoError
+from hw.open import open_servo
 from hw.servo import Check, Outcome, Servo
-from hw.settings import SimulatedSettings, TrueServo
+from hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
 from hw.simulated import SimulatedServo
 
 PERIOD_NS = 1_000_000
@@ -39,7 +40,14 @@ def simulated_without_encoder() -> Rig:
     return Rig(SimulatedServo(SimulatedSettings(true), clock), clock)
 
 
-RIGS: list[Callable[[], Rig]] = [simulated, simulated_without_encoder]
+def dynamixel_in_memory() -> Rig:
+    clock = SimulatedClock(start_ns=7 * PERIOD_NS)
+    true = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
+    settings = DynamixelSettings("", 4_000_000, 1, "XM430-W350", emulated=true)
+    return Rig(open_servo(settings, clock), clock)
+
+
+RIGS: list[Callable[[], Rig]] = [simulated, simulated_without_encoder, dynamixel_in_memory]
 
 
 @pytest.fixture(params=RIGS, ids=lambda make: make.__name__)
