@@ -124,7 +124,8 @@ def _explained(
         }
         request = decisions[0].request
         first, *others = variants.values()
-        found = evaluate(request, settings, situation, first.followed_by(*others))
+        plants = first.followed_by(*others)
+        found = evaluate(request, settings, situation, plants, tolerance=0.02)
         allowed = np.minimum(settings.margin * found.smallest(), request.stiffness)
         names = [name for name in variants for _ in bound]
         for k, (name, i) in enumerate(zip(names, [*bound] * len(variants), strict=True)):

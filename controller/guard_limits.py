@@ -105,7 +105,11 @@ class Found:
 
 
 def evaluate(
-    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    plants: Plants,
+    tolerance: float = 1e-4,
 ) -> Found:
     """Damping that may be commanded, and the limits of the stiffness at it.
 
@@ -114,6 +118,7 @@ def evaluate(
         settings: How cautious to be; in mode ``off`` the damping is as asked.
         situation: The torque limit and the encoder step.
         plants: What to evaluate.
+        tolerance: Wanted relative accuracy of the one-sided limit.
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
@@ -132,7 +137,7 @@ def evaluate(
         damping=damping,
         linear=linear_limit(b, acting, t, t_d, n) / g,
         exact=critical_stiffness(m, b, acting, t, t_d, n) / g,
-        one_sided=None if two_sided else one_sided_limit(m, b, acting, t, t_d, n) / g,
+        one_sided=None if two_sided else one_sided_limit(m, b, acting, t, t_d, n, tolerance) / g,
         quantisation=_quantisation(request, settings, situation, damping, t),
         passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
     )

@@ -164,7 +164,7 @@ def _damping(decision: Decision, settings: GuardSettings, situation: Situation) 
 
 
 def _remedy(remedy: Remedy, situation: Situation, parts: DelayParts) -> str:
-    could = f"K could be {remedy.stiffness:.3g}"
+    could = f"K could be about {remedy.stiffness:.2g}"
     belief = situation.belief
     if remedy.change == "delay":
         return _shorter(parts, could)

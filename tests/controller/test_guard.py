@@ -184,12 +184,12 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     assert "2 ms is 50 % of the total delay" in age
     assert "4 ms" in age
     at_half = decide(request, GuardSettings(), wide, [2e-3], inserted=1e-3)[0]
-    assert f"at 1 ms K could be {at_half.stiffness:.3g}" in age
+    # remedies are told to two digits, of limits found to 2 %
+    assert float(age.rsplit(" ", 1)[1]) == pytest.approx(at_half.stiffness, rel=0.07)
+    assert "at 1 ms K could be about" in age
     twice = one(request, situation(damping=Bounded.exactly(0.012)), delay=3e-3)
-    assert any(
-        "twice the viscous damping" in reason and f"{twice.stiffness:.3g}" in reason
-        for reason in others
-    )
+    doubled = next(reason for reason in others if "twice the viscous damping" in reason)
+    assert float(doubled.rsplit(" ", 1)[1]) == pytest.approx(twice.stiffness, rel=0.07)
     assert any("belief is wide" in reason for reason in others)
     two_sided = one(replace(request, side="both"), wide, delay=3e-3)
     assert any(

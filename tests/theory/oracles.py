@@ -7,6 +7,7 @@ matrix exponential.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,9 +32,14 @@ class Loop(NamedTuple):
 
 def held(loop: Loop, time: float) -> tuple[Array, Array]:
     """Transition of (position, speed) over ``time``, and what a unit of held torque adds."""
+    return _held(loop.inertia, loop.damping, loop.hand_stiffness, time)
+
+
+@lru_cache(maxsize=4096)
+def _held(inertia: float, damping: float, spring: float, time: float) -> tuple[Array, Array]:
     a = np.zeros((3, 3))
     a[0, 1] = 1.0
-    a[1] = [-loop.hand_stiffness / loop.inertia, -loop.damping / loop.inertia, 1 / loop.inertia]
+    a[1] = [-spring / inertia, -damping / inertia, 1 / inertia]
     e = expm(a * time)
     return e[:2, :2], e[:2, 2]
 

@@ -24,7 +24,7 @@ def random_settings(count: int, seed: int) -> dict[str, np.ndarray]:
     inertia = 10 ** random.uniform(-3.5, 0, count)
     period = 10 ** random.uniform(-3.5, -2, count)
     late = np.where(
-        random.random(count) < 0.4, random.integers(0, 9, count), random.uniform(0, 20, count)
+        random.random(count) < 0.4, random.integers(0, 9, count), random.uniform(0, 15, count)
     )
     return {
         "inertia": inertia,
@@ -44,11 +44,11 @@ def loops(s: dict[str, np.ndarray], stiffness: np.ndarray, virtual: np.ndarray) 
 
 
 def test_poles_leave_the_circle_exactly_at_the_critical_stiffness() -> None:
-    s = random_settings(300, seed=1)
+    s = random_settings(200, seed=1)
     random = np.random.default_rng(2)
     ceiling = max_virtual_damping(**s)
     virtual = np.where(
-        random.random(300) < 0.2, -s["damping"] * random.random(300), ceiling * random.random(300)
+        random.random(200) < 0.2, -s["damping"] * random.random(200), ceiling * random.random(200)
     )
     critical = critical_stiffness(virtual_damping=virtual, **s)
     assert np.all(critical > 0)
@@ -62,7 +62,7 @@ def test_poles_leave_the_circle_exactly_at_the_critical_stiffness() -> None:
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_just_below_some_is() -> None:
-    s = random_settings(200, seed=3)
+    s = random_settings(100, seed=3)
     ceiling = max_virtual_damping(**s)
     tiny = 1e-6 * linear_limit(s["damping"], ceiling, s["period"], s["delay"])
     above = np.array([radius(loop) for loop in loops(s, tiny, 1.001 * ceiling)])
@@ -75,8 +75,8 @@ def test_above_the_damping_ceiling_no_stiffness_is_stable_and_just_below_some_is
 
 
 def test_scaling_a_stable_wall_down_along_the_ray_keeps_it_stable() -> None:
-    s = random_settings(150, seed=4)
-    virtual = max_virtual_damping(**s) * np.random.default_rng(5).random(150)
+    s = random_settings(60, seed=4)
+    virtual = max_virtual_damping(**s) * np.random.default_rng(5).random(60)
     stiffness = 0.999 * critical_stiffness(virtual_damping=virtual, **s)
     for share in (0.9, 0.5, 0.1):
         assert max(radius(x) for x in loops(s, share * stiffness, share * virtual)) < 1
