@@ -40,6 +40,9 @@ END_S = 2.0
 """How long a child may take to end after it was asked to [s]."""
 POLL_MS = 20
 """How often the heartbeat is looked at [ms]."""
+COUNT_S = 0.25
+"""How often rows are counted [s]; rarely, since bytes reach the loop through kernel threads that
+want the same core."""
 
 Tell = Callable[[str], None]
 
@@ -237,13 +240,15 @@ class _Supervisor:
         poll = select.poll()
         poll.register(loop.pidfd, select.POLLIN)
         poll.register(loop.output, select.POLLIN)
-        started = time.monotonic()
+        started = counted = time.monotonic()
         stop_asked: float | None = None
         while not loop.ended():
             poll.poll(POLL_MS)
             self._hear(loop)
-            self._count()
             now = time.monotonic()
+            if now > counted + COUNT_S:
+                self._count()
+                counted = now
             if stop_asked is None and (
                 self._words[Word.STOP] or (emulator is not None and emulator.ended())
             ):

@@ -57,7 +57,6 @@ class Tick:
         self._limit = parts.servo.facts.torque_limit
         self._work_ns = 0
         self._bus_ns = 0
-        self._bus_now_ns = 0
         self._outcome = Outcome.OK
         self._collect_ns = int(COLLECT_SHARE * parts.period_ns)
         self._ramp_left = 0
@@ -147,8 +146,8 @@ class Tick:
         words[8] = self.missed  # twice as quick as enumeration members
         ended_ns = self._now()
         words[1] = ended_ns
-        self._bus_ns = self._bus_now_ns
-        self._work_ns = ended_ns - woke_ns - self._bus_now_ns
+        self._bus_ns = parts.servo.waited_ns
+        self._work_ns = ended_ns - woke_ns - self._bus_ns
 
     def _sense(self, woke_ns: int) -> float:
         """Take the reading; the velocity it implies [rad/s]."""
@@ -156,9 +155,7 @@ class Tick:
         servo = parts.servo
         if not parts.pipelined:
             servo.request()
-        asked_ns = self._now()
         reading = servo.collect(woke_ns + self._collect_ns)
-        self._bus_now_ns = self._now() - asked_ns
         self._outcome = reading.outcome
         if reading.outcome != Outcome.OK:
             # The last position once more, so dx = 0; the next difference is divided by the

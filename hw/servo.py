@@ -81,6 +81,8 @@ class Servo(Protocol):
 
     facts: Facts
     counts: BusCounts
+    waited_ns: int
+    """How long the last ``collect`` waited for the bus, its own work not counted [ns]"""
 
     def start(self) -> list[Check]:
         """Check everything that must hold, then enable torque at zero torque.

@@ -20,10 +20,11 @@ from hw.settings import SimulatedSettings
 class SimulatedServo:
     """A servo whose motion is computed whenever it is asked or commanded."""
 
-    __slots__ = ("_clock", "_mechanism", "_reading", "_running", "_true", "counts", "facts")
+    __slots__ = ("_clock", "_mechanism", "_reading", "_running", "_true", "counts", "facts", "waited_ns")
 
     facts: Facts
     counts: BusCounts
+    waited_ns: int
 
     def __init__(self, settings: SimulatedSettings, clock: Clock) -> None:
         """Open it; its time begins with ``start``.
@@ -37,6 +38,7 @@ class SimulatedServo:
         self._mechanism = Mechanism(true, clock.now_ns())
         self._reading: Reading | None = None
         self._running = False
+        self.waited_ns = 0
         self.counts = BusCounts()
         self.facts = Facts(
             name="simulated servo",

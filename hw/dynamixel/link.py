@@ -81,6 +81,8 @@ class Link:
         """Of the request that waits for its answer; 0: none does"""
         self._refusals = 0
         self._sent_ns = 0
+        self.waited_ns = 0
+        """How long the last ``collect`` waited for bytes [ns]"""
         self._accepted: tuple[int, int] | None = None
         """Tick and request instant of the last accepted sample"""
 
@@ -115,6 +117,7 @@ class Link:
             raise RuntimeError("collect() without a request(): call request() first")
         line, parser = self._line, self._parser
         broken = parser.corrupt + self._refusals
+        self.waited_ns = 0
         while True:
             if data := line.read():
                 found: Sample | None = None
@@ -126,7 +129,11 @@ class Link:
                         found = sample
                 if found is not None:
                     return found
-            elif not line.wait(deadline_ns):
+                continue
+            began_ns = self._now_ns()
+            come = line.wait(deadline_ns)
+            self.waited_ns += self._now_ns() - began_ns
+            if not come:
                 break
         came_broken = parser.corrupt + self._refusals > broken
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)

@@ -25,6 +25,7 @@ class DynamixelServo:
 
     facts: Facts
     counts: BusCounts
+    waited_ns: int
 
     def __init__(self, settings: DynamixelSettings, line: Line) -> None:
         """Take over ``line``; ``close`` closes it. Nothing is sent yet.
@@ -47,6 +48,7 @@ class DynamixelServo:
         """After so long without a request the Bus Watchdog may have tripped; never before start"""
         self._running = False
         self._confirmed_off = False
+        self.waited_ns = 0
         self.counts = self._link.counts
         self.facts = self._facts(model.current_limit)
 
@@ -108,6 +110,7 @@ class DynamixelServo:
             RuntimeError: There was no request.
         """
         outcome, counts, current, alert, sampled_ns = self._link.collect(deadline_ns)
+        self.waited_ns = self._link.waited_ns
         if outcome is not Outcome.OK:
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
         return Reading(

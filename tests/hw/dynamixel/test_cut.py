@@ -105,6 +105,27 @@ def test_a_vanished_port_is_not_called_off() -> None:
     assert cut_torque(bench.line, 1) is False
 
 
+def test_the_cut_waits_for_a_gap_between_frames() -> None:
+    """Into the middle of a frame it would be swallowed by it."""
+    bench = pushing()
+    silent_ns = bench.clock.now_ns() + 5_000_000
+    written: list[int] = []
+
+    class Busy(MemoryLine):
+        def write(self, data: bytes) -> None:
+            written.append(self.clock.now_ns())
+            super().write(data)
+
+        def wait(self, deadline_ns: int) -> bool:
+            if self.clock.now_ns() >= silent_ns:
+                return super().wait(deadline_ns)
+            self.clock.wait_until(self.clock.now_ns() + 500_000)
+            return True
+
+    assert cut_torque(Busy(bench.bus, bench.clock), 1) is True
+    assert written[0] - silent_ns >= 1_500_000
+
+
 def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
     bench = pushing()
 

@@ -179,6 +179,18 @@ def test_a_copy_that_comes_later_is_not_used(cycles: int) -> None:
     assert bench.link.counts.late == 1
 
 
+def test_what_arrived_before_the_request_is_not_its_answer() -> None:
+    """At 4 kHz neither the tick nor the length tells this copy from the sample after next."""
+    period_ns = PERIOD_NS // 4
+    bench = Bench(
+        only({20}, lambda _, reply: [(0, reply), (period_ns * 3 // 2, reply)]), period_ns=period_ns
+    )
+    bench.servo.reply_ns = 50 * US
+    samples = [bench.cycle() for _ in range(40)]
+    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
+    assert bench.link.counts.late == 1
+
+
 def test_broken_replies_are_counted_apart_from_lost_ones() -> None:
     bench = Bench(only({5, 6, 20}, broken))
     samples = [bench.cycle() for _ in range(40)]
