@@ -31,6 +31,7 @@ class ScriptedServo:
     def __init__(self, clock, positions, age_ns=0):
         self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
         self.counts = BusCounts()
+        self.waited_ns = 0
         self.sent = []
         self.calls = []
 
