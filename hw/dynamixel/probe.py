@@ -35,8 +35,6 @@ _HOLD_NS: Final = 100_000_000
 """At the largest torque, before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the play between shaft and encoder and than an encoder's flicker"""
-_RETURN_COUNTS: Final = 2
-"""The brake ends when the shaft comes back so far: friction has stopped it already"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,23 +120,18 @@ class _Prober:
                 return Push(0, goal)
             goal = round(limit * min(1.0, elapsed / _RAMP_NS))
         moved, peak = self._position - origin, goal
-        self._brake(origin, impulse, peak)
+        self._brake(impulse, peak)
         return Push(moved, peak)
 
-    def _brake(self, origin: int, impulse: int, peak: int) -> None:
+    def _brake(self, impulse: int, peak: int) -> None:
         """Cancel the impulse with half the torque, so that friction is rarely overcome."""
         half = (abs(peak) + 1) // 2
         goal = -half if peak > 0 else half
-        furthest = 0
         before = self._clock.now_ns()
         while impulse * peak > 0:
             now = self._cycle(goal)
             impulse += goal * (now - before)
             before = now
-            travel = abs(self._position - origin)
-            furthest = max(furthest, travel)
-            if travel <= furthest - _RETURN_COUNTS:
-                break
         self._link.send_current(0)
 
     def _cycle(self, goal: int) -> int:

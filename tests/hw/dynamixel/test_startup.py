@@ -228,14 +228,13 @@ def test_the_probe_moves_a_little_and_leaves_the_shaft_nearly_at_rest(
     bench = Bench(true, probe_direction=direction)
     assert bench.found("torque sign").startswith("-3" if direction < 0 else "+3")
     travel = [(state.position - true.position) * direction for state in bench.line.states]
-    # Three counts prove it; stopping takes as far again and half, and friction may throw the
-    # brake back by two.
-    assert max(travel) < 12 * COUNT
-    assert min(travel) > -2 * COUNT
+    # Three counts prove it; stopping a free shaft takes about as far again and half.
+    assert max(travel) < 10 * COUNT
+    assert min(travel) > -1 * COUNT
     begun = bench.state.position
     for _ in range(200):
         bench.cycle(0.0)
-    assert abs(bench.state.position - begun) < 15 * COUNT
+    assert abs(bench.state.position - begun) < 6 * COUNT
 
 
 def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
