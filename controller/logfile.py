@@ -7,6 +7,7 @@ after the other.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import logging
@@ -94,8 +95,9 @@ class LogWriter:
                 rest = rest[self._file.write(rest) :]
         except OSError:
             # Half a block would hide every later one from the reader.
-            self._file.truncate(start)
-            self._file.seek(start)
+            with contextlib.suppress(OSError):  # a device has no end to cut
+                self._file.truncate(start)
+                self._file.seek(start)
             raise
 
 

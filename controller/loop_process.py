@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 
 from controller import realtime
 from controller.config import Config
+from controller.errors import PlatformError
 from controller.session import run_session
 from controller.telemetry import State, Telemetry, Word
 from hw.clock import MonotonicClock
@@ -48,12 +49,15 @@ def main() -> None:
         signal.signal(number, stop)
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
-    settings = realtime.apply(config.realtime.profile, config.realtime.priority, {orders.core})
-    _tell("realtime", settings=[asdict(setting) for setting in settings])
-    missing = realtime.missing_for_strict(settings) if config.realtime.profile == "strict" else []
-    if missing:
-        _tell("refused", message=_strict_message(missing))
-        return
+    os.sched_setaffinity(0, {orders.core})
+
+    def prepare() -> None:
+        settings = realtime.apply(config.realtime.profile, config.realtime.priority, {orders.core})
+        _tell("realtime", settings=[asdict(setting) for setting in settings])
+        missing = realtime.missing_for_strict(settings)
+        if missing and config.realtime.profile == "strict":
+            raise PlatformError(_strict_message(missing))
+
     try:
         result = run_session(
             config,
@@ -62,8 +66,9 @@ def main() -> None:
             orders.duration_s,
             orders.port,
             tell=lambda text: _tell("tell", text=text),
+            prepare=prepare,
         )
-    except ServoError as error:
+    except (ServoError, PlatformError) as error:
         telemetry.words[Word.STATE] = State.TORQUE_OFF
         _tell("refused", message=str(error))
         return

@@ -26,6 +26,8 @@ from hw.servo import Check, Servo
 
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+OUTSIDE_S = 0.05
+"""How often a shaft that is inside the wall before it is on is looked at [s]"""
 BLOCK = 4096
 """Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
 
@@ -58,6 +60,7 @@ def run_session(
     port: int | None = None,
     on_block: Callable[[], None] = lambda: None,
     tell: Callable[[str], None] = lambda _text: None,
+    prepare: Callable[[], None] = lambda: None,
 ) -> Result:
     """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
 
@@ -69,6 +72,8 @@ def run_session(
         port: Descriptor of the open serial port, where there is one.
         on_block: Called now and then between ticks, where the same process must also record.
         tell: Called with what a person should know before the wall is on.
+        prepare: Called when all that takes long is done and the servo is about to be started: the
+            place to take real-time scheduling, which must not be held through long computations.
 
     Raises:
         ServoError: The servo could not be started; torque is off.
@@ -77,9 +82,10 @@ def run_session(
     try:
         # All that takes long comes before the start: a started servo wants to hear something
         # within every period of its Bus Watchdog.
-        waiter = waiter_for(clock, _spin_ns(config))
         limit = servo.facts.torque_limit
         ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+        prepare()
+        waiter = waiter_for(clock, _spin_ns(config))
         checks = servo.start()
         if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
             ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
@@ -88,7 +94,7 @@ def run_session(
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
         telemetry.words[Word.STATE] = State.RUNNING
         began_s = time.monotonic()
-        reason, message = _run(grid, config, servo, duration_s)
+        reason, message = _run(grid, config, servo, duration_s, tell)
         real_s = time.monotonic() - began_s
         torque_off = servo.stop()
         telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
@@ -187,13 +193,36 @@ class _Grid:
         return None
 
 
-def _run(grid: _Grid, config: Config, servo: Servo, duration_s: float | None) -> tuple[str, str]:
+def _wait_outside(grid: _Grid, tell: Callable[[str], None]) -> str | None:
+    """Go on without torque while the shaft is inside a one-sided wall; why that ended, or None.
+
+    A wall that is switched on around the shaft would strike it.
+    """
+    told = False
+    while grid.tick.inside_one_sided_wall():
+        if not told:
+            tell("the shaft is inside the wall; the wall goes on when it has left it")
+            told = True
+        if reason := grid.serve(OUTSIDE_S):
+            return reason
+    return None
+
+
+def _run(
+    grid: _Grid,
+    config: Config,
+    servo: Servo,
+    duration_s: float | None,
+    tell: Callable[[str], None],
+) -> tuple[str, str]:
     """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
     freeze_garbage()
     try:
         reason = None
         if servo.facts.has_bus or config.loop.clock == "monotonic":
             reason = grid.serve(config.loop.warm_up_s)
+        if servo.facts.has_bus and reason is None:
+            reason = _wait_outside(grid, tell)
         grid.tick.wall_on()
         grid.begin()
         return reason or grid.serve(duration_s) or "duration", ""

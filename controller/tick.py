@@ -80,6 +80,11 @@ class Tick:
         self._delay_s = decision.delay
         self.warm_up = False
 
+    def inside_one_sided_wall(self) -> bool:
+        """Whether the last known position is inside a wall that has an outside."""
+        wall = self._parts.wall
+        return wall.one_sided and wall.in_contact(self._position)
+
     def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
         """Serve one deadline.
 

@@ -31,6 +31,11 @@ class Wall:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
         return self._sign == 0 or self._sign * (position - self.position) > 0.0
 
+    @property
+    def one_sided(self) -> bool:
+        """Whether it never pulls, and so has an outside."""
+        return self._sign != 0
+
     def torque(self, position: float, velocity: float) -> float:
         """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
         torque = -self.stiffness * (position - self.position) - self.damping * velocity

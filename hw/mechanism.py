@@ -14,6 +14,9 @@ from hw.hand import DAMPING, STIFFNESS, hand_of
 from hw.plant import PlantParameters, Pull, State, step
 from hw.settings import TrueServo
 
+HAND_WAIT_S = 1.0
+"""How long a hand that waits goes on waiting once it may come [s]"""
+
 
 class Mechanism:
     """One servo, its motor side commanded in torque, its encoder read.
@@ -29,6 +32,7 @@ class Mechanism:
         "_delay_ns",
         "_followed",
         "_hand",
+        "_hand_ns",
         "_parameters",
         "_pending",
         "_start_ns",
@@ -46,7 +50,7 @@ class Mechanism:
         Args:
             true: What it is.
             start_ns: Present time [ns].
-            hand_waits: The scripted hand keeps off until ``take_hold``.
+            hand_waits: The scripted hand keeps off until ``let_hand``.
 
         Raises:
             ValueError: A value is out of range.
@@ -55,6 +59,7 @@ class Mechanism:
         self._state = State(true.position, 0.0)
         self._true = true
         self._hand = None if hand_waits else hand_of(true)
+        self._hand_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
         if self._delay_ns < 0:
@@ -85,11 +90,13 @@ class Mechanism:
         """The torque that acts [N·m], from the time last advanced to."""
         return self._torque
 
-    def take_hold(self, now_ns: int) -> None:
-        """Let the scripted hand take the shaft where it is at ``now_ns`` [ns]."""
+    def let_hand(self, now_ns: int) -> None:
+        """Let the scripted hand take the shaft, wherever it is, ``HAND_WAIT_S`` after ``now_ns``.
+
+        That is for whoever renders a wall: a person too waits until the servo is ready.
+        """
         self.advance(now_ns)
-        self._hand = hand_of(replace(self._true, position=self.position))
-        self._start_ns = now_ns
+        self._hand_ns = now_ns + round(HAND_WAIT_S * 1e9)
 
     def advance(self, now_ns: int) -> None:
         """Let time pass until ``now_ns`` [ns].
@@ -157,7 +164,15 @@ class Mechanism:
         return self.encoder() / self._counts_per_radian
 
     def _move(self, until_ns: int) -> None:
-        """Move under the torque that acts, cutting where the hand's reference turns."""
+        """Move under the torque that acts, cutting where the hand comes or its reference turns."""
+        if self._hand_ns is not None and until_ns >= self._hand_ns:
+            begin_ns, self._hand_ns = self._hand_ns, None
+            if begin_ns > self.time_ns:
+                self._move(begin_ns)
+            self._hand = hand_of(replace(self._true, position=self.position))
+            self._start_ns = begin_ns
+            if until_ns == begin_ns:
+                return
         turns: list[float] | None = [] if self._backlash > 0.0 else None
         if self._hand is None:
             duration = (until_ns - self.time_ns) * 1e-9

@@ -20,7 +20,16 @@ from hw.settings import SimulatedSettings
 class SimulatedServo:
     """A servo whose motion is computed whenever it is asked or commanded."""
 
-    __slots__ = ("_clock", "_mechanism", "_reading", "_running", "_true", "counts", "facts", "waited_ns")
+    __slots__ = (
+        "_clock",
+        "_mechanism",
+        "_reading",
+        "_running",
+        "_true",
+        "counts",
+        "facts",
+        "waited_ns",
+    )
 
     facts: Facts
     counts: BusCounts
@@ -50,7 +59,9 @@ class SimulatedServo:
 
     def start(self) -> list[Check]:
         """Let its time begin; there is nothing to check."""
-        self._mechanism = Mechanism(self._true, self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        self._mechanism = Mechanism(self._true, now_ns, hand_waits=True)
+        self._mechanism.let_hand(now_ns)
         self._reading = None
         self._running = True
         self.counts = BusCounts()

@@ -172,7 +172,7 @@ class EmulatedServo:
                 # The scripted hand belongs to whoever tries the wall: it waits for the torque,
                 # and does not disturb a start-up that looks at the shaft.
                 self._held = True
-                self.mechanism.take_hold(now_ns)
+                self.mechanism.let_hand(now_ns)
             self._drive(now_ns)
         return error
 

@@ -14,6 +14,7 @@ import pytest
 from hw.dynamixel.codec import Instruction, Parser
 from hw.dynamixel.tables import MODELS
 from hw.errors import ServoMissingError, UnfitServoError
+from hw.mechanism import HAND_WAIT_S
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096
@@ -276,14 +277,16 @@ def test_a_hand_that_comes_and_goes_neither_falsifies_the_probe_nor_starts_insid
 ) -> None:
     """The push moves at 0.6 rad/s half of the time, in and out of the wall."""
     bench = Bench(replace(TRUE, hand="push", position=-0.5), keep_out=(0.0, 100.0))
-    bench.wait(start_s)
+    bench.truth.mechanism.let_hand(bench.clock.now_ns())
+    bench.wait(HAND_WAIT_S + start_s)
     assert bench.servo.start()[-1].ok
     assert bench.state.position < 0.0
 
 
 def test_a_hand_that_leans_into_the_wall_is_refused() -> None:
     bench = Bench(replace(TRUE, hand="lean", position=-0.5), keep_out=(0.0, 100.0))
-    bench.wait(0.6)
+    bench.truth.mechanism.let_hand(bench.clock.now_ns())
+    bench.wait(HAND_WAIT_S + 0.6)
     begun = bench.clock.now_ns()
     refused(bench, match=r"stands inside the wall|not come to rest outside the wall")
     assert bench.clock.now_ns() - begun < 6e9
