@@ -1,0 +1,48 @@
+"""The pages as the tests read them: commands in ``sh`` blocks, links, headings, tables."""
+
+import re
+import shlex
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+
+
+def text_of(name):
+    return (ROOT / name).read_text()
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT))
+
+
+def commands():
+    """Every distinct line of the ``sh`` blocks: the page it is first seen on, and its words."""
+    found = {}
+    for page in PAGES:
+        for block in re.findall(r"^ *```sh\n(.*?)^ *```", page.read_text(), re.S | re.M):
+            for line in block.splitlines():
+                words = tuple(shlex.split(line, comments=True))
+                if words:
+                    found.setdefault(words, name_of(page))
+    return [(page, words) for words, page in found.items()]
+
+
+def without_code(text):
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"^ *```.*?^ *```", "", text, flags=re.S | re.M))
+
+
+def anchors(page):
+    """The names that links into a page may use, made of its headings."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
+    return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def script(name):
+    """A script without a suffix, as a module."""
+    loader = SourceFileLoader(name, str(ROOT / "scripts" / name))
+    module = module_from_spec(spec_from_loader(name, loader))
+    loader.exec_module(module)
+    return module

@@ -1,0 +1,197 @@
+"""Every command that the pages name is run, or where that takes hardware, refused for its lack.
+
+Runs go by the simulated clock, for a moment: what is held here is that the command exists and takes
+what is shown. Nothing is asserted about time.
+"""
+
+import gc
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from controller.cli import main as cli
+from controller.config_load import load_config
+from tests.docs.pages import ROOT, commands, text_of
+
+PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
+OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
+BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
+PATIENT = ["servo.watchdog_s=2.54", "safety.heartbeat_s=10", "safety.max_losses_in_row=1000"]
+PATIENT += ["safety.max_loss=1"]
+"""A machine that runs tests may stall for longer than a wall should."""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
+    monkeypatch.chdir(tmp_path)
+    # What is drawn has tests of its own, and takes most of a second each time.
+    monkeypatch.setattr("controller.plot.plot_run", lambda *_: None)
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
+    yield tmp_path
+    gc.enable()  # a run switches it off
+    gc.unfreeze()
+
+
+def call(words):
+    try:
+        return cli.main(words)
+    except SystemExit as ended:
+        return ended.code
+
+
+def shown(found):
+    page, words = found
+    return f"{page}: {' '.join(words)}"
+
+
+def value_of(words, option):
+    return words[words.index(option) + 1] if option in words else None
+
+
+def run_quickly(words, folder, capsys):
+    """A ``run`` in the way that fits its servo; its exit status, and the one wanted."""
+    config = words[0] if words and not words[0].startswith("-") else "simulated"
+    sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+    wrong = call(["config", config, *(f"--set={s}" for s in sets)])
+    capsys.readouterr()
+    if wrong:
+        return call(words), 2
+    extra = ["--duration=0.2"]
+    if load_config(config, sets).config.servo.kind == "hardware":
+        # Another port than the one named: where the tests run, a servo may be at that one.
+        nowhere = folder / "ttyUSB0"
+        status = call(["run", *words, *extra, "--set", f"servo.port={nowhere}"])
+        assert f"Port {nowhere} does not exist" in capsys.readouterr().err
+        return status, 4
+    if "--witness" in words:  # a record is kept by an emulator in its own process only
+        at = words.index("--witness")
+        words = words[:at] + words[at + 2 :]
+    tripping = "safety.max_speed=0.5" in sets
+    extra = [] if tripping else extra
+    return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
+
+
+@pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
+def test_commands_of_the_program(found, folder, capsys):
+    _, (first, *words) = found
+    if first == "scripts/run":
+        words = ["run", *words]
+    if words[:1] == ["run"]:
+        status, wanted = run_quickly(words[1:], folder, capsys)
+        assert status == wanted
+        return
+    if words[0] == "log":
+        assert call(["run", "--log", words[1], "--duration=0.1", "--set=loop.clock=simulated"]) == 0
+    assert call(words) == 0
+    if (csv := value_of(words, "--csv")) is not None:
+        assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
+
+
+@pytest.mark.parametrize("found", OTHERS, ids=shown)
+def test_other_commands(found, folder):
+    _, words = found
+    match words:
+        case (".", activate):
+            assert activate == ".venv/bin/activate"
+        case ("cp", preset, copy):
+            (folder / copy).unlink(missing_ok=True)
+            subprocess.run(words, check=True)
+            assert load_config(copy) and preset.startswith("config/")
+        case (name, *_) if name.startswith("scripts/"):
+            assert os.access(ROOT / name, os.X_OK)
+        case _:
+            pytest.fail(
+                f"nobody checks {words[0]}: say here how to, or take it out of the sh block"
+            )
+
+
+@pytest.fixture
+def bus(tmp_path):
+    """Starts emulated buses by the pages' words, files apart; ends them."""
+    started = []
+
+    def start(words):
+        link = value_of(words, "--link")
+        place = {
+            link: str(tmp_path / "bus"),
+            value_of(words, "--record"): str(tmp_path / "truth.csv"),
+        }
+        emulator = subprocess.Popen(
+            [*PROGRAM, *(place.get(word, word) for word in words[1:])],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(emulator)
+        path = emulator.stdout.readline().strip()
+        assert path.startswith("/dev/pts/"), emulator.communicate()[1]
+        return emulator, link, tmp_path / "bus"
+
+    yield start
+    for emulator in started:
+        emulator.kill()
+        emulator.communicate()
+
+
+def second_terminal(link):
+    """The pages' command for the other terminal, which names the same link."""
+    return next(
+        list(words) for _, words in RUNS if words[1:2] == ("run",) and f"servo.port={link}" in words
+    )
+
+
+@pytest.mark.realtime
+def test_two_terminals(bus, tmp_path):
+    """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
+    first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
+    emulator, link, there = bus(first)
+    words = [word.replace(link, str(there)) for word in second_terminal(link)]
+    words += ["--duration", "0.3", "--json", "--log", str(tmp_path / "run.hwlog")]
+    words += [part for setting in PATIENT for part in ("--set", setting)]
+    for _ in range(3):  # a start-up that a stalled machine spoiled may be tried again
+        done = subprocess.run(
+            [*PROGRAM, *words[1:], "--plot", str(tmp_path / "run.png")],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode == 0:
+            break
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["stop_reason"] == "duration"
+    assert report["torque_off"] is True
+    assert all(check["ok"] for check in report["servo_checks"])
+    emulator.send_signal(signal.SIGINT)
+    assert emulator.wait(10) == 130
+    assert not there.exists()
+    assert (tmp_path / "truth.csv").read_text().startswith("time_s,event,id,instruction,")
+
+
+@pytest.mark.realtime
+def test_the_vendors_client(bus, tmp_path):
+    """The example with dynamixel-sdk speaks to the bus that the same page starts."""
+    page = "docs/emulated-bus.md"
+    first = next(words for found, words in RUNS if words in BUSES and found == page)
+    (example,) = re.findall(r"^```python\n(.*?)^```", text_of(page), re.S | re.M)
+    emulator, link, there = bus(first)
+    assert link in example
+    done = subprocess.run(
+        [sys.executable, "-c", example.replace(link, str(there))],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    emulator.terminate()
+    assert emulator.wait(10) == 0
+    heard = (tmp_path / "truth.csv").read_text()
+    assert ",rx,1,1," in heard  # the ping has arrived

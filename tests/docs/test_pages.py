@@ -1,0 +1,111 @@
+"""What the pages show is what the program says, and what they list is complete."""
+
+import json
+import re
+
+import pytest
+
+from controller.cli.log import _COLUMNS
+from controller.cli.main import COMMANDS
+from controller.config_fields import fields
+from controller.realtime import Setting
+from controller.safety import Trip
+from controller.telemetry import ROW
+from tests.docs.pages import PAGES, anchors, name_of, script, text_of, without_code
+from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text())):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        assert not anchor or anchor in anchors(there), target
+
+
+@pytest.mark.usefixtures("folder")
+def test_what_is_shown_is_what_the_program_says():
+    outputs = script("readme_output")
+    stale = [
+        page.name for page in outputs.pages() if outputs.renewed(page, False) != page.read_text()
+    ]
+    assert not stale, "run scripts/readme_output"
+
+
+def test_measured_parts_are_filled():
+    empty = r"<!-- measured: [^>]*-->\n<!-- end -->"
+    assert [name_of(page) for page in PAGES if re.search(empty, page.read_text())] == []
+
+
+def test_the_presets_are_those_of_the_program(capsys):
+    assert call(["presets", "--json"]) == 0
+    listed = {p["name"]: p["summary"] for p in json.loads(capsys.readouterr().out)["presets"]}
+    rows = dict(re.findall(r"^\| `([\w-]+)` \| (.*?) \|$", text_of("README.md"), re.M))
+    assert {name: rows.get(name) for name in listed} == listed
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_settings_that_are_named_exist(page):
+    sections = "|".join({path.split(".")[0] for path in fields()})
+    named = set(re.findall(rf"`((?:{sections})\.[a-z_]+)(?:[=:.][^`]*)?`", page.read_text()))
+    groups = {key.rpartition(".")[0] for key in report_keys_named()}
+    assert sorted(named - {*fields(), *report_keys_named(), *groups}) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_that_are_named_exist(page):
+    named = set(re.findall(r"`haptic-wall ([a-z]+)", page.read_text()))
+    assert sorted(named - {*COMMANDS}) == []
+
+
+def test_every_trip_has_its_section():
+    sections = re.findall(r"^## ([a-z_]+)$", text_of("docs/trips.md"), re.M)
+    assert sorted(sections) == sorted(Trip)
+
+
+def report_keys_named():
+    table = text_of("docs/report.md").partition("## Keys")[2].partition("\n## ")[0]
+    return {
+        key
+        for line in table.splitlines()
+        if line.startswith("| `")
+        for key in re.findall(r"`([\w.]+)`", line.split("|")[1])
+    }
+
+
+def keys(value, path=""):
+    """The keys of a report, by path; times and lists are one key."""
+    if not isinstance(value, dict) or "p50" in value:
+        return {path}
+    inner = {key for name, v in value.items() for key in keys(v, f"{path}.{name}".lstrip("."))}
+    return inner | ({path} if path else set())
+
+
+@pytest.mark.usefixtures("folder")
+def test_every_key_of_the_report_is_explained(capsys):
+    words = ["run", "emulated-xm430", "--set=loop.clock=simulated", "--duration=0.1", "--json"]
+    assert call(words) == 0
+    report = json.loads(capsys.readouterr().out)
+    explained = report_keys_named()
+    groups = {"guard.requested", "guard.commanded", "guard.limit", "torque"}
+    assert keys(report) - groups == explained
+    page = text_of("docs/report.md")
+    for name in ("name", "ok", "found", "wanted", *Setting.__slots__):
+        assert f"`{name}`" in page
+
+
+def test_every_column_of_the_log_is_explained():
+    page = text_of("docs/report.md")
+    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
+    assert dict(rows) == _COLUMNS
+    assert set(ROW.names) - set(_COLUMNS.values()) == {"seq", "sampled_ns"}
+
+
+def test_every_start_up_check_is_explained():
+    outputs = script("readme_output")
+    _, rows = outputs.checks()
+    page = text_of("docs/hardware.md").partition("| check | why |")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [name for name, *_ in rows]
