@@ -175,6 +175,33 @@ def decode_fast_status(frame: Frame, size: int) -> list[FastReply]:
     ]
 
 
+class ExpectedReply:
+    """Recognises the one reply that a cyclic request should get, in half the time of a search.
+
+    Args:
+        id: Of the servo asked.
+        size: Bytes of data asked for.
+    """
+
+    __slots__ = ("_crc", "_prefix", "_size")
+
+    def __init__(self, id: int, size: int) -> None:  # noqa: A002
+        length = size + 4
+        self._prefix = _HEADER + bytes((id, length & 0xFF, length >> 8, Instruction.STATUS))
+        self._size = len(self._prefix) + length - 1
+        self._crc = crc16(self._prefix)
+
+    def match(self, data: bytes) -> Frame | None:
+        """The reply, if ``data`` is just that; None for whatever needs a ``Parser``."""
+        prefix = self._prefix
+        if len(data) != self._size or not data.startswith(prefix):
+            return None
+        body = data[8:-2]
+        if _MARK in body or crc16(body, self._crc) != data[-2] | data[-1] << 8:
+            return None
+        return Frame(prefix[4], Instruction.STATUS, body[0], body[1:])
+
+
 class Parser:
     """Finds frames in a stream of bytes, however it is cut, and whatever lies between them.
 
@@ -196,6 +223,11 @@ class Parser:
         self._skipping = False
         self.corrupt = 0
         """Frames with a wrong CRC, frames cut short, and runs of bytes that belong to none."""
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing of a frame is waiting for its rest."""
+        return not self._buffer and not self._skipping
 
     def reset(self) -> None:
         """Forget a frame that has come in part only. Does not count as corrupt."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 import struct
 from typing import Final, NamedTuple
 
-from hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, encode
+from hw.dynamixel.codec import BROADCAST, ExpectedReply, Frame, Instruction, Parser, encode
 from hw.dynamixel.line import Line
 from hw.dynamixel.tables import TICK_MODULUS, Register
 from hw.servo import BusCounts, Outcome
@@ -73,6 +73,7 @@ class Link:
             length: encode(servo_id, Instruction.READ, struct.pack("<HH", _BLOCK_ADDRESS, length))
             for length in _LENGTHS
         }
+        self._expected = {length: ExpectedReply(servo_id, length) for length in _LENGTHS}
         self._goals: dict[int, bytes] = {}
         self._free_at = dict.fromkeys(_LENGTHS, 0)
         self._number = 0
@@ -117,24 +118,25 @@ class Link:
             raise RuntimeError("collect() without a request(): call request() first")
         line, parser = self._line, self._parser
         broken = parser.corrupt + self._refusals
+        now_ns = self._now_ns
         self.waited_ns = 0
         while True:
-            if data := line.read():
-                found: Sample | None = None
-                for frame in parser.feed(data):
-                    sample = self._match(frame)
-                    if sample is None:
-                        self._count_unmatched(frame)
-                    elif found is None:
-                        found = sample
-                if found is not None:
-                    return found
-                continue
-            began_ns = self._now_ns()
+            began_ns = now_ns()
             come = line.wait(deadline_ns)
-            self.waited_ns += self._now_ns() - began_ns
+            self.waited_ns += now_ns() - began_ns
             if not come:
                 break
+            data = line.read()
+            expected = self._expected[self._length].match(data) if parser.idle else None
+            found: Sample | None = None
+            for frame in parser.feed(data) if expected is None else (expected,):
+                sample = self._match(frame)
+                if sample is None:
+                    self._count_unmatched(frame)
+                elif found is None:
+                    found = sample
+            if found is not None:
+                return found
         came_broken = parser.corrupt + self._refusals > broken
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
@@ -179,8 +181,7 @@ class Link:
         """
         line, parser = self._line, self._parser
         if self._length:
-            self._free_at[self._length] = self._number + _QUARANTINE
-            self._length = 0
+            self._quarantine()
         parser.feed(line.read())
         line.write(encode(self._id, instruction, params))
         while line.wait(deadline_ns):
@@ -233,9 +234,13 @@ class Link:
             counts.corrupt += 1
         else:
             counts.lost += 1
+        self._quarantine()
+        return Sample(outcome, 0, 0, False, self._sent_ns)
+
+    def _quarantine(self) -> None:
+        """Stop waiting; the answer may still come, so its length is not used for a while."""
         self._free_at[self._length] = self._number + _QUARANTINE
         self._length = 0
-        return Sample(outcome, 0, 0, False, self._sent_ns)
 
     def _count_unmatched(self, frame: Frame) -> None:
         """Count a sample that nobody waits for any more, or a refusal (it does not say of what)."""

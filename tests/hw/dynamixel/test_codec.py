@@ -8,6 +8,7 @@ from hw.dynamixel.codec import (
     BROADCAST,
     MAX_LENGTH,
     ErrorCode,
+    ExpectedReply,
     FastReply,
     Frame,
     Instruction,
@@ -239,3 +240,27 @@ def test_fast_sync_reply_of_another_size_is_refused():
 def test_impossible_id_is_refused(id_):
     with pytest.raises(ValueError, match=str(id_)):
         encode(id_, Instruction.PING)
+
+
+@given(st.binary(min_size=20, max_size=20), st.integers(0, 255))
+def test_the_expected_reply_is_known_without_a_search(data: bytes, error: int) -> None:
+    expected = ExpectedReply(3, 20)
+    reply = encode_status(3, error, data)
+    (parsed,) = Parser().feed(reply)
+    found = expected.match(reply)
+    assert found == parsed or (found is None and len(reply) > 31), "a stuffed one is left to search"
+
+
+def test_what_is_not_quite_the_expected_reply_is_left_to_the_parser() -> None:
+    expected = ExpectedReply(3, 4)
+    reply = encode_status(3, 0, b"abcd")
+    assert expected.match(reply) is not None
+    for other in (
+        reply[:-1],
+        reply + b"\0",
+        encode_status(4, 0, b"abcd"),
+        encode_status(3, 0, b"abcde"),
+        encode(3, Instruction.READ, b"abcde"),
+        *(reply[:at] + bytes((reply[at] ^ 1,)) + reply[at + 1 :] for at in range(len(reply))),
+    ):
+        assert expected.match(other) is None
