@@ -1,0 +1,194 @@
+"""The whole controller on the simulated clock: deterministic, stable where the guard says so."""
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from controller.config_load import load_config
+from controller.session import run_session
+from controller.telemetry import FLAG_WARM_UP, Telemetry, Word
+from controller.theory import critical_stiffness
+from hw.clock import SimulatedClock
+
+LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0"]
+LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
+
+
+def session(preset, *sets, duration=2.0, telemetry=None):
+    config = load_config(preset, sets).config
+    telemetry = telemetry or Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, duration)
+    rows, _ = telemetry.read(0)
+    return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+
+
+def heights(rows, wall=0.0):
+    """Largest distance from the wall in the first and in the last quarter."""
+    distance = np.abs(rows["position"] - wall)
+    quarter = len(distance) // 4
+    return distance[:quarter].max(), distance[-quarter:].max()
+
+
+def run_command(folder, *arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "controller.cli.main", "run", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path):
+    logs = []
+    for name in ("a.hwlog", "b.hwlog"):
+        arguments = [preset, "--set", "loop.clock=simulated", "--duration", "2", "--log", name]
+        done = run_command(tmp_path, *arguments, "--plot", "p.png", "--json")
+        assert done.returncode == 0, done.stderr
+        logs.append((tmp_path / name).read_bytes())
+    assert logs[0] == logs[1]
+    assert len(logs[0]) > 2000 * 100
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_report_of_a_simulated_run(tmp_path):
+    done = run_command(
+        tmp_path, "simulated", "--set", "loop.clock=simulated", "--duration", "3", "--json"
+    )
+    report = json.loads(done.stdout)
+    assert report["ticks"] == 3000
+    assert report["missed_ticks"] == 0
+    assert report["rate_hz"] == pytest.approx(1000.0)
+    assert report["bus"] is None
+    assert report["oscillation"] is None
+    delay = report["delay_s"]
+    assert delay["measured"] == 0.0
+    assert delay["total"] == delay["inserted"] + delay["device"]
+    assert report["stop_reason"] == "duration"
+    assert (tmp_path / report["log"]).exists()
+    assert (tmp_path / report["plot"]).exists()
+
+
+def test_the_hand_feels_the_wall():
+    result, rows = session("simulated", "loop.clock=simulated", duration=5.0)
+    assert result.stop_reason == "duration"
+    pressed = rows[rows["position"] > 0.05]
+    assert len(pressed) > 500, "the push goes in"
+    assert pressed["torque"].max() < 0.0, "and the wall pushes back"
+    assert rows[rows["position"] <= 0.0]["torque"].max() == 0.0
+    assert rows[rows["position"] <= 0.0]["torque"].min() == 0.0
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("lag", [0.0, 0.0004])
+def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag):
+    inertia, damping, virtual = 0.011951, 0.011692, 0.03
+    limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
+    for factor, grows in ((0.97, False), (1.03, True)):
+        _, rows = session(
+            "simulated",
+            *LINEAR,
+            "guard.mode=off",
+            f"delay.steps={steps}",
+            f"servo.delay={lag}",
+            f"wall.stiffness={factor * limit}",
+            f"wall.damping={virtual}",
+            "servo.kick=0.001",
+            "safety.max_speed=1e6",
+            duration=6.0,
+        )
+        first, last = heights(rows)
+        assert bool(last > first) is grows, f"{factor} of the limit"
+
+
+def test_the_guard_keeps_an_absurd_wall_stable():
+    result, rows = session(
+        "simulated", *LINEAR, "wall.stiffness=1e9", "wall.damping=0.03", "servo.kick=0.01"
+    )
+    guard = result.guard
+    assert guard["requested"]["stiffness"] == 1e9
+    assert guard["commanded"]["stiffness"] == pytest.approx(0.8 * guard["limit"]["exact"], rel=1e-3)
+    first, last = heights(rows)
+    assert last < 0.75 * first, "0.8 of the limit leaves a fifth of the damping: 0.35 1/s"
+
+
+def test_the_guard_can_be_wrong_when_the_belief_is():
+    """Truth and belief are apart: believing too much damping commands what is unstable."""
+    settings = (*LINEAR, "wall.stiffness=1e9", "servo.damping=0.001", "servo.kick=0.001")
+    _, rows = session("simulated", *settings, "model.damping=0.05", "safety.max_speed=1e6")
+    first, last = heights(rows)
+    assert last > 3.0 * first
+
+
+def test_the_driver_on_a_bus_in_memory_renders_the_same_wall():
+    _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    result, bus = session("emulated-xm430", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    assert result.bus["lost"] == result.bus["late"] == result.bus["corrupt"] == 0
+    assert 0.0 < result.delay["measured"] < 0.5e-3
+    assert bus["position"].max() == pytest.approx(plain["position"].max(), abs=0.01)
+    assert bus["torque"].min() == pytest.approx(plain["torque"].min(), rel=0.05)
+
+
+@pytest.mark.parametrize("rate", [250, 500, 1000])
+@pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
+def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
+    result, rows = session(
+        "emulated-xm430",
+        "loop.clock=simulated",
+        f"loop.rate_hz={rate}",
+        f"servo.schedule={schedule}",
+    )
+    assert result.stop_reason == "duration"
+    assert result.ticks == 2 * rate
+    assert result.bus["lost"] == result.bus["late"] == 0
+    ages = rows["age_ns"] * rate / 1e9
+    if schedule == "pipelined":
+        assert np.all((ages > 0.9) & (ages < 1.2)), "a period old, and counted"
+    else:
+        assert np.all(ages < 0.5)
+
+
+def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
+    telemetry = Telemetry.create()
+    telemetry.words[Word.STOP] = 1
+    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    assert result.stop_reason == "interrupted"
+    assert result.torque_off
+    assert result.ticks == 0
+
+
+def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
+    from controller import tick
+
+    def broken(*_):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
+    result, _ = session("emulated-xm430", "loop.clock=simulated")
+    assert result.stop_reason == "trip:internal_error"
+    assert "ZeroDivisionError: boom" in result.message
+    assert result.torque_off
+
+
+def test_a_position_that_is_not_a_number_trips(monkeypatch):
+    from hw.dynamixel.servo import DynamixelServo
+
+    plain = DynamixelServo.collect
+    seen = []
+
+    def broken(self, deadline_ns):
+        seen.append(0)
+        reading = plain(self, deadline_ns)
+        return reading._replace(position=math.nan) if len(seen) == 700 else reading
+
+    monkeypatch.setattr(DynamixelServo, "collect", broken)
+    result, rows = session("emulated-xm430", "loop.clock=simulated")
+    assert result.stop_reason == "trip:not_a_number"
+    assert result.torque_off
+    assert rows["torque"][-1] == 0.0
