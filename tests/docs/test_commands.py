@@ -132,7 +132,9 @@ def bus(tmp_path):
         )
         started.append(emulator)
         path = emulator.stdout.readline().strip()
-        assert path.startswith("/dev/pts/"), emulator.communicate()[1]
+        if not path.startswith("/dev/pts/"):
+            said = emulator.communicate(timeout=10)
+            pytest.fail(f"the bus did not start: {path!r}, {said}, status {emulator.returncode}")
         return emulator, link, tmp_path / "bus"
 
     yield start
