@@ -1,0 +1,284 @@
+"""Real processes, a real pseudo-terminal: however a run ends, the torque is off and it is said.
+
+Nothing here asserts how quick anything was: the machine may stall for longer than any limit
+worth testing. The settings make the program patient, and the witness tells what happened.
+"""
+
+import contextlib
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+PATIENT = [
+    word
+    for setting in (
+        "servo.watchdog_s=2.5",
+        "safety.heartbeat_s=5",
+        "safety.max_loss=1",
+        "safety.max_losses_in_row=900",
+        "realtime.profile=best-effort",
+    )
+    for word in ("--set", setting)
+]
+BELIEF = ["--set", "wall.side=both", "--set", "wall.position=3.14159", "--set", "model.delay=0"]
+
+pytestmark = pytest.mark.realtime
+
+
+@contextlib.contextmanager
+def started(*arguments, cwd):
+    process = subprocess.Popen(
+        [*PROGRAM, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
+
+
+@contextlib.contextmanager
+def emulator(folder, *arguments):
+    with started("emulate", "--record", "witness.csv", *arguments, cwd=folder) as process:
+        yield process, process.stdout.readline().strip()
+
+
+def children(pid):
+    """The children of a process by the module they run."""
+    found = {}
+    tasks = Path(f"/proc/{pid}/task/{pid}/children")
+    with contextlib.suppress(FileNotFoundError), tasks.open() as file:
+        for child in file.read().split():
+            with contextlib.suppress(FileNotFoundError):
+                words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
+                found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
+                if "emulate" in words:
+                    found["emulator"] = int(child)
+    return found
+
+
+def wait_for(condition, what, timeout_s=60.0):
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if result := condition():
+            return result
+        time.sleep(0.02)
+    raise AssertionError(f"waited {timeout_s} s for {what}")
+
+
+def ticking(process, folder, log="run.hwlog"):
+    """Wait until the log grows: the wall is on, or about to be."""
+    path = folder / log
+    wait_for(lambda: path.exists() and path.stat().st_size > 50_000, "a growing log")
+    return children(process.pid)
+
+
+def run_arguments(*more):
+    places = ["--log", "run.hwlog", "--plot", "run.png", "--json"]
+    return ["run", "emulated-xm430", *places, *PATIENT, *more]
+
+
+def witness(folder):
+    with (folder / "witness.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def assert_torque_off(rows):
+    """The last the bus saw of torque: switched off, read back as off, and none acting."""
+    torque_enable = [
+        row
+        for row in rows
+        if row["event"] == "rx" and row["instruction"] == "3" and row["params"][:4] == "4000"
+    ]
+    assert torque_enable[-1]["params"] == "400000"
+    assert float(rows[-1]["torque_nm"]) == 0.0
+    reads = [row for row in rows if row["event"] == "rx" and row["instruction"] == "2"]
+    assert reads[-1]["params"] == "40000100", "read back"
+    assert [row for row in rows if row["event"] == "tx"][-1]["params"] == "00"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_run_with_torque_off_and_a_report(number, tmp_path):
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
+    with started(*arguments, cwd=tmp_path) as process:
+        ticking(process, tmp_path)
+        process.send_signal(number)
+        if number == signal.SIGINT:  # twice is safe
+            time.sleep(0.01)
+            process.send_signal(number)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    report = json.loads(output)
+    assert report["stop_reason"] == "interrupted"
+    assert report["torque_off"] is True
+    assert report["ticks"] > 0
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    assert_torque_off(witness(tmp_path))
+
+
+def test_a_killed_recorder_does_not_disturb_the_run(tmp_path):
+    with started(*run_arguments("--duration", "3"), cwd=tmp_path) as process:
+        os.kill(ticking(process, tmp_path)["recorder"], signal.SIGKILL)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    report = json.loads(output)
+    assert report["stop_reason"] == "duration"
+    assert any("recorder was killed by SIGKILL" in text for text in report["warnings"])
+
+
+def test_a_full_disk_does_not_disturb_the_run(tmp_path):
+    places = ["--log", "/dev/full", "--plot", "run.png", "--json"]
+    arguments = ["run", "emulated-xm430", *places, *PATIENT, "--duration", "1"]
+    done = subprocess.run(
+        [*PROGRAM, *arguments], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["stop_reason"] == "duration"
+    assert any("No space left on device" in text for text in report["warnings"])
+
+
+def test_a_killed_loop_has_its_torque_cut(tmp_path):
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
+    with started(*arguments, cwd=tmp_path) as process:
+        os.kill(ticking(process, tmp_path)["loop_process"], signal.SIGKILL)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 3
+    report = json.loads(output)
+    assert report["stop_reason"] == "trip:loop_died"
+    assert any("switched the torque off and read it back" in text for text in report["warnings"])
+    assert_torque_off(witness(tmp_path))
+
+
+def test_a_stopped_loop_has_its_torque_cut(tmp_path):
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
+    with started(*arguments, "--set", "safety.heartbeat_s=0.5", cwd=tmp_path) as process:
+        os.kill(ticking(process, tmp_path)["loop_process"], signal.SIGSTOP)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert json.loads(output)["stop_reason"] == "trip:loop_hung"
+    assert_torque_off(witness(tmp_path))
+
+
+def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path):
+    with emulator(tmp_path) as (bus, port):
+        arguments = ["run", "xm430-w350", "--log", "run.hwlog", *PATIENT, *BELIEF]
+        with started(*arguments, "--set", f"servo.port={port}", cwd=tmp_path) as process:
+            family = ticking(process, tmp_path)
+            assert set(family) == {"loop_process", "recorder"}
+            process.kill()
+            for pid in family.values():
+                wait_for(lambda pid=pid: not Path(f"/proc/{pid}").exists(), "the children's end")
+        bus.send_signal(signal.SIGTERM)
+        bus.wait(timeout=30)
+    assert_torque_off(witness(tmp_path))
+
+
+def test_a_dead_bus_is_a_lost_servo(tmp_path):
+    with started(*run_arguments("--duration", "60"), cwd=tmp_path) as process:
+        os.kill(ticking(process, tmp_path)["emulator"], signal.SIGKILL)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 4
+    report = json.loads(output)
+    assert report["stop_reason"] == "trip:servo_lost"
+    assert report["torque_off"] is False
+
+
+def refused(tmp_path, *arguments):
+    """The one message a refused run leaves."""
+    done = subprocess.run(
+        [*PROGRAM, "run", *arguments, "--json"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 4
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    return done.stderr
+
+
+def on(port, *more):
+    words = [f"servo.port={port}", *more]
+    return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
+
+
+def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path):
+    assert "/dev/ttyNONE does not exist" in refused(tmp_path, *on("/dev/ttyNONE"))
+    with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
+        assert "id 7" in refused(tmp_path, *on(port, "servo.id=7"))
+        wrong_model = refused(tmp_path, *on(port, "servo.model=XM540-W270"))
+        assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
+        no_current = refused(tmp_path, *on(port, "servo.id=2", "servo.model=XL430-W250"))
+        assert "has no current mode" in no_current
+        wrong_baud = refused(tmp_path, *on(port, "servo.baud=1000000"))
+        assert "1000000" in wrong_baud
+
+
+def test_a_port_that_another_run_holds_is_busy(tmp_path):
+    with emulator(tmp_path) as (_, port):
+        arguments = ["run", *on(port), "--log", "run.hwlog"]
+        with started(*arguments, cwd=tmp_path) as process:
+            ticking(process, tmp_path)
+            message = refused(tmp_path, *on(port))
+            assert port in message
+            assert f"pid {process.pid}" in message or "is used by" in message
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=60)
+            assert process.returncode == 130, "and the first one was not disturbed"
+
+
+WITHOUT_RIGHTS = """
+import ctypes, os, resource, sys
+libc = ctypes.CDLL(None)
+for capability in (23, 14):  # CAP_SYS_NICE, CAP_IPC_LOCK: what root would regain at exec
+    libc.prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP
+resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+
+
+def without_rights(tmp_path, *arguments):
+    """A run as a user without real-time rights would have it."""
+    command = [sys.executable, "-c", WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False
+    )
+
+
+def test_strict_refuses_without_rights_and_names_the_command(tmp_path):
+    done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
+    assert done.returncode == 4
+    assert done.stdout == ""
+    assert "realtime.profile is strict" in done.stderr
+    assert "rtprio" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path):
+    done = without_rights(tmp_path, "--duration", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    settings = {setting["name"]: setting for setting in report["realtime"]}
+    assert not settings["scheduler"]["ok"]
+    assert not settings["memory"]["ok"]
+    assert any("rtprio" in text for text in report["warnings"])
