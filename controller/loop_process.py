@@ -10,13 +10,15 @@ import json
 import os
 import signal
 import sys
+import traceback
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from controller import realtime
 from controller.config import Config
 from controller.errors import PlatformError
 from controller.session import run_session
-from controller.telemetry import State, Telemetry, Word
+from controller.telemetry import Telemetry, Word
 from hw.clock import MonotonicClock
 from hw.errors import ServoError
 
@@ -69,9 +71,16 @@ def main() -> None:
             prepare=prepare,
         )
     except (ServoError, PlatformError) as error:
-        telemetry.words[Word.STATE] = State.TORQUE_OFF
         _tell("refused", message=str(error))
         return
+    except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
+        # The session has switched the torque off on its way here; say what it was.
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        _tell(
+            "refused",
+            message=f"{type(error).__name__}: {error} (in {where.name}, {Path(where.filename).name}"
+            f" line {where.lineno}): this is a defect of haptic-wall, please report it",
+        )
     _tell("ended", result=asdict(result))
 
 

@@ -30,8 +30,6 @@ class Trip(StrEnum):
     """The loop's process gave no sign of life."""
     LOOP_DIED = "loop_died"
     """The loop's process ended without saying so."""
-    EMULATOR_DIED = "emulator_died"
-    """The process of the emulated bus ended."""
     INTERNAL_ERROR = "internal_error"
     """The program raised an error it should not have."""
 
@@ -54,7 +52,6 @@ EXPLANATIONS = {
     Trip.LOOP_HUNG: "the loop gave no sign of life for safety.heartbeat_s; the supervisor has"
     " switched the torque off",
     Trip.LOOP_DIED: "the loop's process died; the supervisor has switched the torque off",
-    Trip.EMULATOR_DIED: "the emulated bus died; start it again",
     Trip.INTERNAL_ERROR: "the loop met an error it does not know; torque is off, please report it"
     " with the log",
 }

@@ -255,8 +255,12 @@ class _Supervisor:
                 stop_asked = now
             hung = self._hung(now, started)
             if hung or (stop_asked is not None and now - stop_asked > END_S):
-                return self._cut(loop, Trip.LOOP_HUNG)
+                starting = self._words[Word.STATE] == State.STARTING
+                reason = self._cut(loop, Trip.LOOP_HUNG)
+                return "interrupted" if stop_asked is not None and starting else reason
         self._hear(loop)
+        if emulator is not None and emulator.ended():
+            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._warnings.append(self._cut_text())

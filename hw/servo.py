@@ -93,6 +93,7 @@ class Servo(Protocol):
         Raises:
             UnfitServoError: A check failed; torque is off.
             ServoMissingError: Nothing answers.
+            ServoLostError: It stops answering; the message says whether torque is off.
         """
         ...
 

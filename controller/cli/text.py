@@ -50,10 +50,17 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
         f"{ticks} in {_number(report['duration_s'])} s: {_number(report['rate_hz'], 6)} Hz; "
         f"{missed} missed{share}",
     )
+    factor = report.get("real_time_factor")
+    if factor is not None:  # on the simulated clock nothing is ever late
+        yield from _entry("clock", f"simulated, {_number(factor)} times faster than real time")
     for key, meaning in (
-        ("lateness_us", "lateness"),
-        ("work_us", "work"),
-        ("bus_us", "bus wait"),
+        ()
+        if factor is not None
+        else (
+            ("lateness_us", "lateness"),
+            ("work_us", "work"),
+            ("bus_us", "bus wait"),
+        )
     ):
         times = report.get(key) or {}
         if times.get("p50") is not None:

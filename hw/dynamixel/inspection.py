@@ -11,7 +11,7 @@ from typing import Final
 from hw.dynamixel.checklist import Checklist
 from hw.dynamixel.sdk import Table
 from hw.dynamixel.tables import Model, model_by_number
-from hw.errors import ServoMissingError
+from hw.errors import ServoLostError
 
 _WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
@@ -59,7 +59,7 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
     register = table.registers["status_return_level"]
     try:
         found = str(level := table.sdk.read(register))
-    except ServoMissingError:
+    except ServoLostError:
         found, level = "no replies to reads", 0
     if level != register.default:
         table.sdk.write_unanswered(register, register.default)

@@ -16,7 +16,7 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.errors import ServoMissingError, UnfitServoError
+from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
@@ -69,7 +69,7 @@ def probe_sign(
 
     Raises:
         UnfitServoError: The shaft does not rest where it may be.
-        ServoMissingError: The servo stops answering.
+        ServoLostError: The servo stops answering.
     """
     prober = _Prober(link, clock, name, may_be_at)
     for _ in range(2):
@@ -147,7 +147,7 @@ class _Prober:
         else:
             self._losses += 1
             if self._losses >= _LOSSES:
-                raise ServoMissingError(
+                raise ServoLostError(
                     f"The {self._name} stopped answering while the torque's sign was probed: "
                     "check the cable and the power supply."
                 )

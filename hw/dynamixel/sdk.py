@@ -18,7 +18,7 @@ from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from hw.dynamixel.line import Line
 from hw.dynamixel.tables import Register
-from hw.errors import ServoMissingError, UnfitServoError
+from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 
 _PATIENCE_NS: Final = 3_000_000
 """On top of the bytes' own time: the servo's return delay (0.5 ms) and the adapter's hold (1 ms)"""
@@ -116,14 +116,14 @@ class Sdk:
         raise ServoMissingError(
             f"No servo answers as {self._name} "
             f"({self._result(result)}): check its power and cable, and that servo.id and "
-            "servo.baud are the servo's own (`haptic-wall scan` looks for them)."
+            "servo.baud are the servo's own."
         )
 
     def read(self, register: Register) -> int:
         """The value of a register of one or two bytes.
 
         Raises:
-            ServoMissingError: No answer.
+            ServoLostError: No answer, though it answered before.
             UnfitServoError: The servo refuses.
         """
         size = _small(register)
@@ -143,7 +143,7 @@ class Sdk:
         """Write a register of one or two bytes and see the servo confirm it.
 
         Raises:
-            ServoMissingError: No answer.
+            ServoLostError: No answer, though it answered before.
             UnfitServoError: The servo refuses.
         """
         _small(register)
@@ -171,7 +171,7 @@ class Sdk:
         """Restart the servo; it answers again after about a second.
 
         Raises:
-            ServoMissingError: No answer.
+            ServoLostError: No answer, though it answered before.
             UnfitServoError: The servo refuses.
         """
         self._prepare(last=True)
@@ -194,8 +194,8 @@ class Sdk:
                 "check that it is the configured model and that its torque is off."
             )
 
-    def _silent(self, what: str, result: int) -> ServoMissingError:
-        return ServoMissingError(
+    def _silent(self, what: str, result: int) -> ServoLostError:
+        return ServoLostError(
             f"The servo {self._name} answered before, but not when {what} "
             f"({self._result(result)}): check the cable and for a second servo with this id."
         )

@@ -10,7 +10,13 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.startup import start_up, watchdog_units
 from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
-from hw.errors import ServoError, ServoLostError, TorqueLostError, UnfitServoError
+from hw.errors import (
+    ServoError,
+    ServoLostError,
+    ServoMissingError,
+    TorqueLostError,
+    UnfitServoError,
+)
 from hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from hw.settings import DynamixelSettings
 
@@ -67,6 +73,9 @@ class DynamixelServo:
         self._confirmed_off = False
         try:
             ready = start_up(self._settings, self._model, self._line, self._link, self._step)
+        except ServoMissingError:
+            self._off()
+            raise  # what never answered was never driven
         except ServoError as error:
             if self._off():
                 raise

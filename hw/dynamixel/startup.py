@@ -24,7 +24,7 @@ from hw.dynamixel.tables import (
     WATCHDOG_UNIT_NS,
     Model,
 )
-from hw.errors import ServoMissingError, UnfitServoError
+from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Check, Outcome
 from hw.settings import DynamixelSettings
 
@@ -65,6 +65,7 @@ def start_up(
 
     Raises:
         ServoMissingError: Nothing answers.
+        ServoLostError: It stops answering.
         UnfitServoError: One or more checks failed; the message has a sentence for each.
     """
     start = _Startup(settings, model, line, link, torque_step)
@@ -189,7 +190,10 @@ class _Startup:
         if settings.probe_torque <= 0.0:
             self.list.add("torque sign", True, "not probed", "not asked for")
             return
-        limit = min(round(settings.probe_torque / self._torque_step), self.current_limit)
+        wanted = settings.probe_torque
+        if settings.torque_limit > 0.0:
+            wanted = min(wanted, settings.torque_limit)
+        limit = min(round(wanted / self._torque_step), self.current_limit)
         direction = 1 if settings.probe_direction > 0 else -1
         push, tripped = self._push(direction * max(1, limit))
         torque = push.peak * self._torque_step
@@ -251,7 +255,7 @@ class _Startup:
             sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
-        raise ServoMissingError(
+        raise ServoLostError(
             f"The {self._name} answers single registers but not the block of its sample "
             "(120 to 135): check the cable."
         )

@@ -1,7 +1,7 @@
 """The codec against published frames, its own inverse, and damaged streams."""
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hw.dynamixel.codec import (
@@ -170,12 +170,15 @@ def test_frame_behind_a_damaged_one_is_found_at_once(data):
     """One byte of a reply is altered or the reply is cut; the next one still comes through."""
     params = data.draw(payloads)
     first = bytearray(encode_status(9, 0, params))
+    whole = bytes(first)
     second = encode_status(5, 0, b"abcd")
     where = data.draw(st.integers(7, len(first) - 1))
     if data.draw(st.booleans()):
         first[where] ^= data.draw(st.integers(1, 255))
     else:
         del first[where:]
+    # A CRC that ends in FF is made whole by the next header's first byte: then it is no damage.
+    assume(not (bytes(first) + second).startswith(whole))
     parser = Parser()
     found = parser.feed(bytes(first) + second)
     assert found[-1:] == [Frame(5, Instruction.STATUS, 0, b"abcd")]

@@ -13,7 +13,7 @@ import pytest
 
 from hw.dynamixel.codec import Instruction, Parser
 from hw.dynamixel.servo import DynamixelServo
-from hw.errors import ServoLostError, ServoMissingError
+from hw.errors import ServoLostError
 from hw.servo import Outcome
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
@@ -248,8 +248,18 @@ def test_a_vanished_port_is_a_lost_servo_and_stopping_says_so() -> None:
 
 
 def test_a_start_that_cannot_confirm_torque_off_says_so() -> None:
-    bench = Bench(id=9)
-    with pytest.raises(ServoMissingError, match="could not be read back: switch the servo's power"):
+    bench = Bench()
+    read = bench.line.read
+    deaf = []
+
+    def deaf_once_torque_is_on() -> bytes:
+        data = read()
+        if bench.truth.memory["torque_enable"]:
+            deaf.append(True)
+        return b"" if deaf else data
+
+    bench.line.read = deaf_once_torque_is_on  # type: ignore[method-assign]
+    with pytest.raises(ServoLostError, match="could not be read back: switch the servo's power"):
         bench.servo.start()
 
 

@@ -8,7 +8,7 @@ from hw.clock import SimulatedClock
 from hw.dynamixel.codec import encode_status
 from hw.dynamixel.sdk import Sdk
 from hw.dynamixel.tables import MODELS
-from hw.errors import ServoMissingError, UnfitServoError
+from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from tests.hw.dynamixel.lines import MS, ClockLine, Fate, TroubledLine, unharmed
 
 REGISTERS = MODELS["XM430-W350"].registers
@@ -60,12 +60,12 @@ def test_nothing_that_answers_is_a_missing_servo_and_says_where() -> None:
 
 
 def test_a_read_without_an_answer_raises_in_place_of_zero() -> None:
-    with pytest.raises(ServoMissingError, match=r"Hardware Error Status \(70\) was to be read"):
+    with pytest.raises(ServoLostError, match=r"Hardware Error Status \(70\) was to be read"):
         Bench(lost).sdk.read(REGISTERS["hardware_error_status"])
 
 
 def test_a_write_without_an_answer_raises() -> None:
-    with pytest.raises(ServoMissingError, match=r"1 was written to Led \(65\)"):
+    with pytest.raises(ServoLostError, match=r"1 was written to Led \(65\)"):
         Bench(lost).sdk.write(REGISTERS["led"], 1)
 
 
@@ -121,5 +121,5 @@ def test_long_registers_are_refused() -> None:
 
 
 def test_a_reboot_is_confirmed() -> None:
-    with pytest.raises(ServoMissingError, match="told to reboot"):
+    with pytest.raises(ServoLostError, match="told to reboot"):
         Bench().sdk.reboot()  # this servo knows no reboot

@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """The yardstick: a bare, hand-written 1 kHz loop on a Dynamixel bus, with nothing of this project.
 
 It reads the 16 bytes from Realtime Tick to Present Position, writes a goal current of zero, and
 counts what it missed. No wall, no guard, no checks, no log: what a loop of this kind costs at the
 least on the machine and bus it runs on. Torque stays off: goal currents have no effect.
 
-    scripts/bare_loop PORT [SECONDS]     one JSON object on standard output
+    .venv/bin/python scripts/bare_loop.py PORT [SECONDS]     one JSON object on standard output
 """
 
 import contextlib
