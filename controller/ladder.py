@@ -5,8 +5,8 @@ are computed before the start for a ladder of sample ages, and the tick only pic
 
 The rule: over a window, the percentile of the ages picks the rung. A run of ages above the rung
 lowers at once, without waiting for the window; a single hiccup does neither. Going back to a
-stiffer rung takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact,
-because raising K at a penetration x would put the energy ΔK x²/2 into the spring.
+stiffer rung takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact or at
+the surface, because raising K at a penetration x puts the energy ΔK x²/2 into the spring.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RAISE_WINDOWS = 5
 
 def rung_ages_ns() -> list[int]:
     """Sample ages of the rungs [ns]: fine where buses are quick, coarse where they are slow."""
-    microseconds = [*range(0, 600, 20), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
+    microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
     return [us * 1000 for us in microseconds]
 
 
@@ -75,7 +75,7 @@ class GuardLadder:
 
         Args:
             age_ns: Age of the sample when its torque was sent.
-            may_raise: Nothing is touched now, so the stiffness may go up.
+            may_raise: The wall's spring is at rest, so the stiffness may go up.
         """
         before = self.rung
         rung = min(bisect_left(self._ages, age_ns), self._top)

@@ -16,6 +16,8 @@ from hw.servo import Outcome, Servo
 
 COLLECT_SHARE = 0.8
 """How much of a period a reply may take before it is given up."""
+SURFACE = 0.003
+"""Penetration at which a two-sided wall counts as untouched [rad]: two counts of 4096."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,14 +120,16 @@ class Tick:
             flags |= FLAG_SATURATED
         if self._words[Word.CUT]:
             return  # the supervisor has taken the bus: not one byte more
+        # From the sending of the request to the sending of the torque: what either takes on its
+        # way is the same, and so is no part of the age.
+        sent_ns = self._now()
         sent = parts.servo.write(torque)
-        written_ns = self._now()
         if parts.pipelined:
             parts.servo.request()
 
         sampled_ns = self._sampled_ns
-        age_ns = 0 if sampled_ns is None else written_ns - sampled_ns
-        self._follow_guard(age_ns, contact)
+        age_ns = 0 if sampled_ns is None else sent_ns - sampled_ns
+        self._follow_guard(age_ns, may_raise=not contact or self._at_surface())
         parts.telemetry.write(
             deadline_ns,
             woke_ns - deadline_ns,
@@ -173,14 +177,18 @@ class Tick:
         periods, self._since_good = self._since_good, 0
         return parts.velocity.update(reading.position, periods)
 
-    def _follow_guard(self, age_ns: int, contact: bool) -> None:
+    def _at_surface(self) -> bool:
+        """Whether the wall's spring is as good as at rest, whatever its stiffness."""
+        return abs(self._position - self._parts.wall.position) <= SURFACE
+
+    def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
         """Count the age; move the commanded stiffness and damping along the ray if need be."""
         parts = self._parts
         wall = parts.wall
-        if parts.ladder.observe(age_ns, may_raise=not contact) and not self.warm_up:
+        if parts.ladder.observe(age_ns, may_raise) and not self.warm_up:
             decision = parts.ladder.decision
             self._delay_s = decision.delay
-            # Raised only out of contact, so at once: a ramp could run on into the contact.
+            # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
             raised = decision.stiffness > wall.stiffness
             self._ramp_left = 1 if raised else parts.ramp_ticks
             self._ramp_stiffness = (decision.stiffness - wall.stiffness) / parts.ramp_ticks

@@ -11,10 +11,14 @@ from __future__ import annotations
 
 import math
 
-from hw.clock import Clock
+from hw.clock import Clock, SimulatedClock
 from hw.mechanism import Mechanism
 from hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from hw.settings import SimulatedSettings
+
+GRAIN_NS = 1000
+"""In real time the motion is computed at whole microseconds [ns]: steps of the same length come
+again, and their responses need not be computed anew. No loop can tell."""
 
 
 class SimulatedServo:
@@ -22,6 +26,7 @@ class SimulatedServo:
 
     __slots__ = (
         "_clock",
+        "_grain_ns",
         "_mechanism",
         "_reading",
         "_running",
@@ -44,7 +49,8 @@ class SimulatedServo:
         true = settings.true
         self._true = true
         self._clock = clock
-        self._mechanism = Mechanism(true, clock.now_ns())
+        self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
+        self._mechanism = Mechanism(true, self._instant())
         self._reading: Reading | None = None
         self._running = False
         self.waited_ns = 0
@@ -59,7 +65,7 @@ class SimulatedServo:
 
     def start(self) -> list[Check]:
         """Let its time begin; there is nothing to check."""
-        now_ns = self._clock.now_ns()
+        now_ns = self._instant()
         self._mechanism = Mechanism(self._true, now_ns, hand_waits=True)
         self._mechanism.let_hand(now_ns)
         self._reading = None
@@ -71,7 +77,7 @@ class SimulatedServo:
         """Sample the position now."""
         now_ns = self._clock.now_ns()
         mechanism = self._mechanism
-        mechanism.advance(now_ns)
+        mechanism.advance(now_ns - now_ns % self._grain_ns)
         counts = mechanism.encoder() if self.facts.counts_per_rev else 0
         self._reading = Reading(
             Outcome.OK, mechanism.measured_position(), counts, now_ns, math.nan, alert=False
@@ -102,14 +108,18 @@ class SimulatedServo:
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        return self._mechanism.command(torque, self._clock.now_ns())
+        return self._mechanism.command(torque, self._instant())
 
     def stop(self) -> bool:
         """Torque off; the servo moves on by itself. Always succeeds."""
         if self._running:
-            self._mechanism.command(0.0, self._clock.now_ns())
+            self._mechanism.command(0.0, self._instant())
             self._running = False
         return True
+
+    def _instant(self) -> int:
+        now_ns = self._clock.now_ns()
+        return now_ns - now_ns % self._grain_ns
 
     def close(self) -> None:
         """Stop it if it runs."""

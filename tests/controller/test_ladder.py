@@ -90,5 +90,5 @@ def test_the_real_rungs_rise_and_are_fine_where_buses_are_quick():
     assert ages == sorted(set(ages))
     assert ages[0] == 0
     assert ages[-1] == 20_000_000
-    assert max(b - a for a, b in itertools.pairwise(ages) if b <= 600_000) == 20_000
-    assert len(ages) == pytest.approx(60, abs=15)
+    assert max(b - a for a, b in itertools.pairwise(ages) if b <= 600_000) == 10_000
+    assert len(ages) == pytest.approx(90, abs=15)

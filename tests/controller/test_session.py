@@ -166,7 +166,7 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
 def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
     from controller import tick
 
-    def broken(*_):
+    def broken(*_, **__):
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
