@@ -89,7 +89,7 @@ class LogWriter:
         block = io.BytesIO()
         npy.write_array(block, array, version=(1, 0), allow_pickle=False)
         start = self._file.tell()
-        rest = block.getbuffer()
+        rest = memoryview(block.getvalue())
         try:
             while rest:
                 rest = rest[self._file.write(rest) :]
