@@ -253,6 +253,9 @@ def _registers(model: Model) -> Mapping[str, Register]:
     if model.voltage > 20:
         changes["max_voltage_limit"] = (300, 110, 300)
         changes["min_voltage_limit"] = (110, 110, 300)
+    elif model.family == "X330" and model.voltage > 10:  # XC330-T, among relatives of 5 V
+        changes["max_voltage_limit"] = (140, 55, 140)
+        changes["min_voltage_limit"] = (55, 55, 140)
     table = []
     for name, address, size, writable, default, (minimum, maximum) in _COMMON:
         change = changes.get(name, (default, minimum, maximum))

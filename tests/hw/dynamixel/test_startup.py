@@ -338,7 +338,6 @@ def test_a_servo_that_stops_answering_in_the_probe_is_missing() -> None:
 def test_every_model_that_can_make_torque_starts(name: str) -> None:
     constant = 0.0 if MODELS[name].torque_constant else 2.0
     bench = Bench(replace(TRUE, torque_constant=constant), model=name)
-    bench.truth.memory["hardware_error_status"] = 0  # whatever it thinks of its supply
     settings = replace(bench.settings, model=name, torque_constant=constant)
     servo = type(bench.servo)(settings, bench.line)
     assert all(check.ok for check in servo.start())

@@ -82,6 +82,20 @@ def test_xm430_w350_as_in_its_manual():
     assert table["indirect_data_56"].address == 661
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_may_run_at_its_own_voltage(name):
+    table = MODELS[name].registers
+    volts = 10 * MODELS[name].voltage
+    assert table["min_voltage_limit"].default < volts < table["max_voltage_limit"].default
+
+
+@pytest.mark.parametrize("name", ["XC330-T181", "XC330-T288"])
+def test_the_xc330_of_11_volts_as_in_their_manual(name):
+    table = MODELS[name].registers
+    assert table["max_voltage_limit"][4:] == (140, 55, 140)
+    assert table["min_voltage_limit"][4:] == (55, 55, 140)
+
+
 def test_block_from_the_tick_to_the_temperature_has_no_gaps():
     """One read of it serves the loop, so it must not run into an undefined address."""
     for name in CURRENT_MODELS:
