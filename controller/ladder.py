@@ -85,8 +85,7 @@ class GuardLadder:
             self._run += 1
             self._run_rung = rung if self._run == 1 else min(rung, self._run_rung)
             if self._run >= RUN:
-                self.rung = self._run_rung
-                self._run = 0
+                self._lower(self._run_rung)
         else:
             self._run = 0
         if self._seen >= self._window:
@@ -101,6 +100,11 @@ class GuardLadder:
         if self._seen:
             self.rung = self._percentile_rung(self._seen)
         self._restart_window()
+        self._run = self._raise_windows = 0
+
+    def _lower(self, rung: int) -> None:
+        """Take a softer rung; what was counted toward leaving the one before is void."""
+        self.rung = rung
         self._run = self._raise_windows = 0
 
     def _percentile_rung(self, seen: int) -> int:
@@ -120,8 +124,7 @@ class GuardLadder:
         rung = self._percentile_rung(self._seen)
         self._restart_window()
         if rung >= self.rung:
-            self.rung = rung
-            self._raise_windows = 0
+            self._lower(rung)
             return
         self._raise_rung = rung if self._raise_windows == 0 else max(rung, self._raise_rung)
         self._raise_windows += 1

@@ -78,6 +78,30 @@ def test_raised_only_after_whole_windows_and_out_of_contact():
     assert early.index(True) >= (RAISE_WINDOWS - 1) * WINDOW
 
 
+def test_a_pending_raise_does_not_survive_a_run_that_lowers():
+    subject = ladder()
+    for _ in range(RUN):
+        subject.observe(350_000, may_raise=False)
+    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
+        subject.observe(50_000, may_raise=False)
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=False)
+    assert subject.age_ns == 800_000
+    quick = [subject.observe(50_000, may_raise=True) for _ in range((RAISE_WINDOWS - 1) * WINDOW)]
+    assert not any(quick), "five whole windows after the lowering, untouched or not"
+
+
+def test_a_run_never_takes_a_stiffer_rung_than_a_window_has_just_asked_for():
+    subject = ladder()
+    for k in range(WINDOW - RUN + 1):
+        subject.observe(350_000 if k % 5 == 0 else 50_000, may_raise=False)
+    for _ in range(RUN - 1):
+        subject.observe(150_000, may_raise=False)
+    assert subject.age_ns == 400_000, "the window's end"
+    subject.observe(10**9, may_raise=False)
+    assert subject.age_ns == 400_000
+
+
 def test_ages_beyond_the_ladder_take_its_last_rung():
     subject = ladder()
     for _ in range(RUN):
