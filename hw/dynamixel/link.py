@@ -137,6 +137,8 @@ class Link:
                     found = sample
             if found is not None:
                 return found
+            if began_ns >= deadline_ns:  # a bus without a servo may never be silent
+                break
         came_broken = parser.corrupt + self._refusals > broken
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
@@ -179,12 +181,14 @@ class Link:
 
         A sample under way is forgotten: nobody will ask for it.
         """
-        line, parser = self._line, self._parser
+        line, parser, now_ns = self._line, self._parser, self._now_ns
         if self._length:
             self._quarantine()
         parser.feed(line.read())
         line.write(encode(self._id, instruction, params))
-        while line.wait(deadline_ns):
+        in_time = True  # a bus without a servo may never be silent
+        while in_time and line.wait(deadline_ns):
+            in_time = now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
                 if self._is_good_reply(frame) and len(frame.params) == size:
                     return frame.params

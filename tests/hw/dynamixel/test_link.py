@@ -357,3 +357,38 @@ def test_a_register_that_is_not_answered_has_no_value() -> None:
     assert bench.link.read_register(register, begun + 3 * MS) is None
     assert bench.link.write_register(register, 1, begun + 6 * MS) is False
     assert bench.clock.now_ns() == begun + 6 * MS
+
+
+class Babbling(ClockLine):
+    """A bus without a servo whose floating wires are never silent: bytes come at any time."""
+
+    def read(self) -> bytes:
+        super().read()
+        self.clock.wait_until(self.clock.now_ns() + 20 * US)  # reading takes time too
+        return b"\x55"
+
+    def wait(self, deadline_ns: int) -> bool:  # noqa: ARG002 - bytes are there at once
+        return True
+
+
+def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline() -> None:
+    """A loop caught here would be cut by a supervisor caught here too, with the torque on."""
+    clock = SimulatedClock(start_ns=1_000_000_000)
+    link = Link(Babbling(clock), 1)
+    link.request()
+    deadline = clock.now_ns() + PERIOD_NS
+    assert link.collect(deadline).outcome is not Outcome.OK
+    assert deadline <= clock.now_ns() < deadline + 100 * US
+    deadline = clock.now_ns() + PERIOD_NS
+    assert link.read_register(REGISTERS["torque_enable"], deadline) is None
+    assert link.write_register(REGISTERS["torque_enable"], 0, deadline) is False
+    assert clock.now_ns() < deadline + 100 * US
+
+
+def test_a_collect_that_comes_too_late_still_finds_the_reply() -> None:
+    """After a stall of the machine the reply has long been there."""
+    bench = Bench()
+    bench.link.request()
+    deadline = bench.clock.now_ns() + PERIOD_NS // 2
+    bench.clock.wait_until(deadline + 5 * MS)
+    assert is_its_own(bench.link.collect(deadline))
