@@ -5,7 +5,8 @@ own wall, so the sign is not taken from the manual but seen.
 
 The push is a slow ramp, given up at a stated torque: a free servo barely moves, and one with
 friction breaks loose gently. It is followed by the opposite torque until the impulses cancel,
-which stops a servo without friction; one with friction stops by itself.
+which stops a servo without friction; one with friction stops by itself. One that sticks more than
+it rubs would be turned round by that, toward the wall, so that turning back ends it too.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ _HOLD_NS: Final = 100_000_000
 """At the largest torque, before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the play between shaft and encoder and than an encoder's flicker"""
+_TURNED_COUNTS: Final = 2
+"""Back from its furthest by so much, it has turned: more than an encoder's flicker"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,18 +123,20 @@ class _Prober:
                 return Push(0, goal)
             goal = round(limit * min(1.0, elapsed / _RAMP_NS))
         moved, peak = self._position - origin, goal
-        self._brake(impulse, peak)
+        self._brake(impulse, peak, 1 if moved > 0 else -1)
         return Push(moved, peak)
 
-    def _brake(self, impulse: int, peak: int) -> None:
-        """Cancel the impulse with half the torque, so that friction is rarely overcome."""
+    def _brake(self, impulse: int, peak: int, way: int) -> None:
+        """Cancel the impulse with half the torque, unless the shaft turns back from its way."""
         half = (abs(peak) + 1) // 2
         goal = -half if peak > 0 else half
         before = self._clock.now_ns()
-        while impulse * peak > 0:
+        furthest = way * self._position
+        while impulse * peak > 0 and furthest - way * self._position < _TURNED_COUNTS:
             now = self._cycle(goal)
             impulse += goal * (now - before)
             before = now
+            furthest = max(furthest, way * self._position)
         self._link.send_current(0)
 
     def _cycle(self, goal: int) -> int:

@@ -15,6 +15,7 @@ from hw.dynamixel.codec import Instruction, Parser
 from hw.dynamixel.tables import MODELS
 from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from hw.mechanism import HAND_WAIT_S
+from hw.plant import PlantParameters
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096
@@ -236,6 +237,33 @@ def test_the_probe_moves_a_little_and_leaves_the_shaft_nearly_at_rest(
     for _ in range(200):
         bench.cycle(0.0)
     assert abs(bench.state.position - begun) < 6 * COUNT
+
+
+@pytest.mark.parametrize("kinetic", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_shaft_that_sticks_more_than_it_rubs_is_not_driven_back(
+    kinetic: float, direction: int
+) -> None:
+    """Gears do: the torque that breaks them loose is more than moving them needs, so that a brake
+    measured by the push would turn the shaft round, toward the wall."""
+    sticking = replace(TRUE, coulomb=0.28)
+    bench = Bench(sticking, probe_direction=direction)
+    write = bench.line.write
+
+    def write_and_break_loose(data: bytes) -> None:
+        write(data)
+        if abs(bench.truth.state(bench.clock.now_ns()).velocity) > 0.0:
+            bench.truth.mechanism._parameters = PlantParameters(0.012, 0.012, kinetic)
+
+    bench.line.write = write_and_break_loose  # type: ignore[method-assign]
+    assert bench.found("torque sign").endswith("N·m")
+    travel = [(state.position - sticking.position) * direction for state in bench.line.states]
+    assert max(travel) < 15 * COUNT
+    assert min(travel) > -1 * COUNT
+    begun = bench.state.position
+    for _ in range(100):
+        bench.cycle(0.0)
+    assert (bench.state.position - begun) * direction > -15 * COUNT
 
 
 def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
