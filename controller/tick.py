@@ -55,7 +55,6 @@ class Tick:
         self._words = parts.telemetry.words
         self._position = math.nan
         self._sampled_ns: int | None = None
-        self._since_good = 0
         self._limit = parts.servo.facts.torque_limit
         self._work_ns = 0
         self._bus_ns = 0
@@ -97,7 +96,6 @@ class Tick:
         """
         parts = self._parts
         periods = 1 + missed
-        self._since_good += periods
 
         velocity = self._sense(woke_ns)
         position = self._position
@@ -167,14 +165,20 @@ class Tick:
         reading = servo.collect(woke_ns + self._collect_ns)
         self._outcome = reading.outcome
         if reading.outcome != Outcome.OK:
-            # The last position once more, so dx = 0; the next difference is divided by the
-            # periods that really passed. Before the first good reading nothing acts.
+            # The last position once more, so dx = 0. Before the first good reading nothing acts.
             self.trip = parts.safety.failed()
             return 0.0
         self.trip = parts.safety.good(reading)
         self._position = reading.position
-        self._sampled_ns = reading.sampled_ns
-        periods, self._since_good = self._since_good, 0
+        last_ns = self._sampled_ns
+        self._sampled_ns = sampled_ns = reading.sampled_ns
+        # The periods that really passed between the samples, whatever came in between: lost
+        # readings, skipped periods, and a tick that was served late, which the grid counts only
+        # afterwards. Whole ones, so that jitter of the instants does not reach the velocity.
+        period_ns = parts.period_ns
+        periods = 1
+        if last_ns is not None:
+            periods = max(1, (sampled_ns - last_ns + period_ns // 2) // period_ns)
         return parts.velocity.update(reading.position, periods)
 
     def _at_surface(self) -> bool:

@@ -6,6 +6,7 @@ import pytest
 
 from controller.delay import DelayRing
 from controller.ladder import GuardLadder
+from controller.loop import next_deadline
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
 from controller.tick import Tick, TickParts
@@ -132,6 +133,29 @@ def test_a_lost_reading_is_no_position_and_costs_one_period():
     assert positions == pytest.approx([0.1, 0.1, 0.104, 0.106])
     assert velocities == pytest.approx([0.0, 0.0, 2.0, 2.0])
     assert rig.servo.sent[1] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize("pipelined", [False, True])
+def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined):
+    """A shaft at 10 rad/s, sampled when its request is sent; one tick is served 5 ms late."""
+    rig = Rig([0.0] * 20, pipelined=pipelined)
+
+    def at_request():
+        rig.servo.asked_ns = rig.clock.now_ns()
+        rig.servo.positions[0] = 10.0 * (rig.clock.now_ns() - 10**9) * 1e-9
+
+    rig.servo.request = at_request
+    at_request()
+    on(rig).run(3)
+    rig.clock.wait_until(rig.clock.now_ns() + 5_300_000)
+    rig.run(1)  # more than four periods late: served at once, with nothing counted as missed yet
+    following, missed = next_deadline(rig.deadline, rig.clock.now_ns(), PERIOD_NS)
+    assert missed == 3
+    rig.deadline = following - (1 + missed) * PERIOD_NS
+    rig.run(1, missed).run(4)
+    velocity = rig.rows["velocity"][1:]
+    assert velocity.max() < 15.0, "whole periods: off by half of one at most, upward"
+    assert velocity[-2:] == pytest.approx(10.0), "and undisturbed soon after"
 
 
 def test_before_the_first_reading_nothing_acts():
