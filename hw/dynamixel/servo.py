@@ -22,7 +22,7 @@ from hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
 _NEVER_NS: Final = 1 << 62
-_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
+_PATIENCE_NS: Final = (3_000_000, 3_000_000, 6_000_000, 6_000_000, 12_000_000)
 """For each reply of each attempt to look after the Bus Watchdog [ns]"""
 
 
@@ -50,8 +50,9 @@ class DynamixelServo:
         self._limit = 0
         self._goal = 0
         self._heard_ns = 0
+        """When the last request that was answered was sent [ns]"""
         self._silence_ns = _NEVER_NS
-        """After so long without a request the Bus Watchdog may have tripped; never before start"""
+        """After so long unheard the Bus Watchdog may have tripped; never before start"""
         self._running = False
         self._confirmed_off = False
         self.waited_ns = 0
@@ -69,10 +70,14 @@ class DynamixelServo:
         Raises:
             UnfitServoError: A check failed; torque is off.
             ServoMissingError: Nothing answers.
+            ServoLostError: It stops answering; the message says whether torque is off.
         """
         self._confirmed_off = False
+        self._goal = 0
         try:
             ready = start_up(self._settings, self._model, self._line, self._link, self._step)
+            self._heard_ns = self._now_ns()
+            self._look_after_watchdog(0)  # a stall in the start may have tripped it
         except ServoMissingError:
             self._off()
             raise  # what never answered was never driven
@@ -88,18 +93,17 @@ class DynamixelServo:
         self.facts = self._facts(ready.current_limit)
         self._limit = round(self.facts.torque_limit / self._step)
         self.counts = self._link.counts = BusCounts()
-        self._goal = 0
-        self._heard_ns = self._now_ns()
         # The watchdog counts whole units, so that one of two may trip soon after the first.
         self._silence_ns = round(max(self._watchdog_units - 1, 0.75) * WATCHDOG_UNIT_NS)
         self._running = True
         return ready.checks
 
     def request(self) -> None:
-        """Ask for the position. Does not wait, except after a pause long enough to be heard of.
+        """Ask for the position. Does not wait, except where the Bus Watchdog may have tripped.
 
-        After a pause of most of the Bus Watchdog's time it looks whether the watchdog has
-        tripped. If it has, and the torque was zero, nothing is lost: it is armed again.
+        That is when no request was answered for most of its time, be it that none was sent or
+        that none was heard. If it has tripped, and the torque was zero, nothing is lost: it is
+        armed again.
 
         Raises:
             ServoLostError: The port is gone.
@@ -108,7 +112,7 @@ class DynamixelServo:
         now_ns = self._now_ns()
         if now_ns - self._heard_ns > self._silence_ns:
             self._look_after_watchdog(now_ns - self._heard_ns)
-        self._heard_ns = now_ns
+            self._heard_ns = now_ns
         self._link.request()
 
     def collect(self, deadline_ns: int) -> Reading:
@@ -122,6 +126,7 @@ class DynamixelServo:
         self.waited_ns = self._link.waited_ns
         if outcome is not Outcome.OK:
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
+        self._heard_ns = sampled_ns
         return Reading(
             outcome, counts * POSITION_UNIT, counts, sampled_ns, current * self._step, alert
         )
@@ -181,23 +186,30 @@ class DynamixelServo:
         """See whether the servo still takes goals after a pause; make it so if nothing was lost.
 
         Raises:
-            ServoLostError: The port is gone.
-            TorqueLostError: The torque is gone, or nothing answers.
+            ServoLostError: The port is gone, or nothing answers.
+            TorqueLostError: The torque is gone.
         """
         register = self._model.registers["bus_watchdog"]
         link, now_ns = self._link, self._now_ns
         units = self._watchdog_units
+        known = False
         for patience in _PATIENCE_NS:
             found = link.read_register(register, now_ns() + patience)
             if found == units:
                 return
-            if found is not None and self._goal:
+            if found is None:  # whether there is a torque to bring back is not known
+                continue
+            known = True
+            if self._goal:
                 break
             link.write_register(register, 0, now_ns() + patience)
+            link.send_current(0)  # the goal may have been kept, and the last zero lost
             link.write_register(register, units, now_ns() + patience)
-        else:
-            if link.read_register(register, now_ns() + _PATIENCE_NS[-1]) == units:
-                return
+        if not known:
+            raise ServoLostError(
+                f"The {self.facts.name} does not answer any more, after {silence_ns * 1e-6:.0f} "
+                "ms without a request that it answered: check the cable and the power supply."
+            )
         raise TorqueLostError(
             f"The {self.facts.name} heard nothing for {silence_ns * 1e-6:.0f} ms, so its Bus "
             f"Watchdog ({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque: find "

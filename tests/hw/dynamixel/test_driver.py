@@ -13,7 +13,7 @@ import pytest
 
 from hw.dynamixel.codec import Instruction, Parser
 from hw.dynamixel.servo import DynamixelServo
-from hw.errors import ServoLostError
+from hw.errors import ServoLostError, TorqueLostError
 from hw.servo import Outcome
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
@@ -315,6 +315,80 @@ def test_a_pause_is_got_over_with_lost_replies() -> None:
     servo.write(1.0)
     bench.wait(0.001)
     assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3, 4])
+def test_an_ended_torque_is_not_brought_back_when_replies_are_lost_besides(lost: int) -> None:
+    """What the watchdog says is not known then, and clearing it would bring the wall back."""
+    bench, servo, line = troubled(unharmed)
+    servo.write(1.0)
+    bench.wait(0.1)
+    line.fate, line.number = (lambda number, reply: [] if number < lost else [(0, reply)]), 0
+    with pytest.raises(TorqueLostError):
+        servo.request()
+    assert bench.truth.table.tripped
+    assert bench.state.torque == 0.0
+    assert servo.stop() is True
+
+
+def test_a_servo_silent_after_a_pause_is_lost() -> None:
+    bench, servo, _ = troubled(lambda *_: [])
+    servo.write(1.0)
+    begun = bench.clock.now_ns()
+    bench.wait(0.1)
+    with pytest.raises(ServoLostError, match=r"does not answer.*cable") as lost:
+        servo.request()
+    assert not isinstance(lost.value, TorqueLostError)
+    assert bench.clock.now_ns() - begun < 140_000_000
+
+
+def test_requests_that_nobody_hears_do_not_pass_for_talk() -> None:
+    """The watchdog trips while the cable is out; plugged in again, goals are refused unseen."""
+    bench = started(watchdog_s=0.04)
+    bench.cycle(1.0)
+    bench.line.write = lambda _data: None  # type: ignore[method-assign, assignment]
+    begun = bench.clock.now_ns()
+    with pytest.raises(ServoLostError):
+        for _ in range(100):
+            bench.cycle(1.0)
+    assert bench.clock.now_ns() - begun < 60_000_000
+
+
+def test_a_watchdog_that_trips_at_the_end_of_the_start_costs_no_torque() -> None:
+    """After the probe has seen the motion it was to see, nothing else would look."""
+    bench = Bench(watchdog_s=0.04)
+    write, goals = bench.line.write, []
+
+    def stall_while_braking(data: bytes) -> None:
+        (frame,) = Parser().feed(data)
+        if frame.instruction == Instruction.SYNC_WRITE:
+            goals.append(int.from_bytes(frame.params[5:7], "little", signed=True))
+            if goals[-1] > 0 and goals[-2] < 0:
+                bench.wait(0.06)
+        write(data)
+
+    bench.line.write = stall_while_braking  # type: ignore[method-assign]
+    bench.servo.start()
+    assert min(goals) < 0 < max(goals)
+    assert not bench.truth.table.tripped
+    bench.cycle(1.0)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
+def test_a_goal_kept_through_the_watchdog_does_not_come_back_with_its_arming() -> None:
+    """The manual does not say whether it is kept; the last zero may not have arrived."""
+    bench = started(watchdog_s=0.04)
+    bench.cycle(1.0)
+    assert bench.state.torque > 0.9
+    kept = bench.truth.memory["goal_current"]
+    bench.servo._goal = 0  # what the driver sent last was lost on its way
+    bench.wait(0.06)
+    bench.memory_line.wait(bench.clock.now_ns())
+    assert bench.truth.table.tripped
+    bench.truth.memory["goal_current"] = kept
+    bench.servo.request()
+    assert not bench.truth.table.tripped
+    assert bench.state.torque == 0.0
 
 
 def test_a_stopped_servo_may_be_left_alone_for_ever() -> None:
