@@ -43,13 +43,16 @@ class _Run:
     config: Config
 
 
-def plot_run(rows: NDArray[np.void], metadata: Mapping[str, Any], path: Path) -> None:
-    """Draw a run as PNG: four panels over one time axis.
+def plot_run(
+    rows: NDArray[np.void], metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
+) -> None:
+    """Draw a run as PNG: panels over one time axis.
 
     Args:
         rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
         metadata: Of the log: its ``config``, and its ``name`` for the title.
         path: Where the picture goes.
+        stop_reason: Of the report; a trip is named in the title. None: not known.
 
     Raises:
         LogFormatError: The metadata holds no configuration this program knows.
@@ -61,12 +64,20 @@ def plot_run(rows: NDArray[np.void], metadata: Mapping[str, Any], path: Path) ->
     from matplotlib.figure import Figure
 
     run = _run(rows, metadata)
-    figure = Figure(figsize=(11, 9.5), dpi=120, layout="constrained")
+    panels: list[tuple[Callable[[Axes, _Run], None], float]] = [
+        (_position, 3.0),
+        (_torque, 2.0),
+        (_third, 1.6),
+    ]
+    if _has_timing(run):
+        panels.append((_timing, 2.0))
+    heights = [height for _, height in panels]
+    figure = Figure(figsize=(11, 1.1 * sum(heights)), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(4, 1, sharex=True, height_ratios=[3, 2, 1.6, 2])
-    figure.suptitle(_title(run, str(metadata.get("name", "run"))), fontsize=12, ha="left", x=0.01)
-    panels: list[Callable[[Axes, _Run], None]] = [_position, _torque, _third, _timing]
-    for panel, ax in zip(panels, axes, strict=True):
+    axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
+    title = _title(run, str(metadata.get("name", "run")), stop_reason or "")
+    figure.suptitle(title, fontsize=12, ha="left", x=0.01)
+    for (panel, _), ax in zip(panels, axes, strict=True):
         panel(ax, run)
         _shade_warm_up(ax, run)
         ax.grid(True, color="#e6e6e6", linewidth=0.6)
@@ -101,7 +112,7 @@ def _run(rows: NDArray[np.void], metadata: Mapping[str, Any]) -> _Run:
     return _Run(rows, time, (rows["flags"] & FLAG_WARM_UP) == 0, config)
 
 
-def _title(run: _Run, name: str) -> str:
+def _title(run: _Run, name: str, stop_reason: str) -> str:
     wall, servo = run.config.wall, run.config.servo
     what = servo.model or f"{servo.kind} servo"
     where = f" at {servo.port}" if servo.port and servo.kind == "hardware" else ""
@@ -114,9 +125,15 @@ def _title(run: _Run, name: str) -> str:
         f"delay {1000 * float(last['delay_s']):.2f} ms",
         f"{run.config.loop.rate_hz:g} Hz",
     ]
+    if run.config.guard.mode == "off":
+        parts.append("guard off")
+    if run.config.loop.clock == "simulated":
+        parts.append("simulated clock")
     if not run.on.any():
         parts = ["the wall was never on"]
-    return f"{name}: {what}{where}\n" + "   ".join(parts)
+    trip = stop_reason.removeprefix("trip:") if stop_reason.startswith("trip:") else ""
+    ended = f", ENDED BY A SAFETY TRIP: {trip}" if trip else ""
+    return f"{name}: {what}{where}{ended}\n" + "   ".join(parts)
 
 
 def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:
@@ -200,11 +217,17 @@ def _third(ax: Axes, run: _Run) -> None:
     ax.set_ylabel("velocity [rad/s]")
 
 
+def _has_timing(run: _Run) -> bool:
+    """Whether anything took time: on the simulated clock every tick is on time."""
+    rows = run.rows
+    fields = ("bus_ns", "work_ns", "lateness_ns", "missed")
+    return any(bool((rows[field] > 0).any()) for field in fields)
+
+
 def _timing(ax: Axes, run: _Run) -> None:
     """Every tick's times; a period is drawn as a line, a missed tick as a mark above it."""
     rows = run.rows
     ax.set_yscale("log")
-    drawn = False
     shown = run.on if run.on.any() else ~run.on
     for field, color, label in (
         ("bus_ns", _WALL, "waiting for the bus"),
@@ -213,7 +236,6 @@ def _timing(ax: Axes, run: _Run) -> None:
     ):
         times = rows[field] * 1e-3
         if (times > 0).any():
-            drawn = True
             ax.plot(
                 run.time,
                 np.maximum(times, _LEAST_US),
@@ -227,23 +249,10 @@ def _timing(ax: Axes, run: _Run) -> None:
             )
     period_us = 1e-3 * run.config.period_ns
     missed = np.flatnonzero(rows["missed"] > 0)
-    if not drawn and not len(missed):
-        ax.text(
-            0.5,
-            0.5,
-            "simulated clock: every tick is on time",
-            transform=ax.transAxes,
-            ha="center",
-            va="center",
-            color="#6b6b6b",
-        )
-        ax.set_yticks([])
-        ax.minorticks_off()
-    else:
-        ax.axhline(
-            period_us, color=_ALARM, linewidth=0.8, linestyle=":", label=f"period {period_us:g} µs"
-        )
-        ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
+    ax.axhline(
+        period_us, color=_ALARM, linewidth=0.8, linestyle=":", label=f"period {period_us:g} µs"
+    )
+    ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
     if len(missed):
         ax.plot(
             run.time[missed],

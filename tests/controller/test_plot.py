@@ -33,7 +33,7 @@ def metadata(preset="simulated", *sets):
     return {"name": preset, "config": config.model_dump(mode="json")}
 
 
-def draw(monkeypatch, tmp_path, rows, facts):
+def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration"):
     """The figure that was drawn; the file is checked to be a PNG."""
     from matplotlib.figure import Figure
 
@@ -45,7 +45,7 @@ def draw(monkeypatch, tmp_path, rows, facts):
         save(figure, *args, **kwargs)
 
     monkeypatch.setattr(Figure, "savefig", keep)
-    plot.plot_run(rows, facts, tmp_path / "run.png")
+    plot.plot_run(rows, facts, tmp_path / "run.png", stop_reason)
     assert (tmp_path / "run.png").read_bytes().startswith(PNG)
     (figure,) = figures
     return figure
@@ -100,9 +100,20 @@ def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
     for field in ("lateness_ns", "work_ns", "bus_ns", "flags"):
         rows[field] = 0
     figure = draw(monkeypatch, tmp_path, rows, metadata("paper-table2"))
-    assert [text.get_text() for text in figure.axes[3].texts] == [
-        "simulated clock: every tick is on time"
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "position [rad]",
+        "torque [N·m]",
+        "velocity [rad/s]",
     ]
+    assert figure.get_suptitle().endswith("simulated clock")
+
+
+def test_the_title_tells_a_trip_and_a_guard_that_is_off(tmp_path, monkeypatch):
+    facts = metadata("simulated", "guard.mode=off")
+    figure = draw(monkeypatch, tmp_path, run_rows(), facts, "trip:overspeed")
+    first, second = figure.get_suptitle().splitlines()
+    assert first.endswith("ENDED BY A SAFETY TRIP: overspeed")
+    assert second.endswith("guard off")
 
 
 def test_saturation_shows_the_limit(monkeypatch, tmp_path):
