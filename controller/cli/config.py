@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from controller.cli.options import as_json, config_argument, json_option, set_option
+from controller.cli.options import answer, as_json, config_argument, json_option, set_option
 from controller.config_fields import Field, fields
 from controller.config_load import Loaded, load_config
 
@@ -28,17 +28,18 @@ def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
     loaded = load_config(config, sets)
     if as_json_wanted:
         listed = {field.path: _entry(loaded, field) for field in fields().values()}
-        click.echo(as_json({"name": loaded.name, "servo": _kind(loaded), "fields": listed}))
+        answer(as_json({"name": loaded.name, "servo": _kind(loaded), "fields": listed}))
         return
-    click.echo(f"{loaded.name} ({_kind(loaded)} servo)")
+    lines = [f"{loaded.name} ({_kind(loaded)} servo)"]
     width = max(60, shutil.get_terminal_size((100, 24)).columns)
     section = ""
     for field in fields().values():
         name = field.path.split(".")[0]
         if name != section:
-            click.echo()
+            lines.append("")
             section = name
-        click.echo(_row(loaded, field, width))
+        lines.append(_row(loaded, field, width))
+    answer("\n".join(lines))
 
 
 def _kind(loaded: Loaded) -> str:

@@ -10,7 +10,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cli.options import as_json, json_option, writing
+from controller.cli.options import (
+    answer,
+    as_json,
+    json_option,
+    refuse_other_pictures,
+    refuse_same_file,
+    writing,
+)
 from controller.errors import UserError
 from controller.logfile import read_log
 from hw.servo import Outcome
@@ -44,6 +51,9 @@ _COLUMNS = {
 @json_option
 def command(log: Path, csv_path: Path | None, plot: Path | None, as_json_wanted: bool) -> None:
     """Summarise LOG, a file written by run; on request as CSV or as a picture."""
+    refuse_same_file({"LOG": log, "--csv": csv_path, "--plot": plot})
+    if plot is not None:
+        refuse_other_pictures("--plot", plot)
     try:
         metadata, rows = read_log(log)
     except OSError as error:
@@ -61,7 +71,7 @@ def command(log: Path, csv_path: Path | None, plot: Path | None, as_json_wanted:
         with writing("--plot", plot):
             plot_run(rows, metadata, plot)
     summary = _summary(metadata, rows)
-    click.echo(as_json({**summary, "metadata": metadata}) if as_json_wanted else _text(summary))
+    answer(as_json({**summary, "metadata": metadata}) if as_json_wanted else _text(summary))
 
 
 def _summary(metadata: dict[str, Any], rows: NDArray[np.void]) -> dict[str, Any]:

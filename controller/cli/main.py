@@ -9,14 +9,15 @@ from __future__ import annotations
 import difflib
 import errno
 import importlib
+import io
 import logging
-import os
 import sys
 from collections.abc import Sequence
 
 import click
 
 from controller import __version__
+from controller.cli.options import forget_output
 from controller.errors import HapticWallError, PlatformError
 from hw.errors import ServoError
 
@@ -83,6 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
+        sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
@@ -97,19 +100,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ServoError as error:
         return _say(error, HARDWARE)
     except BrokenPipeError:
-        _forget_output()
+        forget_output()
         return 0  # the reader has seen enough (``| head``)
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise
-        _forget_output()
+        forget_output()
         return _say(OSError("the disk is full: make room, or name another place"), HARDWARE)
     return result if isinstance(result, int) else 0
-
-
-def _forget_output() -> None:
-    """Python flushes standard output once more at exit, and would fail again: give it a place."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(error: Exception, status: int) -> int:

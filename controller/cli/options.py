@@ -1,12 +1,14 @@
-"""What the commands share: the CONFIG argument, ``--set``, ``--json``, and JSON without NaN."""
+"""What the commands share: CONFIG, ``--set``, ``--json``, and how answers and files are written."""
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 import click
@@ -46,7 +48,7 @@ def json_option(command: Command) -> Command:
 
 
 def as_json(value: Mapping[str, Any]) -> str:
-    """One JSON object as text, in which what is not a finite number is null.
+    """One JSON object as ASCII text, whatever the terminal; what is not finite is null.
 
     Args:
         value: Anything made of mappings, sequences, numbers (NumPy's too), texts and paths.
@@ -54,7 +56,7 @@ def as_json(value: Mapping[str, Any]) -> str:
     Raises:
         TypeError: It holds something that JSON cannot.
     """
-    return json.dumps(_plain(value), ensure_ascii=False, indent=2, allow_nan=False)
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
@@ -69,6 +71,51 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def answer(text: str) -> None:
+    """Print a command's answer on standard output; a reader that leaves early is no error."""
+    try:
+        click.echo(text)
+        sys.stdout.flush()
+    except BrokenPipeError:  # ``| head``: the exit status still tells how the command ended
+        forget_output()
+
+
+def forget_output() -> None:
+    """Python flushes standard output once more at exit, and would fail again: give it a place."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def refuse_same_file(named: Mapping[str, Path | None]) -> None:
+    """Refuse to write one file over another.
+
+    Args:
+        named: Each option or argument, and the file it names, if any.
+
+    Raises:
+        UserError: Two of them name one file.
+    """
+    seen: dict[Path, str] = {}
+    for name, path in named.items():
+        if path is None or (path.exists() and not path.is_file()):
+            continue  # a device (/dev/null) may take any number
+        first = seen.setdefault(path.resolve(), name)
+        if first != name:
+            raise UserError(f"{first} and {name} both name {path}; give each a file of its own")
+
+
+def refuse_other_pictures(option: str, path: Path) -> None:
+    """Refuse a name that promises another kind of picture than PNG.
+
+    Raises:
+        UserError: It has a suffix, and another one.
+    """
+    if path.suffix.lower() not in ("", ".png"):
+        raise UserError(
+            f"{option} {path}: found a name ending in {path.suffix}, wanted one ending in .png:"
+            " pictures are PNG"
+        )
 
 
 @contextmanager

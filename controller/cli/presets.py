@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from controller.cli.options import as_json, json_option
+from controller.cli.options import answer, as_json, json_option
 from controller.config_load import preset_names, preset_summary
 
 
@@ -15,8 +15,7 @@ def command(as_json_wanted: bool) -> None:
     presets = {name: preset_summary(name) for name in preset_names()}
     if as_json_wanted:
         listed = [{"name": name, "summary": summary} for name, summary in presets.items()]
-        click.echo(as_json({"presets": listed}))
+        answer(as_json({"presets": listed}))
         return
     width = max(map(len, presets))
-    for name, summary in presets.items():
-        click.echo(f"{name:<{width}}  {summary}")
+    answer("\n".join(f"{name:<{width}}  {summary}" for name, summary in presets.items()))

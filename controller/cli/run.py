@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
 import click
 
 from controller import __version__
-from controller.cli.options import as_json, config_argument, json_option, set_option
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    refuse_other_pictures,
+    refuse_same_file,
+    set_option,
+)
 from controller.cli.text import report_text
 from controller.config import Config
 from controller.config_load import load_config
@@ -56,7 +68,7 @@ def command(
             "--witness: only an emulated bus in its own process keeps a record; run"
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
-    log, plot = _places(log_path, plot_path, Path(loaded.name).stem)
+    log, plot = _places(log_path, plot_path, witness, Path(loaded.name).stem)
     plan = supervisor.Plan(
         config=effective,
         duration_s=seconds,
@@ -70,17 +82,17 @@ def command(
     )
     _say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     ended = supervisor.run(plan, _say)
-    warning = _draw(log, plot)
-    if warning is not None:
-        ended.warnings.append(warning)
-    report = reports.run_report(
-        effective,
-        ended,
-        str(log) if log.exists() else None,
-        None if warning is not None else str(plot),
-    )
-    sys.stdout.write((as_json(report) if as_json_wanted else report_text(report)) + "\n")
-    sys.stdout.flush()
+    with _on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+        warning = _draw(log, plot, ended.stop_reason)
+        if warning is not None:
+            ended.warnings.append(warning)
+        report = reports.run_report(
+            effective,
+            ended,
+            str(log) if log.exists() else None,
+            None if warning is not None else str(plot),
+        )
+        answer(as_json(report) if as_json_wanted else report_text(report))
     sys.exit(reports.exit_status(ended.stop_reason))
 
 
@@ -96,12 +108,18 @@ def _duration(config: Config, asked: float | None) -> float | None:
     return asked
 
 
-def _places(log: Path | None, plot: Path | None, name: str) -> tuple[Path, Path]:
+def _places(
+    log: Path | None, plot: Path | None, witness: Path | None, name: str
+) -> tuple[Path, Path]:
     """Where log and picture go; what is not said goes into ./runs/."""
     stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     log = stem.with_suffix(".hwlog") if log is None else log
     plot = stem.with_suffix(".png") if plot is None else plot
-    for option, path in (("--log", log), ("--plot", plot)):
+    refuse_other_pictures("--plot", plot)
+    refuse_same_file({"--log": log, "--plot": plot, "--witness": witness})
+    for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
+        if path is None:
+            continue
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -114,19 +132,36 @@ def _places(log: Path | None, plot: Path | None, name: str) -> tuple[Path, Path]
     return log, plot
 
 
-def _draw(log: Path, plot: Path) -> str | None:
+def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     """Draw the picture from the log; what went wrong, or None."""
-    from controller.logfile import read_log
-    from controller.plot import plot_run
-
     try:
-        metadata, rows = read_log(log)
-        if rows.size == 0:
-            return "no picture: the log holds no rows"
-        plot_run(rows, metadata, plot)
+        with _on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
+            from controller.logfile import read_log
+            from controller.plot import plot_run
+
+            metadata, rows = read_log(log)
+            if rows.size == 0:
+                return "no picture: the log holds no rows"
+            plot_run(rows, metadata, plot, stop_reason)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
+    except KeyboardInterrupt:
+        return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
     return None
+
+
+@contextlib.contextmanager
+def _on_signals(
+    handler: signal.Handlers | Callable[[int, FrameType | None], None],
+) -> Iterator[None]:
+    """What Ctrl-C, SIGTERM and SIGHUP do meanwhile."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, earlier in zip(numbers, before, strict=True):
+            signal.signal(number, earlier)
 
 
 def _say(text: str) -> None:

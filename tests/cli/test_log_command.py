@@ -85,6 +85,21 @@ def test_a_place_that_cannot_be_written_names_the_option(log, tmp_path):
         answer(log, "--csv", tmp_path / "nowhere" / "run.csv")
 
 
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
+def test_a_log_is_never_written_over_by_its_own_export(log, option, monkeypatch):
+    before = log.read_bytes()
+    monkeypatch.chdir(log.parent)
+    with pytest.raises(UserError, match=f"LOG and {option} both name run.hwlog"):
+        answer(log, option, log.name)
+    assert log.read_bytes() == before
+
+
+def test_a_picture_is_not_named_as_what_it_is_not(log, tmp_path):
+    with pytest.raises(UserError, match=r"--plot .*run.pdf: found .* \.pdf, wanted .* \.png"):
+        answer(log, "--plot", tmp_path / "run.pdf")
+    assert not (tmp_path / "run.pdf").exists()
+
+
 def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path):
     path = tmp_path / "empty.hwlog"
     LogWriter(path, {"name": "simulated", "program": "haptic-wall"}, ROW).close()

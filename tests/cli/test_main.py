@@ -1,6 +1,7 @@
 """Every error has its exit status and one clear message; standard output is the answer's alone."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -139,6 +140,36 @@ def test_a_reader_that_leaves_early_causes_no_noise():
     )
     assert done.stdout == "simulated (simulated servo)\n"
     assert done.stderr == ""
+
+
+def test_the_exit_status_is_the_commands_own_when_the_reader_has_left():
+    script = (
+        "import os, sys; from controller.cli.main import main;"
+        "end, other = os.pipe(); os.close(end); os.dup2(other, 1);"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, "config", "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
+def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
+    brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli.main", "run", *brief],
+        capture_output=True,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+    )
+    assert done.returncode == 0
+    assert b"is commanded" in done.stdout
+    assert b"Traceback" not in done.stderr
 
 
 def test_a_full_disk_is_told_in_a_sentence():
