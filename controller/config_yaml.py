@@ -40,7 +40,8 @@ class _Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(
                     None,
                     None,
-                    f"the key {key.value} stands twice, in lines {seen[key.value]} and {line}",
+                    f"the key {key.value} stands twice, in lines {seen[key.value]} and {line}: "
+                    "keep one",
                     key.start_mark,
                 )
             seen[str(key.value)] = line

@@ -105,8 +105,6 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         )
     for reason in guard["reasons"]:
         yield from _entry("why", str(reason))
-    if guard.get("only_friction"):
-        yield from _entry("", "stable only because of friction: a larger push may set it ringing")
 
 
 def _motion(report: Mapping[str, Any]) -> Iterator[str]:

@@ -81,7 +81,6 @@ def test_the_report_tells_what_happened_in_some_25_lines():
         "linear 12, exact 11.9, one_sided 6.875* N·m/rad x margin 0.8; * binds; damping",
         "; damping ceiling 3.2",
         "would throw the servo back faster than it came",
-        "stable only because of friction",
         "torque at most 1.234 N·m; the limit cut it in 7 ticks",
         "granted: memory (1 of 2)",
     ):
