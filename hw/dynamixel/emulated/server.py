@@ -62,7 +62,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         except BaseException:
             self.close()
             raise
-        self._untouched_speed: int | None = self._speed()
+        self._untouched_speed = self._speed()
 
     def __exit__(
         self,
@@ -77,9 +77,9 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
 
     @property
     def baud(self) -> int | None:
-        """The speed a client has set [bit/s]; None: none was set yet."""
+        """The speed a client has set [bit/s]; None: none was set yet, or it cannot be known."""
         speed = self._speed()
-        if speed == self._untouched_speed:
+        if speed is None or speed == self._untouched_speed:
             return None
         self._untouched_speed = None
         return speed
@@ -107,9 +107,15 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
             raise
         self._link = link
 
-    def _speed(self) -> int:
-        """The line speed as the client set it, also where it is no standard one [bit/s]."""
-        raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
+    def _speed(self) -> int | None:
+        """The line speed as the client set it, also where it is no standard one [bit/s].
+
+        None where this kernel numbers the request otherwise: then nothing is known.
+        """
+        try:
+            raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
+        except OSError:
+            return None
         return int(_TERMIOS2.unpack(raw)[6])
 
 

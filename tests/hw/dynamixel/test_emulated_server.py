@@ -1,6 +1,8 @@
 """The real process on a pseudo-terminal, driven by an independent client: the vendor's SDK."""
 
 import csv
+import errno
+import fcntl
 import os
 import select
 import signal
@@ -15,6 +17,7 @@ import dynamixel_sdk
 import pytest
 
 from hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
+from hw.dynamixel.emulated.server import PseudoTerminal
 
 pytestmark = pytest.mark.realtime
 
@@ -71,6 +74,15 @@ def ask(descriptor, frame, within_s):
             if frames:
                 return frames[0]
     return None
+
+
+def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(monkeypatch):
+    def refused(*_):
+        raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
+
+    monkeypatch.setattr(fcntl, "ioctl", refused)
+    with PseudoTerminal() as terminal:
+        assert terminal.baud is None
 
 
 def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path):
