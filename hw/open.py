@@ -30,7 +30,7 @@ def open_port(settings: DynamixelSettings) -> int:
         PortError: The port cannot be used.
         PortBusyError: Another program holds it.
     """
-    from hw.dynamixel import port
+    from hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
 
     if not settings.port:
         raise PortError(
