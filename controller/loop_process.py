@@ -81,6 +81,7 @@ def main() -> None:
             message=f"{type(error).__name__}: {error} (in {where.name}, {Path(where.filename).name}"
             f" line {where.lineno}): this is a defect of haptic-wall, please report it",
         )
+        return
     _tell("ended", result=asdict(result))
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from controller.errors import UserError
+
 Profile = Literal["off", "best-effort", "strict"]
 
 _PR_SET_PDEATHSIG = 1
@@ -45,14 +47,26 @@ def die_with_parent(parent: int, signal_number: int) -> None:
         os.kill(os.getpid(), signal_number)
 
 
-def pick_cores() -> tuple[int, set[int]]:
+def pick_cores(wanted: int | None = None) -> tuple[int, set[int]]:
     """The core for the loop, and the cores for everything else.
 
-    The loop takes the last core it may use (the first one serves most interrupts); with a single
-    core everything shares it.
+    Unless one is wanted the loop takes the last core it may use (the first one serves most
+    interrupts); with a single core everything shares it.
+
+    Args:
+        wanted: The loop's core; None: chosen here.
+
+    Raises:
+        UserError: This process may not use that core.
     """
-    allowed = sorted(os.sched_getaffinity(0))
-    return allowed[-1], set(allowed[:-1]) or set(allowed)
+    allowed = os.sched_getaffinity(0)
+    core = max(allowed) if wanted is None else wanted
+    if core not in allowed:
+        raise UserError(
+            f"realtime.core: found {core}, wanted one of the cores this process may use:"
+            f" {', '.join(map(str, sorted(allowed)))}"
+        )
+    return core, allowed - {core} or allowed
 
 
 def _scheduler(priority: int) -> str:

@@ -6,6 +6,7 @@ is said when it ends.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -85,7 +86,8 @@ def main() -> None:
         result["error"] = f"{orders['log']}: {error.strerror or error}"
     if recorder is not None:
         result |= {"rows": recorder.rows, "unread": recorder.unread}
-    sys.stdout.write(json.dumps(result) + "\n")
+    with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
+        os.write(sys.stdout.fileno(), (json.dumps(result) + "\n").encode())
 
 
 if __name__ == "__main__":

@@ -158,12 +158,10 @@ class _Supervisor:
         self._refused: str | None = None
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
-        core, others = pick_cores()
-        self._core = plan.config.realtime.core if plan.config.realtime.core is not None else core
-        self._others = others
+        self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
-        with contextlib.ExitStack() as children:
+        with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
             recorder = self._start_recorder(children)
             loop = self._start_loop(children)
@@ -173,16 +171,26 @@ class _Supervisor:
         self._count()
         if self._refused is not None:
             raise ServoError(self._refused)
-        words = self._words
+        words, result = self._words, self._result
         return Ended(
             reason,
             self._statistics,
-            words[Word.TICKS],
-            words[Word.MISSED],
-            self._result,
+            words[Word.TICKS] if result is None else result["ticks"],
+            words[Word.MISSED] if result is None else result["missed"],
+            result,
             self._realtime,
             self._warnings,
         )
+
+    @contextlib.contextmanager
+    def _away_from_the_loop(self) -> Iterator[None]:
+        """Keep this process too off the loop's core: a hung loop at real-time priority holds it."""
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, self._others)
+        try:
+            yield
+        finally:
+            os.sched_setaffinity(0, before)
 
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
         settings = self._settings
@@ -196,7 +204,10 @@ class _Supervisor:
             children.callback(emulator.dismiss, END_S)
             path = first_line(emulator, START_S)
             if path is None:
-                raise ServoError("the emulated bus did not start; see its message above")
+                raise ServoError(
+                    f"the emulated bus did not start: it {emulator.exit_text()}; see its message"
+                    " above, if any, and start again"
+                )
             settings = replace(settings, port=path)
         self._port = open_port(settings)
         children.callback(os.close, self._port)
@@ -255,12 +266,9 @@ class _Supervisor:
                 stop_asked = now
             hung = self._hung(now, started)
             if hung or (stop_asked is not None and now - stop_asked > END_S):
-                starting = self._words[Word.STATE] == State.STARTING
-                reason = self._cut(loop, Trip.LOOP_HUNG)
-                return "interrupted" if stop_asked is not None and starting else reason
+                return self._cut_overdue(loop, emulator)
         self._hear(loop)
-        if emulator is not None and emulator.ended():
-            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
+        self._mourn(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._warnings.append(self._cut_text())
@@ -274,14 +282,29 @@ class _Supervisor:
         if state == State.STARTING:
             return now - started > START_S
         silent = now - self._words[Word.HEARTBEAT_NS] * 1e-9
-        running = state == State.RUNNING and self._words[Word.HEARTBEAT_NS] > 0
-        return bool(running and silent > self._plan.config.safety.heartbeat_s)
+        # Once it has left the grid it has nothing to do but to end.
+        return silent > (self._plan.config.safety.heartbeat_s if state == State.RUNNING else END_S)
+
+    def _cut_overdue(self, loop: Child, emulator: Child | None) -> str:
+        """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
+        starting = self._words[Word.STATE] == State.STARTING
+        reason = self._cut(loop, Trip.LOOP_HUNG)
+        self._mourn(emulator)
+        if self._result is not None:  # only its process would not end
+            return str(self._result["stop_reason"])
+        if emulator is not None and emulator.ended():
+            return f"trip:{Trip.SERVO_LOST}"
+        return "interrupted" if starting and self._words[Word.STOP] else reason
+
+    def _mourn(self, emulator: Child | None) -> None:
+        if emulator is not None and emulator.ended():
+            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
 
     def _cut(self, loop: Child, trip: Trip) -> str:
-        """Take the bus from a loop that is dead or hung; the loop is killed when that is done."""
+        """Take the bus from a loop that is dead or hung; from here on it says nothing on it."""
         self._words[Word.CUT] = 1
+        loop.send(signal.SIGKILL)  # a loop that only seems hung must not talk during the cut
         text = self._cut_text()
-        loop.send(signal.SIGKILL)
         loop.wait(END_S)
         self._warnings.append(f"the loop's process {loop.exit_text()}; {text}")
         return f"trip:{trip}"
@@ -305,7 +328,8 @@ class _Supervisor:
                 case "refused":
                     self._refused = event["message"]
                 case "tell":
-                    self._tell(event["text"])
+                    with contextlib.suppress(OSError):  # nobody listens: no reason to end the run
+                        self._tell(event["text"])
                 case "ended":
                     self._result = event["result"]
 
@@ -316,7 +340,13 @@ class _Supervisor:
     def _end_recorder(self, recorder: Child) -> None:
         recorder.wait(5.0)
         lines = recorder.lines()
-        error = json.loads(lines[-1])["error"] if lines else f"the recorder {recorder.exit_text()}"
+        told = json.loads(lines[-1]) if lines else {"error": f"the recorder {recorder.exit_text()}"}
+        if told.get("unread"):
+            self._warnings.append(
+                f"the log lacks {told['unread']} rows: the recorder did not come to read them in"
+                " time; the run was not disturbed"
+            )
+        error = told["error"]
         if error is not None:
             recorded = self._words[Word.TAIL]
             self._warnings.append(

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from controller.telemetry import ROW, State, Telemetry, Word
+
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
 PATIENT = [
     word
@@ -83,10 +85,19 @@ def wait_for(condition, what, timeout_s=60.0):
 
 
 def ticking(process, folder, log="run.hwlog"):
-    """Wait until the log grows: the wall is on, or about to be."""
+    """Wait until the log holds more rows than the warm-up has: the wall is on."""
     path = folder / log
-    wait_for(lambda: path.exists() and path.stat().st_size > 50_000, "a growing log")
+    enough = 700 * ROW.itemsize
+    wait_for(lambda: path.exists() and path.stat().st_size > enough, "a growing log")
     return children(process.pid)
+
+
+def shared_words(pid):
+    """The control words of the telemetry that a process holds."""
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        if "haptic-wall-telemetry" in str(link.readlink()):
+            return Telemetry(os.open(link, os.O_RDWR)).words
+    raise AssertionError(f"process {pid} holds no telemetry")
 
 
 def run_arguments(*more):
@@ -176,6 +187,30 @@ def test_a_stopped_loop_has_its_torque_cut(tmp_path):
     assert_torque_off(witness(tmp_path))
 
 
+def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path):
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
+    with started(*arguments, cwd=tmp_path) as process:
+        loop = wait_for(lambda: children(process.pid).get("loop_process"), "the loop's process")
+        os.kill(loop, signal.SIGSTOP)
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert json.loads(output)["stop_reason"] == "interrupted"
+    assert not Path(f"/proc/{loop}").exists()
+    assert_torque_off(witness(tmp_path))
+
+
+def test_a_loop_that_does_not_end_after_its_run_is_ended(tmp_path):
+    with started(*run_arguments("--duration", "60"), cwd=tmp_path) as process:
+        loop = ticking(process, tmp_path)["loop_process"]
+        os.kill(loop, signal.SIGSTOP)
+        shared_words(loop)[Word.STATE] = State.TORQUE_OFF  # as it would say after its last tick
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert json.loads(output)["stop_reason"] == "trip:loop_hung"
+    assert not Path(f"/proc/{loop}").exists()
+
+
 def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path):
     with emulator(tmp_path) as (bus, port):
         arguments = ["run", "xm430-w350", "--log", "run.hwlog", *PATIENT, *BELIEF]
@@ -185,6 +220,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path):
             process.kill()
             for pid in family.values():
                 wait_for(lambda pid=pid: not Path(f"/proc/{pid}").exists(), "the children's end")
+            assert "Traceback" not in process.stderr.read()
         bus.send_signal(signal.SIGTERM)
         bus.wait(timeout=30)
     assert_torque_off(witness(tmp_path))
