@@ -84,18 +84,23 @@ def run_session(
         # within every period of its Bus Watchdog.
         limit = servo.facts.torque_limit
         ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+        freeze_garbage()
         prepare()
         waiter = waiter_for(clock, _spin_ns(config))
-        checks = servo.start()
-        if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
-            ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
-        tell(f"{servo.facts.name}: torque is on, {len(checks)} start-up checks passed")
+        checks: list[Check] = []
+        if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
+            checks = servo.start()
+            if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
+                ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+            tell(f"{servo.facts.name}: torque is on, {len(checks)} start-up checks passed")
         tick = Tick(_parts(config, clock, servo, telemetry, ladder))
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
+        telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
         began_s = time.monotonic()
         reason, message = _run(grid, config, servo, duration_s, tell)
         real_s = time.monotonic() - began_s
+        telemetry.words[Word.STATE] = State.STOPPING
         torque_off = servo.stop()
         telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
         on_block()
@@ -106,7 +111,7 @@ def run_session(
         stop_reason=reason,
         message=message,
         ticks=tick.ticks,
-        missed=tick.missed,
+        missed=grid.missed,
         elapsed_s=grid.elapsed_s,
         real_s=real_s,
         grid_hz=1e9 / grid.period_ns,
@@ -161,11 +166,16 @@ class _Grid:
         """Time on the grid since the wall was switched on [s]."""
         return (self._deadline - self._begun) * 1e-9
 
+    @property
+    def missed(self) -> int:
+        """Periods on the grid in that time in which no tick was executed."""
+        return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
+
     def begin(self) -> None:
         """Count time, ticks and missed periods from here on."""
         self._begun = self._deadline
-        self.tick.ticks = 0
-        self.tick.missed = 0
+        self.tick.ticks = self._words[Word.TICKS] = 0
+        self.tick.missed = self._words[Word.MISSED] = 0
 
     def serve(self, duration_s: float | None) -> str | None:
         """Serve deadlines for a while; why it ended before, or None."""
@@ -216,7 +226,6 @@ def _run(
     tell: Callable[[str], None],
 ) -> tuple[str, str]:
     """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
-    freeze_garbage()
     try:
         reason = None
         if servo.facts.has_bus or config.loop.clock == "monotonic":

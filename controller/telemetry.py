@@ -2,8 +2,8 @@
 
 The memory is an anonymous file (memfd) whose descriptor is passed on to child processes: it
 vanishes with the last of them, whatever way they end. The first page holds control words, the
-rest a ring of rows. A row is complete before ``HEAD`` counts it; a reader that was overtaken
-sees it by the row's own sequence number.
+rest a ring of rows. A row is complete before ``HEAD`` counts it; a reader that is overtaken sees
+it by ``HEAD``, and whoever reads the rows later by the gap in their sequence numbers.
 """
 
 from __future__ import annotations
@@ -82,10 +82,13 @@ class State(IntEnum):
 
     STARTING = 0
     RUNNING = 1
+    """On the grid; from here on there is a heartbeat."""
     TORQUE_OFF = 2
     """Torque off was commanded and read back."""
     TORQUE_UNKNOWN = 3
     """The loop is done, but torque off could not be read back."""
+    STOPPING = 4
+    """Off the grid; torque off is being sent and read back."""
 
 
 class Telemetry:
@@ -127,5 +130,6 @@ class Telemetry:
         head = int(self.words[Word.HEAD])
         start = max(tail, head - CAPACITY + 1)
         rows = self._rows[np.arange(start, head) % CAPACITY]
-        # Rows that were overwritten while they were copied carry another sequence number.
-        return rows[rows["seq"] == np.arange(start, head)], head
+        # Rows that the writer has come to meanwhile may be overwritten, wholly or in part.
+        intact = int(self.words[Word.HEAD]) - CAPACITY + 1
+        return rows[max(0, intact - start) :], head

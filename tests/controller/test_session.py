@@ -154,6 +154,54 @@ def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
         assert np.all(ages < 0.5)
 
 
+def test_a_stop_before_the_start_never_switches_the_torque_on(monkeypatch):
+    from hw.dynamixel.servo import DynamixelServo
+
+    def start(_):
+        raise AssertionError("started")
+
+    monkeypatch.setattr(DynamixelServo, "start", start)
+    telemetry = Telemetry.create()
+    telemetry.words[Word.STOP] = 1
+    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    assert result.stop_reason == "interrupted"
+    assert result.torque_off, "and read back"
+
+
+def test_an_end_in_the_warm_up_counts_no_ticks():
+    telemetry = Telemetry.create()
+
+    def stop(_):
+        telemetry.words[Word.STOP] = 1
+
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=stop)
+    assert (result.stop_reason, result.ticks, result.elapsed_s) == ("interrupted", 0, 0.0)
+    assert telemetry.words[Word.TICKS] == 0
+
+
+@pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
+def test_every_period_is_a_tick_or_missed(stalled, monkeypatch):
+    """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
+    from controller import tick
+
+    plain = tick.Tick._follow_guard
+    seen = []
+
+    def stalling(self, *args, **kwargs):
+        seen.append(0)
+        if len(seen) == stalled + 1:
+            clock.wait_until(clock.now_ns() + 7_300_000)
+        plain(self, *args, **kwargs)
+
+    monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    clock = SimulatedClock()
+    result = run_session(config, clock, Telemetry.create(), 2.0)
+    assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
+    assert (result.missed > 0) is (stalled >= 500)
+
+
 def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1

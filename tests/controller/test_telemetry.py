@@ -37,3 +37,27 @@ def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap():
     assert rows.dtype == ROW
     np.testing.assert_array_equal(rows["seq"], np.arange(total - CAPACITY + 1, total))
     np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
+
+
+def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
+    telemetry = Telemetry.create()
+    for k in range(CAPACITY):
+        telemetry.write(k, *VALUES[1:])
+    plain = telemetry._rows
+
+    class Overtaken:
+        """The writer comes by in the middle of the copy."""
+
+        def __getitem__(self, places):
+            copy = plain[places]
+            copy[:10]["position"] = -1.0  # torn: the sequence number is still the old one
+            for k in range(10):
+                telemetry.write(k, *VALUES[1:])
+            return copy
+
+    telemetry._rows = Overtaken()
+    rows, tail = telemetry.read(0)
+    assert tail == CAPACITY
+    assert not np.any(rows["position"] == -1.0)
+    assert rows["seq"][-1] == CAPACITY - 1
+    assert rows.size == CAPACITY - 11
