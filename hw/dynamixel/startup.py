@@ -193,7 +193,7 @@ class _Startup:
         wanted = settings.probe_torque
         if settings.torque_limit > 0.0:
             wanted = min(wanted, settings.torque_limit)
-        limit = min(round(wanted / self._torque_step), self.current_limit)
+        limit = min(int(wanted / self._torque_step + 1e-9), self.current_limit)
         direction = 1 if settings.probe_direction > 0 else -1
         push, tripped = self._push(direction * max(1, limit))
         torque = push.peak * self._torque_step

@@ -76,6 +76,26 @@ def test_the_start_never_makes_more_torque_than_the_probe_may() -> None:
     assert max(abs(state.torque) for state in bench.line.states) <= 0.2 + 0.0048
 
 
+@pytest.mark.parametrize(
+    ("settings", "current_limit", "allowed"),
+    [({"torque_limit": 0.1}, 1193, 0.1), ({}, 25, 25 * 0.0048)],
+)
+def test_the_probe_keeps_to_every_limit(
+    settings: dict[str, float], current_limit: int, allowed: float
+) -> None:
+    """A goal beyond Current Limit would be refused without a word."""
+    bench = Bench(replace(TRUE, coulomb=0.25), **settings)
+    bench.truth.memory["current_limit"] = current_limit
+    refused(bench, match=r"did not move at 0\.1\d* N·m")
+    pushed = max(abs(state.torque) for state in bench.line.states)
+    assert allowed - 0.0048 <= pushed <= allowed
+
+
+def torque_was_enabled(bench: Bench) -> bool:
+    frames = [frame for data in bench.line.frames for frame in Parser().feed(data)]
+    return any(f.params == bytes([64, 0, 1]) for f in frames if f.instruction == Instruction.WRITE)
+
+
 # What is refused
 
 
@@ -124,6 +144,7 @@ def test_what_only_a_person_may_change_is_refused(register: str, value: int, mat
     bench.truth.memory[register] = value
     refused(bench, match=match)
     assert bench.truth.memory[register] == value
+    assert not torque_was_enabled(bench)
 
 
 def test_a_dangerous_servo_is_not_written_to_and_never_gets_a_goal() -> None:
@@ -153,6 +174,7 @@ def test_the_servo_is_not_started_inside_the_wall() -> None:
     bench = Bench(keep_out=(-0.4, 100.0))
     begun = bench.clock.now_ns()
     refused(bench, match="turn it out")
+    assert not torque_was_enabled(bench)
     assert bench.clock.now_ns() - begun < 1.5e9  # nobody moves it: no point in waiting longer
     Bench(keep_out=(-0.2, 100.0)).servo.start()
 
@@ -282,10 +304,10 @@ def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None
 
 
 def test_a_blocked_shaft_is_refused() -> None:
-    refused(
-        Bench(replace(TRUE, coulomb=2.0)),
-        match=r"did not move at 0\.3 N·m: free it.*servo\.probe_torque; 0 skips",
-    )
+    bench = Bench(replace(TRUE, coulomb=2.0))
+    begun = bench.clock.now_ns()
+    refused(bench, match=r"did not move at 0\.3 N·m: free it.*servo\.probe_torque; 0 skips")
+    assert bench.clock.now_ns() - begun < 1.5e9  # two pushes of half a second
 
 
 def test_more_probe_torque_overcomes_more_friction() -> None:
