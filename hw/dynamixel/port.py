@@ -29,6 +29,8 @@ _BAUD_TOLERANCE: Final = 0.03
 """An asynchronous receiver tolerates about this much between the two ends."""
 _PTMX: Final = os.makedev(5, 2)
 """The device behind the controlling end of every pseudo-terminal."""
+_PTS_MAJORS: Final = range(136, 144)
+"""Of the devices at the other ends."""
 _TCGETS2: Final = 0x802C542A
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 
@@ -87,12 +89,13 @@ def open_port(path: str, baud: int) -> int:
 def holders(device: int) -> Iterator[tuple[int, str]]:
     """Other processes that have a device open, as far as this user may see: pid and program.
 
-    A process that also holds a pseudo-terminal's controlling end is left out: it is the emulator
-    on the far side.
+    On a pseudo-terminal a process that also holds a controlling end is left out: it is the
+    emulator on the far side.
 
     Args:
         device: The device's number (``st_rdev``).
     """
+    pseudo = os.major(device) in _PTS_MAJORS
     for process in Path("/proc").iterdir():
         if not process.name.isdigit() or int(process.name) == os.getpid():
             continue
@@ -102,7 +105,7 @@ def holders(device: int) -> Iterator[tuple[int, str]]:
                 if (target := _target(entry)) is None:
                     continue
                 holds |= target == device
-                far_side |= target == _PTMX
+                far_side |= pseudo and target == _PTMX
             if holds and not far_side:
                 yield int(process.name), (process / "comm").read_text().strip()
         except OSError:  # it ended, or is somebody else's

@@ -209,6 +209,26 @@ def test_a_second_opening_is_refused(ends: Ends) -> None:
     os.close(open_port(ends.path, 1_000_000))
 
 
+def test_a_terminal_program_that_holds_an_adapter_is_a_holder() -> None:
+    """`screen` holds pseudo-terminals of its own besides; only on those may it be an emulator."""
+    program = (
+        "import os, pty, sys\n"
+        "ends = pty.openpty()\n"
+        "held = os.open('/dev/null', os.O_RDWR)\n"
+        "print(os.fstat(ends[1]).st_rdev, flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout is not None
+        near = int(holder.stdout.readline())
+        adapter = Path("/dev/null").stat().st_rdev
+        assert holder.pid in [pid for pid, _ in port.holders(adapter)]
+        assert holder.pid not in [pid for pid, _ in port.holders(near)]
+        holder.communicate()
+
+
 def test_a_program_that_uses_the_port_without_a_lock_is_named(ends: Ends) -> None:
     program = (
         "import os, sys\n"
