@@ -181,6 +181,27 @@ def _emulated_gain(config: Config) -> Iterator[Problem]:
         )
 
 
+_CYCLE_BYTES = 58
+"""On the wire in one period: the request (14), its reply (27), the goal (17)"""
+_CYCLE_SHARE = 0.8
+"""Of a period that they may take: what comes later than that counts as lost"""
+
+
+@_reads("servo.backend", "servo.baud", "loop.rate_hz")
+def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
+    baud = config.servo.baud
+    if config.servo.backend != "dynamixel" or baud is None:
+        return
+    cycle = 10 * _CYCLE_BYTES / baud  # ten bit times per byte
+    if cycle > _CYCLE_SHARE * config.period_s:
+        yield Problem(
+            "servo.baud",
+            f"found {baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more than "
+            f"{_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} ms; wanted a faster bus (set "
+            f"the servo to it first) or loop.rate_hz below {_CYCLE_SHARE / cycle:.3g}",
+        )
+
+
 @_reads("servo.backend", "servo.watchdog_s", "loop.rate_hz")
 def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
     watchdog, period = config.servo.watchdog_s, config.period_s

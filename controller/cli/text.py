@@ -155,7 +155,7 @@ def _entry(label: str, text: str) -> list[str]:
 
 def _percentiles(times: Mapping[str, float | None]) -> str:
     named = [
-        f"{key.replace('_', '.')} {_number(value, 3)}"
+        f"{key.replace('_', '.')} {value:{'.0f' if value >= 1000 else '.3g'}}"
         for key, value in times.items()
         if value is not None
     ]

@@ -64,6 +64,12 @@ REPORT = {
 }
 
 
+def test_long_times_are_written_out():
+    late = {"p50": 0.0359, "p99": 402.4, "p99_9": 3550.2, "max": 21345.6}
+    text = joined(REPORT | {"lateness_us": late})
+    assert "lateness p50 0.0359, p99 402, p99.9 3550, max 21346 µs" in text
+
+
 def joined(report):
     return " ".join(report_text(report).split())
 

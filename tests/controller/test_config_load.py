@@ -167,6 +167,17 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields():
         assert line.startswith(start)
 
 
+def test_a_bus_too_slow_for_the_rate_is_refused():
+    assert only(HARDWARE, "servo.baud=57600") == (
+        "servo.baud (from --set): found 57600, at which a cycle takes 10.1 ms on the wire, more "
+        "than 0.8 of a period of 1 ms; wanted a faster bus (set the servo to it first) or "
+        "loop.rate_hz below 79.4"
+    )
+    patient = ("servo.baud=115200", "loop.rate_hz=155")
+    assert load_config(HARDWARE, patient).config.servo.baud == 115_200
+    assert load_config(HARDWARE, ("servo.baud=1e6",)).config.servo.baud == 1_000_000
+
+
 def _outside(field):
     """A value no field takes: beyond every bound, no known name."""
     return "nonesuch" if field.choices else "-1e300"
