@@ -197,8 +197,8 @@ def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
         yield Problem(
             "servo.baud",
             f"found {baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more than "
-            f"{_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} ms; wanted a faster bus (set "
-            f"the servo to it first) or loop.rate_hz below {_CYCLE_SHARE / cycle:.3g}",
+            f"{_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} ms; wanted a faster bus "
+            f"(set the servo to it first) or loop.rate_hz below {_CYCLE_SHARE / cycle:.3g}",
         )
 
 
