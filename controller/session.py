@@ -254,7 +254,7 @@ def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
         position_step=2.0 * math.pi / counts if counts else 0.0,
     )
     # In the same process on the simulated clock a sample has no age.
-    ages_ns = [0] if simulated and not servo.facts.has_bus else rung_ages_ns()
+    ages_ns = [0] if simulated and not servo.facts.has_bus else rung_ages_ns(config.period_ns)
     inserted = config.delay.steps * period
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]

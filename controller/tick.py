@@ -182,8 +182,9 @@ class Tick:
         return parts.velocity.update(reading.position, periods)
 
     def _at_surface(self) -> bool:
-        """Whether the wall's spring is as good as at rest, whatever its stiffness."""
-        return abs(self._position - self._parts.wall.position) <= SURFACE
+        """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""
+        wall = self._parts.wall
+        return not wall.one_sided and abs(self._position - wall.position) <= SURFACE
 
     def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
         """Count the age; move the commanded stiffness and damping along the ray if need be."""

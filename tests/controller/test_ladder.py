@@ -110,9 +110,17 @@ def test_ages_beyond_the_ladder_take_its_last_rung():
 
 
 def test_the_real_rungs_rise_and_are_fine_where_buses_are_quick():
-    ages = rung_ages_ns()
+    ages = rung_ages_ns(1_000_000)
     assert ages == sorted(set(ages))
     assert ages[0] == 0
     assert ages[-1] == 20_000_000
     assert max(b - a for a, b in itertools.pairwise(ages) if b <= 600_000) == 10_000
     assert len(ages) == pytest.approx(90, abs=15)
+
+
+@pytest.mark.parametrize("period_ns", [500_000, 1_000_000, 10_000_000, 20_000_000])
+def test_the_real_rungs_reach_beyond_a_pipelined_sample_and_a_loss(period_ns):
+    ages = rung_ages_ns(period_ns)
+    assert ages == sorted(set(ages))
+    assert ages[-1] >= 3 * period_ns
+    assert len(ages) < 130, "each costs the start some milliseconds"

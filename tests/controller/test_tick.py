@@ -218,3 +218,24 @@ def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
     assert damping[falling] == pytest.approx(stiffness[falling] / 1000)
     assert (stiffness[-1], damping[-1]) == (10.0, 0.01)
     assert rig.rows["delay_s"][-1] == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("side", "position", "raised"),
+    [
+        ("above", 0.002, False),
+        ("above", -0.002, True),
+        ("below", -0.002, False),
+        ("both", 0.002, True),
+        ("both", 0.01, False),
+    ],
+)
+def test_stiffer_again_only_out_of_contact_or_at_a_two_sided_walls_surface(side, position, raised):
+    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
+    rig.servo.age_ns = 400_000
+    rig.run(100)
+    rig.servo.age_ns = 0
+    rig.run(700)  # more than five windows of a hundred
+    assert rig.rows["stiffness"][99] == 10.0
+    assert rig.rows["stiffness"][-1] == (20.0 if raised else 10.0)
