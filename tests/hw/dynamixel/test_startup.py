@@ -86,7 +86,7 @@ def test_the_probe_keeps_to_every_limit(
     """A goal beyond Current Limit would be refused without a word."""
     bench = Bench(replace(TRUE, coulomb=0.25), **settings)
     bench.truth.memory["current_limit"] = current_limit
-    refused(bench, match=r"did not move at 0\.1\d* N·m")
+    refused(bench, match=r"did not move at 0\.\d+ N·m")
     pushed = max(abs(state.torque) for state in bench.line.states)
     assert allowed - 0.0048 <= pushed <= allowed
 
@@ -177,6 +177,22 @@ def test_the_servo_is_not_started_inside_the_wall() -> None:
     assert not torque_was_enabled(bench)
     assert bench.clock.now_ns() - begun < 1.5e9  # nobody moves it: no point in waiting longer
     Bench(keep_out=(-0.2, 100.0)).servo.start()
+
+
+def test_a_shaft_that_is_put_into_the_wall_meanwhile_is_not_pushed() -> None:
+    """By a hand, after the position was found good."""
+    bench = Bench(keep_out=(0.0, 100.0))
+    write = bench.line.write
+
+    def write_and_put_inside(data: bytes) -> None:
+        write(data)
+        if bench.truth.memory["torque_enable"]:
+            mechanism = bench.truth.mechanism
+            mechanism._state = mechanism._state._replace(position=0.2)
+
+    bench.line.write = write_and_put_inside  # type: ignore[method-assign]
+    refused(bench, match="not come to rest outside the wall")
+    assert not any(state.torque for state in bench.line.states)
 
 
 def test_a_watchdog_the_servo_does_not_have_is_refused() -> None:
