@@ -249,6 +249,8 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         ("emulated-xm430", ["servo.torque_constant=2"], "model.torque_gain"),
         ("emulated-xm430", ["loop.rate_hz=60", "servo.watchdog_s=0.02"], "servo.watchdog_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
+        ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
+        ("simulated", ["loop.rate_hz=2000", "realtime.spin_us=301"], "realtime.spin_us"),
     ],
 )
 def test_fields_that_do_not_go_together(preset, changes, blamed):
