@@ -12,7 +12,8 @@ from controller.cli.options import answer, as_json, config_argument, json_option
 from controller.config_fields import Field, fields
 from controller.config_load import Loaded, load_config
 
-_VALUE_WIDTH = 24
+_VALUE_WIDTH = 40
+"""Of a value with its unit; a belief with bounds is the longest."""
 
 
 @click.command()
@@ -69,9 +70,9 @@ def _entry(loaded: Loaded, field: Field) -> dict[str, Any]:
 def _row(loaded: Loaded, field: Field, width: int) -> str:
     """A field in two or more lines: name, value, unit and origin; then range and meaning."""
     origin = loaded.origins.get(field.path, "default")
-    value = _text(_value(loaded, field))
+    value = f"{_text(_value(loaded, field))} {field.unit}"
     mark = " " if _kind(loaded) in field.used_by else "-"
-    head = f"{mark} {field.path:<24}  {value:<{_VALUE_WIDTH}} {field.unit:<10}  {origin}".rstrip()
+    head = f"{mark} {field.path:<24}  {value:<{_VALUE_WIDTH}}  {origin}"
     meaning = textwrap.fill(
         f"{field.meaning} ({field.wanted})",
         width,
