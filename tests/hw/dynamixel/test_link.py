@@ -165,6 +165,22 @@ def test_the_rate_does_not_matter_to_the_matching() -> None:
         assert sample.outcome is Outcome.LOST or is_its_own(sample)
 
 
+@pytest.mark.parametrize("periods", range(1, 10))
+def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(periods: int) -> None:
+    """At 4 kHz all of them lie within what the tick must tolerate."""
+    period_ns = PERIOD_NS // 4
+    late = set(range(20, 140, 12))
+    bench = Bench(
+        only(late, lambda _, reply: [(periods * period_ns + 50 * US, reply)]), period_ns=period_ns
+    )
+    bench.servo.reply_ns = 50 * US
+    for number in range(150):
+        sample = bench.cycle()
+        assert sample.outcome is (Outcome.LOST if number in late else Outcome.OK)
+        assert sample.outcome is Outcome.LOST or is_its_own(sample)
+    assert bench.link.counts.late == len(late)
+
+
 def test_doubled_replies_are_used_once() -> None:
     bench = Bench(doubled)
     samples = [bench.cycle() for _ in range(30)]
