@@ -11,6 +11,7 @@ import errno
 import importlib
 import io
 import logging
+import os
 import sys
 from collections.abc import Sequence
 
@@ -84,6 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    _fill_missing_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
@@ -108,6 +110,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         forget_output()
         return _say(OSError("the disk is full: make room, or name another place"), HARDWARE)
     return result if isinstance(result, int) else 0
+
+
+def _fill_missing_streams() -> None:
+    """Give standard streams that are closed a place.
+
+    Else the next files opened, the shared memory or the port, would take their numbers, and a
+    child that they are handed to would find its own streams there.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
 
 
 def _say(error: Exception, status: int) -> int:

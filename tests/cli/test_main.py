@@ -182,3 +182,19 @@ def test_a_full_disk_is_told_in_a_sentence():
     )
     assert done.returncode == 4
     assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_do_not_disturb_a_run(closed, tmp_path):
+    """As a service manager may start it: what it opens must not take their numbers."""
+    command = f"exec {sys.executable} -m controller.cli.main run simulated --duration 0.1"
+    done = subprocess.run(
+        ["sh", "-c", f"{command} --log run.hwlog --plot run.png {closed}"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "run.hwlog").stat().st_size > 10_000
