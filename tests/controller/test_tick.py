@@ -45,7 +45,9 @@ class ScriptedServo:
         position = self.positions.pop(0)
         if position is LOST:
             return Reading(Outcome.LOST, math.nan, 0, self.asked_ns, math.nan, False)
+        began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
+        self.waited_ns = self.clock.now_ns() - began_ns
         return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
 
     def write(self, torque):
@@ -118,8 +120,13 @@ def test_delay_counts_periods():
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
 
 
-def test_skipped_periods_divide_the_difference_and_shift_the_delay():
-    rig = on(Rig([0.1, 0.13], steps=1, stiffness=0.0, damping=0.1)).run(1).run(1, missed=2)
+def test_skipped_periods_shift_the_delay():
+    rig = on(Rig([0.1, 0.2, 0.3], steps=2, stiffness=10.0)).run(2).run(1, missed=1)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
+
+
+def test_skipped_periods_divide_the_difference():
+    rig = on(Rig([0.1, 0.13], stiffness=0.0, damping=0.1)).run(1).run(1, missed=2)
     row = rig.rows[-1]
     assert row["velocity"] == pytest.approx(10.0)
     assert row["missed"] == 2
@@ -159,9 +166,10 @@ def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined):
 
 
 def test_before_the_first_reading_nothing_acts():
-    rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0)).run(3)
+    rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0))
+    for _ in range(3):
+        assert rig.run(1).tick.trip is None
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
-    assert rig.tick.trip is None
 
 
 def test_losses_trip_with_torque_off():
@@ -205,6 +213,17 @@ def test_saturation_and_contact_are_told():
     assert rig.rows["torque"][-1] == -5.0
 
 
+def test_waiting_for_the_bus_is_no_work():
+    rig = on(Rig([0.0, 0.0], age_ns=300_000)).run(2)
+    assert rig.rows["bus_ns"][-1] == 300_000
+    assert rig.rows["work_ns"][-1] == 0, "a simulated clock stands still while the tick computes"
+
+
+def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick():
+    rig = on(Rig([0.0], rungs=[Rung(10.0, 0.0, 0.7e-3)])).run(1)
+    assert rig.rows["delay_s"][0] == 0.7e-3
+
+
 def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
     rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
     rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
@@ -239,3 +258,4 @@ def test_stiffer_again_only_out_of_contact_or_at_a_two_sided_walls_surface(side,
     rig.run(700)  # more than five windows of a hundred
     assert rig.rows["stiffness"][99] == 10.0
     assert rig.rows["stiffness"][-1] == (20.0 if raised else 10.0)
+    assert set(rig.rows["stiffness"][99:]) <= {10.0, 20.0}, "at once: a ramp could run into contact"
