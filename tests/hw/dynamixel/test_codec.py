@@ -267,3 +267,21 @@ def test_what_is_not_quite_the_expected_reply_is_left_to_the_parser() -> None:
         *(reply[:at] + bytes((reply[at] ^ 1,)) + reply[at + 1 :] for at in range(len(reply))),
     ):
         assert expected.match(other) is None
+
+
+def test_a_stuffed_reply_is_not_taken_for_the_longer_one_it_looks_like() -> None:
+    """A late reply of 16 bytes, one stuffed in, is as long on the wire as one of 17."""
+    late = encode_status(1, 0, b"\xff\xff\xfd" + bytes(13))
+    assert len(late) == len(encode_status(1, 0, bytes(17)))
+    assert ExpectedReply(1, 17).match(late) is None
+
+
+def test_a_fast_reply_that_holds_a_header_arrives_in_pieces() -> None:
+    """It is not stuffed, so that a header in it is data."""
+    wire = encode_fast_status([FastReply(1, 0, b"\xff\xff\xfd\x00"), FastReply(2, 0, bytes(4))])
+    parser = Parser()
+    frames = [frame for byte in wire for frame in parser.feed(bytes([byte]))]
+    assert [reply.data for reply in decode_fast_status(frames[0], 4)] == [
+        b"\xff\xff\xfd\x00",
+        bytes(4),
+    ]
