@@ -26,6 +26,13 @@ def test_a_jump_trips_and_the_first_reading_is_none():
     assert safety.good(reading(500.02, 2)) is Trip.OVERSPEED
 
 
+def test_the_encoders_rounding_is_no_speed():
+    safety = Safety(LIMITS)
+    safety.good(reading(0.0, 1))
+    assert safety.good(reading(0.0099 + 2 * 0.0015, 2)) is None
+    assert safety.good(reading(0.0129 + 0.0132, 3)) is Trip.OVERSPEED
+
+
 def test_the_time_that_passed_counts():
     safety = Safety(LIMITS)
     safety.good(reading(0.0, 1))

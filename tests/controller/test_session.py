@@ -211,6 +211,35 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
     assert result.ticks == 0
 
 
+def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
+    """A lean during the warm-up: the wall must not strike a shaft that it is switched on around."""
+    telemetry = Telemetry.create()
+    told = []
+
+    def tell(text):
+        told.append(text)
+        if "inside the wall" in text:
+            telemetry.words[Word.STOP] = 1
+
+    sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
+    config = load_config("emulated-xm430", sets).config
+    result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=tell)
+    assert "the wall goes on when it has left it" in told[-1]
+    assert (result.stop_reason, result.ticks) == ("interrupted", 0)
+    rows, _ = telemetry.read(0)
+    assert rows["position"][-1] > 0.0
+    assert not np.any(rows["torque"])
+
+
+def test_a_configured_sample_age_counts_where_it_is_the_larger():
+    settings = ("loop.clock=simulated", "delay.steps=2")
+    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.0015")
+    assert result.delay["measured"] == 0.0015
+    assert result.delay["total"] == pytest.approx(0.002 + 0.0015 + result.delay["device"])
+    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.00001")
+    assert result.delay["measured"] > 0.00001
+
+
 def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
     from controller import tick
 
