@@ -67,7 +67,8 @@ def children(pid):
     tasks = Path(f"/proc/{pid}/task/{pid}/children")
     with contextlib.suppress(FileNotFoundError), tasks.open() as file:
         for child in file.read().split():
-            with contextlib.suppress(FileNotFoundError):
+            # Gone by now, or not yet the program it is going to be.
+            with contextlib.suppress(FileNotFoundError, ValueError):
                 words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
                 found[words[words.index("-m") + 1].rpartition(".")[2]] = int(child)
                 if "emulate" in words:
