@@ -104,6 +104,11 @@ def _off(decision: Decision) -> tuple[str, ...]:
             "stable only because of friction, if at all: without it this wall is unstable for "
             "the believed servo, so small motion dies and larger motion grows"
         )
+    elif decision.limits.exact is not None and decision.stiffness > decision.limits.exact:
+        sentences.append(
+            "this wall is unstable for the believed servo: any motion grows until the torque "
+            "saturates or a safety limit ends the run"
+        )
     return tuple(sentences)
 
 

@@ -26,6 +26,10 @@ _ZOOMS, _ZOOM_POINTS = 4, 7
 # Contacts slower than this (rad per sample, times the delay) are scaled up: see _speed_up.
 _SLOW = 1e-2
 
+_NO_COASTING = 20.0
+"""A device with more viscous damping (delta) forgets its speed within a twentieth of a period: it
+never coasts into a wall or out of it, and no contact returns speed. The exact limit is left."""
+
 
 def one_sided_limit(
     inertia: ArrayLike,
@@ -61,7 +65,8 @@ def one_sided_limit(
     s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
     alpha = np.zeros_like(s.delta)
     exact, _ = critical(s.delta, s.beta, s.delay, s.samples)
-    some = np.flatnonzero(exact > 0)
+    alpha = np.where(s.delta > _NO_COASTING, exact, alpha)
+    some = np.flatnonzero((exact > 0) & (s.delta <= _NO_COASTING))
     if some.size:
         chosen = _Walls(s.delta[some], s.beta[some], s.delay[some], s.samples[some], exact[some])
         faster, scale = _speed_up(chosen)

@@ -113,7 +113,7 @@ class _Startup:
         self._clock = line.clock
         self._torque_step = torque_step
         self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
-        self._name = f"{model.name} with id {settings.id} on {where}"
+        self._name = f"servo with id {settings.id} on {where}"
         self.list = Checklist(self._name)
 
     # What the driver sets up
