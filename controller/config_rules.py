@@ -213,6 +213,18 @@ def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
         )
 
 
+@_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
+def _warm_up_sees_the_bus(config: Config) -> Iterator[Problem]:
+    least = WARM_UP_AGES * config.period_s
+    if config.servo.backend == "dynamixel" and config.loop.warm_up_s < least * (1 - 1e-9):
+        yield Problem(
+            "loop.warm_up_s",
+            f"found {config.loop.warm_up_s:g} s, wanted at least {least:g} s "
+            f"({WARM_UP_AGES} readings at loop.rate_hz {config.loop.rate_hz:g}): the delay of the "
+            "bus is measured before the wall is switched on",
+        )
+
+
 @_reads("safety.heartbeat_s", "loop.rate_hz")
 def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
     heartbeat, period = config.safety.heartbeat_s, config.period_s
@@ -224,6 +236,8 @@ def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
         )
 
 
+WARM_UP_AGES = 20
+"""Readings over a bus from which its delay is known well enough to begin"""
 _SPIN_SHARE = 0.6
 """Of a period: Linux halts a real-time process that holds its core for more than 0.95 of a second,
 and the tick's own work comes on top; the largest margin that is measured, 300 µs, fits 2 kHz"""

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 RUN = 10
 """Ages in a row above the rung that lower at once."""
+SETTLE = 50
+"""Ages that are enough to begin with."""
 RAISE_WINDOWS = 5
 """Windows in a row that must allow a stiffer rung before it is taken."""
 
@@ -104,9 +106,13 @@ class GuardLadder:
         return self.rung != before
 
     def settle(self) -> None:
-        """End the warm-up: take the rung its ages ask for, stiffer or softer, and start afresh."""
+        """End the warm-up: take the rung its ages ask for, stiffer or softer, and start afresh.
+
+        Fewer than ``SETTLE`` ages since the last window ended are no reason for a stiffer one.
+        """
         if self._seen:
-            self.rung = self._percentile_rung(self._seen)
+            rung = self._percentile_rung(self._seen)
+            self.rung = rung if self._seen >= SETTLE else max(rung, self.rung)
         self._restart_window()
         self._run = self._raise_windows = 0
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from controller.config import Config
+from controller.plan import Ended
 from controller.safety import EXPLANATIONS, Trip
-from controller.supervisor import Ended
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
@@ -14,7 +14,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
 
     Args:
         config: The effective configuration.
-        ended: What the supervisor knows.
+        ended: What is known of the run.
         log: Where the log is.
         plot: Where the picture is.
     """

@@ -92,7 +92,8 @@ def run_session(
             checks = servo.start()
             if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
                 ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
-            tell(f"{servo.facts.name}: torque is on, {len(checks)} start-up checks passed")
+            passed = f", {len(checks)} start-up checks passed" if checks else ""
+            tell(f"{servo.facts.name}: torque is on{passed}")
         tick = Tick(_parts(config, clock, servo, telemetry, ladder))
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()

@@ -2,8 +2,7 @@
 
 The command's own process is the supervisor. It opens the port, passes its descriptor to the
 loop's process and stays silent; it writes to the bus only when the loop is dead or hung, and then
-nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes
-too. With the simulated clock there is nothing to supervise: everything runs in one process.
+nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes too.
 """
 
 from __future__ import annotations
@@ -14,22 +13,19 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from controller.config import Config
-from controller.logfile import LogWriter
 from controller.loop_process import Orders
+from controller.plan import Ended, Plan, Tell
 from controller.processes import Child, first_line
 from controller.realtime import pick_cores
-from controller.recorder import Recorder
 from controller.safety import Trip
-from controller.session import run_session
 from controller.statistics import RunStatistics
-from controller.telemetry import ROW, State, Telemetry, Word
-from hw.clock import MonotonicClock, SimulatedClock
+from controller.telemetry import State, Telemetry, Word
+from hw.clock import MonotonicClock
 from hw.errors import ServoError
 from hw.open import cut_torque, open_port
 from hw.settings import DynamixelSettings, TrueServo
@@ -44,106 +40,15 @@ COUNT_S = 0.25
 """How often rows are counted [s]; rarely, since bytes reach the loop through kernel threads that
 want the same core."""
 
-Tell = Callable[[str], None]
 
-
-@dataclass(slots=True)
-class Ended:
-    """What the supervisor knows when a run is over."""
-
-    stop_reason: str
-    statistics: RunStatistics
-    ticks: int
-    missed: int
-    result: dict[str, Any] | None = None
-    """The loop's own ``session.Result``; None: it ended without one"""
-    realtime: list[dict[str, Any]] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What to run, and where its traces go."""
-
-    config: Config
-    duration_s: float | None
-    log: Path
-    metadata: dict[str, Any]
-    witness: Path | None
-    """Record of the emulated bus; None: none"""
-
-
-def run(plan: Plan, tell: Tell) -> Ended:
-    """Run a plan to its end.
+class Supervisor:
+    """Starts the children, watches them, and cuts the torque when the loop cannot.
 
     Args:
         plan: What to run.
+        telemetry: The memory that all of them share.
         tell: Called with what a person should know meanwhile.
-
-    Raises:
-        ServoError: The servo could not be started.
     """
-    telemetry = Telemetry.create()
-    with _stop_on_signals(telemetry):
-        if plan.config.loop.clock == "simulated":
-            return _run_here(plan, telemetry)
-        return _Supervisor(plan, telemetry, tell).run()
-
-
-@contextlib.contextmanager
-def _stop_on_signals(telemetry: Telemetry) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP ask the loop to stop, however often they come."""
-
-    def stop(_signal: int, _frame: object) -> None:
-        telemetry.words[Word.STOP] = 1
-
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, stop) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
-
-
-def _run_here(plan: Plan, telemetry: Telemetry) -> Ended:
-    """Loop, recorder and statistics in this process, on the simulated clock."""
-    statistics = RunStatistics()
-    log: LogWriter | None = None
-    warnings: list[str] = []
-    try:
-        log = LogWriter(plan.log, plan.metadata, ROW)
-        recorder = Recorder(telemetry, log)
-    except OSError as error:
-        warnings.append(_log_warning(plan.log, error))
-    counted = 0
-
-    def on_block() -> None:
-        nonlocal counted
-        rows, counted = telemetry.read(counted)
-        statistics.add(rows)
-        if log is not None and not warnings:
-            try:
-                recorder.drain()
-            except OSError as error:
-                warnings.append(_log_warning(plan.log, error))
-
-    clock = SimulatedClock()
-    result = run_session(plan.config, clock, telemetry, plan.duration_s, on_block=on_block)
-    if log is not None:
-        with contextlib.suppress(OSError):  # a full disk was reported when it was met
-            log.close()
-    return Ended(
-        result.stop_reason, statistics, result.ticks, result.missed, asdict(result), [], warnings
-    )
-
-
-def _log_warning(log: Path, error: OSError) -> str:
-    return f"the log {log} is incomplete: {error.strerror or error}; the run went on without it"
-
-
-class _Supervisor:
-    """Starts the children, watches them, and cuts the torque when the loop cannot."""
 
     def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
         self._plan = plan
@@ -161,6 +66,11 @@ class _Supervisor:
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
+        """Start the children, watch them to the end of the run, and leave none behind.
+
+        Raises:
+            ServoError: The servo could not be started.
+        """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
             recorder = self._start_recorder(children)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import FrameType
 
 import click
 
@@ -26,6 +23,7 @@ from controller.cli.text import report_text
 from controller.config import Config
 from controller.config_load import load_config
 from controller.errors import UserError
+from controller.signals import on_signals
 
 SIMULATED_S = 5.0
 """Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
@@ -58,7 +56,8 @@ def command(
     otherwise. Whatever ends it, the torque is off when it ends.
     """
     from controller import report as reports
-    from controller import supervisor
+    from controller.plan import Plan
+    from controller.run import run
 
     loaded = load_config(config, sets)
     effective = loaded.config
@@ -69,7 +68,7 @@ def command(
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
     log, plot = _places(log_path, plot_path, witness, Path(loaded.name).stem)
-    plan = supervisor.Plan(
+    plan = Plan(
         config=effective,
         duration_s=seconds,
         log=log,
@@ -81,8 +80,8 @@ def command(
         witness=witness,
     )
     _say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
-    ended = supervisor.run(plan, _say)
-    with _on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+    ended = run(plan, _say)
+    with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = _draw(log, plot, ended.stop_reason)
         if warning is not None:
             ended.warnings.append(warning)
@@ -113,6 +112,8 @@ def _places(
 ) -> tuple[Path, Path]:
     """Where log and picture go; what is not said goes into ./runs/."""
     stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
+    while stem.with_suffix(".hwlog").exists():  # two runs within a second
+        stem = stem.with_name(stem.name + "+")
     log = stem.with_suffix(".hwlog") if log is None else log
     plot = stem.with_suffix(".png") if plot is None else plot
     refuse_other_pictures("--plot", plot)
@@ -129,13 +130,20 @@ def _places(
             ) from error
         if path.is_dir():
             raise UserError(f"{option}: {path} is a folder; name a file")
+        if path.is_file():  # what a failed run leaves here must not pass for its own
+            try:
+                path.unlink()
+            except OSError as error:
+                raise UserError(
+                    f"{option}: {path} cannot be replaced ({error.strerror}); name another file"
+                ) from error
     return log, plot
 
 
 def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     """Draw the picture from the log; what went wrong, or None."""
     try:
-        with _on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
+        with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
             from controller.logfile import read_log
             from controller.plot import plot_run
 
@@ -148,20 +156,6 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     except KeyboardInterrupt:
         return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
     return None
-
-
-@contextlib.contextmanager
-def _on_signals(
-    handler: signal.Handlers | Callable[[int, FrameType | None], None],
-) -> Iterator[None]:
-    """What Ctrl-C, SIGTERM and SIGHUP do meanwhile."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, handler) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, earlier in zip(numbers, before, strict=True):
-            signal.signal(number, earlier)
 
 
 def _say(text: str) -> None:

@@ -353,3 +353,10 @@ def test_the_manual_shows_the_messages_as_they_are():
     with pytest.raises(ConfigError) as refused:
         load_config("simulated", changes)
     assert f"haptic-wall: {refused.value}\n```" in manual.read_text(encoding="utf-8")
+
+
+def test_the_warm_up_over_a_bus_is_long_enough_to_measure_it() -> None:
+    with pytest.raises(ConfigError, match=r"loop\.warm_up_s.*found 0\.01 s.*at least 0\.02 s"):
+        load_config("emulated-xm430", ["loop.warm_up_s=0.01"])
+    load_config("emulated-xm430", ["loop.warm_up_s=0.02"])
+    load_config("simulated", ["loop.warm_up_s=0"])

@@ -124,3 +124,14 @@ def test_the_real_rungs_reach_beyond_a_pipelined_sample_and_a_loss(period_ns):
     assert ages == sorted(set(ages))
     assert ages[-1] >= 3 * period_ns
     assert len(ages) < 130, "each costs the start some milliseconds"
+
+
+def test_a_handful_of_ages_is_no_reason_for_a_stiffer_rung():
+    subject = ladder()
+    for _ in range(RUN):
+        subject.observe(350_000, may_raise=False)
+    for _ in range(WINDOW - RUN):
+        subject.observe(350_000, may_raise=False)
+    subject.observe(0, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 400_000

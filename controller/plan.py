@@ -1,0 +1,40 @@
+"""What to run, and what is known when it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from controller.config import Config
+from controller.statistics import RunStatistics
+
+Tell = Callable[[str], None]
+"""Called with what a person should know meanwhile."""
+
+
+@dataclass(slots=True)
+class Ended:
+    """What is known when a run is over."""
+
+    stop_reason: str
+    statistics: RunStatistics
+    ticks: int
+    missed: int
+    result: dict[str, Any] | None = None
+    """The loop's own ``session.Result``; None: it ended without one"""
+    realtime: list[dict[str, Any]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run, and where its traces go."""
+
+    config: Config
+    duration_s: float | None
+    log: Path
+    metadata: dict[str, Any]
+    witness: Path | None
+    """Record of the emulated bus; None: none"""

@@ -1,0 +1,32 @@
+"""One run, from its plan to its end: under a supervisor, or inline on the simulated clock."""
+
+from __future__ import annotations
+
+from types import FrameType
+
+from controller.inline import run_inline
+from controller.plan import Ended, Plan, Tell
+from controller.signals import on_signals
+from controller.supervisor import Supervisor
+from controller.telemetry import Telemetry, Word
+
+
+def run(plan: Plan, tell: Tell) -> Ended:
+    """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
+
+    Args:
+        plan: What to run.
+        tell: Called with what a person should know meanwhile.
+
+    Raises:
+        ServoError: The servo could not be started.
+    """
+    telemetry = Telemetry.create()
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        telemetry.words[Word.STOP] = 1
+
+    with on_signals(stop):
+        if plan.config.loop.clock == "simulated":
+            return run_inline(plan, telemetry)
+        return Supervisor(plan, telemetry, tell).run()

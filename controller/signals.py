@@ -1,0 +1,28 @@
+"""Ctrl-C, SIGTERM and SIGHUP: one handler for all three, for a while."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""The signals that ask a run to stop."""
+
+
+@contextlib.contextmanager
+def on_signals(
+    handler: signal.Handlers | Callable[[int, FrameType | None], None],
+) -> Iterator[None]:
+    """What Ctrl-C, SIGTERM and SIGHUP do meanwhile.
+
+    Args:
+        handler: As ``signal.signal`` takes it; a function of ours only sets flags.
+    """
+    before = [signal.signal(number, handler) for number in STOPPING]
+    try:
+        yield
+    finally:
+        for number, earlier in zip(STOPPING, before, strict=True):
+            signal.signal(number, earlier)
