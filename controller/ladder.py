@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from controller.guard import Decision
 
 RUN = 10
-"""Ages in a row above the rung that lower at once."""
+"""The least number of ages in a row above the rung that lower at once."""
+RUN_S = 0.05
+"""How long such a run is at high rates [s]: shorter ones are hiccups, in which not even a wall at
+twice its limit gets going (its oscillation grows by some per cent)."""
 SETTLE = 50
 """Ages that are enough to begin with."""
 RAISE_WINDOWS = 5
@@ -48,6 +51,7 @@ class GuardLadder:
         ages_ns: The ages the decisions were made for [ns], rising.
         percentile: Which percentile of the window's ages must be covered [%].
         window: Ages in a window.
+        run: Ages in a row above the rung that lower at once.
     """
 
     def __init__(
@@ -56,6 +60,7 @@ class GuardLadder:
         ages_ns: Sequence[int],
         percentile: float,
         window: int,
+        run: int = RUN,
     ) -> None:
         self._decisions = decisions
         self._ages = ages_ns
@@ -65,6 +70,7 @@ class GuardLadder:
         self._counts = [0] * len(ages_ns)
         self._seen = 0
         self._run = 0
+        self._run_length = run
         self._run_rung = 0
         self._raise_windows = 0
         self._raise_rung = 0
@@ -94,7 +100,7 @@ class GuardLadder:
         if rung > before:
             self._run += 1
             self._run_rung = rung if self._run == 1 else min(rung, self._run_rung)
-            if self._run >= RUN:
+            if self._run >= self._run_length:
                 self._lower(self._run_rung)
         else:
             self._run = 0

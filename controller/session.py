@@ -11,7 +11,7 @@ from typing import Any
 from controller.config import Config
 from controller.delay import DelayRing
 from controller.guard import Decision, Situation, decide, decision_report
-from controller.ladder import GuardLadder, rung_ages_ns
+from controller.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.loop import Waiter, next_deadline, waiter_for
 from controller.realtime import freeze_garbage
 from controller.safety import Safety, SafetyLimits, Trip
@@ -267,7 +267,8 @@ def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
         inserted,
     )
     window = max(1, round(config.guard.window_s / period))
-    return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window)
+    run = max(RUN, round(RUN_S / period))
+    return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window, run)
 
 
 def _parts(
