@@ -65,7 +65,7 @@ class GuardLadder:
         self._decisions = decisions
         self._ages = ages_ns
         self._top = len(ages_ns) - 1
-        self._allowed_above = window * (100.0 - percentile) / 100.0
+        self._percent_above = 100.0 - percentile
         self._window = window
         self._counts = [0] * len(ages_ns)
         self._seen = 0
@@ -117,7 +117,7 @@ class GuardLadder:
         Fewer than ``SETTLE`` ages since the last window ended are no reason for a stiffer one.
         """
         if self._seen:
-            rung = self._percentile_rung(self._seen)
+            rung = self._percentile_rung()
             self.rung = rung if self._seen >= SETTLE else max(rung, self.rung)
         self._restart_window()
         self._run = self._raise_windows = 0
@@ -127,8 +127,8 @@ class GuardLadder:
         self.rung = rung
         self._run = self._raise_windows = 0
 
-    def _percentile_rung(self, seen: int) -> int:
-        allowed = self._allowed_above * seen / self._window
+    def _percentile_rung(self) -> int:
+        allowed = self._seen * self._percent_above / 100.0
         above = 0
         for rung in range(self._top, -1, -1):
             above += self._counts[rung]
@@ -141,7 +141,7 @@ class GuardLadder:
         self._seen = 0
 
     def _end_window(self) -> None:
-        rung = self._percentile_rung(self._seen)
+        rung = self._percentile_rung()
         self._restart_window()
         if rung >= self.rung:
             self._lower(rung)

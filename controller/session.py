@@ -247,12 +247,11 @@ def _run(
 def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
     """The guard's decisions for every sample age that may come."""
     period = config.period_ns * 1e-9
-    counts = servo.facts.counts_per_rev
     situation = Situation(
         belief=config.belief(),
         period=period,
         torque_limit=servo.facts.torque_limit,
-        position_step=2.0 * math.pi / counts if counts else 0.0,
+        position_step=servo.facts.position_step,
     )
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else rung_ages_ns(config.period_ns)
@@ -276,7 +275,6 @@ def _parts(
 ) -> TickParts:
     period_ns = config.period_ns
     period = period_ns * 1e-9
-    counts = servo.facts.counts_per_rev
     wall, safety = config.wall, config.safety
     return TickParts(
         clock=clock,
@@ -288,7 +286,7 @@ def _parts(
         safety=Safety(
             SafetyLimits(
                 max_speed=safety.max_speed,
-                position_step=2.0 * math.pi / counts if counts else 0.0,
+                position_step=servo.facts.position_step,
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_losses_in_row=safety.max_losses_in_row,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, Protocol
@@ -48,6 +49,11 @@ class Facts:
     """Smallest difference between two torques it can be sent [N·m]; 0: none."""
     has_bus: bool
     """Replies travel over a bus, where they can be lost."""
+
+    @property
+    def position_step(self) -> float:
+        """One count of the encoder [rad]; 0: the position is not quantised."""
+        return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
 
 
 @dataclass(slots=True)

@@ -82,12 +82,6 @@ class HeldLoop:
         result: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half) / self.samples
         return result
 
-    def curve(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(beta, alpha) of the boundary curve at the frequencies ``w`` [rad/sample], < pi/N."""
-        f, d = self.inverse_plant(w), self.difference(w)
-        beta = f.imag / d.imag
-        return beta, f.real - beta * d.real
-
 
 def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
     """Virtual damping above which no stiffness, however small, is stable; flat arrays.

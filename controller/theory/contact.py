@@ -11,7 +11,7 @@ on the phase of entry, the time from the entry to the first sample inside.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,6 @@ class Contacts:
     def take(self, index: NDArray[np.bool_] | IntArray) -> Contacts:
         """The contacts at ``index``."""
         return Contacts(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    def with_phase(self, phase: FloatArray) -> Contacts:
-        """The same settings, each (repeated along the columns) at its row of phases; flat."""
-        repeated = self.take(np.repeat(np.arange(self.delta.size), phase.shape[1]))
-        return replace(repeated, phase=phase.ravel())
 
 
 def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
