@@ -1,0 +1,1 @@
+"""Experiments on walls: simulated many at once, or run one after the other."""
