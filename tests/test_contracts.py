@@ -16,7 +16,14 @@ DRIVER = sorted(
     for module in (ROOT / "hw" / "dynamixel").glob("*.py")
     if module.stem != "__init__"
 )
-SIMULATED = ("hw.plant", "hw.bodies", "hw.hand", "hw.mechanism", "hw.simulated", "hw.dynamixel.emulated")
+SIMULATED = (
+    "hw.plant",
+    "hw.bodies",
+    "hw.hand",
+    "hw.mechanism",
+    "hw.simulated",
+    "hw.dynamixel.emulated",
+)
 
 
 def loaded_by(statement: str) -> set[str]:
