@@ -1,0 +1,74 @@
+"""Servos that somebody has identified, as numbers to start from: inertia, friction, encoder.
+
+The values are facts about four servos, seen at the output shaft, of a model with Coulomb and
+viscous friction. Units of one type differ, and wear: identify your own before you rely on them.
+
+Source: Rhoban, "bam" (better actuator models), https://github.com/Rhoban/bam, Apache-2.0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from types import MappingProxyType
+
+
+@dataclass(frozen=True, slots=True)
+class ServoFacts:
+    """What is known of a type of servo, at its output."""
+
+    name: str
+    inertia: float
+    """m, the rotor's included [kg·m²]"""
+    damping: float
+    """Viscous friction b [N·m·s/rad]"""
+    coulomb: float
+    """Coulomb friction c [N·m]"""
+    counts_per_rev: int
+    """Encoder counts in one turn of the output"""
+
+    @property
+    def encoder_step(self) -> float:
+        """One count, q [rad]."""
+        return 2 * math.pi / self.counts_per_rev
+
+
+SERVOS: Mapping[str, ServoFacts] = MappingProxyType(
+    {
+        facts.name: facts
+        for facts in (
+            ServoFacts("MX-64", 0.011951, 0.011692, 0.09039, 4096),
+            ServoFacts("MX-106", 0.026609, 0.035202, 0.10352, 4096),
+            ServoFacts("XL330-M288", 0.0018142, 0.0036617, 0.012833, 4096),
+            ServoFacts("XL-320", 0.0011190, 0.0033176, 0.027514, 1024),
+        )
+    }
+)
+"""Every servo known, by its name."""
+
+
+def servo(name: str) -> ServoFacts:
+    """The servo of that name; upper and lower case, and hyphens, make no difference.
+
+    Args:
+        name: One of ``SERVOS``.
+
+    Raises:
+        ValueError: No such servo is known; the message lists those that are, and suggests one.
+    """
+    plain = {_plain(known): facts for known, facts in SERVOS.items()}
+    found = plain.get(_plain(name))
+    if found is not None:
+        return found
+    near = get_close_matches(_plain(name), plain, n=1, cutoff=0.5)
+    suggestion = f"did you mean {plain[near[0]].name}? " if near else ""
+    raise ValueError(
+        f"servo {name!r} is not known; {suggestion}Choose one of {', '.join(SERVOS)}, "
+        "or give its inertia and damping as numbers"
+    )
+
+
+def _plain(name: str) -> str:
+    return "".join(character for character in name.casefold() if character.isalnum())
