@@ -14,6 +14,7 @@ from tests.hw.oracles import closed_loop_poles
 
 PERIOD = 1e-3
 PERIOD_NS = 1_000_000
+TABLE_II = Path(__file__).parents[2] / "controller" / "paper" / "table2.csv"
 
 
 def wall_motion(true, stiffness, virtual_damping, ticks):
@@ -75,7 +76,7 @@ def test_motion_grows_as_the_dominant_pole(delay_samples, share, virtual_damping
 
 
 def table_two():
-    with (Path(__file__).parent / "table2.csv").open() as file:
+    with TABLE_II.open() as file:
         for row in csv.DictReader(file):
             for name, cell in row.items():
                 if name != "delay_samples":

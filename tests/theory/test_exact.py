@@ -17,6 +17,8 @@ from controller.theory import (
 )
 from tests.theory.oracles import Loop, radius
 
+TABLE_II = Path(__file__).parents[2] / "controller" / "paper" / "table2.csv"
+
 
 def random_settings(count: int, seed: int) -> dict[str, np.ndarray]:
     """Inertia, damping, period, delay (whole for two in five) and N, over the useful range."""
@@ -86,7 +88,7 @@ def test_table_ii_of_the_paper() -> None:
     # Gil et al., ICRA 2007, Table II: critical K [N/m] of the paper's simulations for m = 1 kg,
     # b = 0.1 N·s/m, T = 1 ms. The exact boundary is within 0.04 % of every cell; in each of them
     # it is below the linear condition, by 0.008 to 0.08 %.
-    with (Path(__file__).parent / "table2.csv").open() as file:
+    with TABLE_II.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 9
     for row in rows:
