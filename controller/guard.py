@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from controller import guard_reasons
-from controller.guard_limits import Plants, evaluate, unstable_nominally
+from controller.design import DelayParts, Improvement, improvements
+from controller.guard_limits import Found, Plants, evaluate, unstable_nominally
 from controller.guard_types import (
     Decision,
     GuardSettings,
@@ -88,7 +89,7 @@ def decide(
                 only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
             )
         )
-    return _explained(decisions, settings, situation, before_device, inserted)
+    return _explained(decisions, settings, situation, before_device, inserted, found)
 
 
 def _explained(
@@ -97,43 +98,34 @@ def _explained(
     situation: Situation,
     before_device: FloatArray,
     inserted: float,
+    found: Found,
 ) -> list[Decision]:
     """The decisions with their reasons, and what each remedy would allow in numbers."""
     parts = [
-        guard_reasons.DelayParts(
-            period=situation.period,
-            inserted=min(inserted, delay),
-            sample_age=max(delay - inserted, 0.0),
-            device=situation.belief.delay.high,
+        DelayParts(
+            situation.period,
+            {
+                "sample_age": max(delay - inserted, 0.0),
+                "inserted": min(inserted, delay),
+                "device": situation.belief.delay.high,
+            },
         )
         for delay in before_device.tolist()
     ]
-    bound = np.array([i for i, d in enumerate(decisions) if d.binding], dtype=np.int64)
-    remedies: dict[int, list[guard_reasons.Remedy]] = {int(i): [] for i in bound}
-    if bound.size:
-        corner = Plants.at_corner(situation, before_device).take(bound)
-        halved = [parts[i].half_of_largest() for i in bound]
-        variants = {
-            "delay": replace(
-                corner,
-                period=np.array([each.period for each in halved]),
-                delay=np.array([each.delay for each in halved]),
-            ),
-            "damping": replace(corner, damping=2 * corner.damping),
-            "belief": Plants.nominal(situation, before_device).take(bound),
-        }
-        request = decisions[0].request
-        first, *others = variants.values()
-        plants = first.followed_by(*others)
-        found = evaluate(request, settings, situation, plants, tolerance=0.02)
-        allowed = np.minimum(settings.margin * found.smallest(), request.stiffness)
-        names = [name for name in variants for _ in bound]
-        for k, (name, i) in enumerate(zip(names, [*bound] * len(variants), strict=True)):
-            remedies[int(i)].append(guard_reasons.Remedy(name, float(allowed[k])))
-    return [
-        replace(
-            d,
-            reasons=guard_reasons.explain(d, settings, situation, parts[i], remedies.get(i, [])),
+    bound = [i for i, d in enumerate(decisions) if d.binding]
+    remedies: list[list[Improvement]] = [[] for _ in decisions]
+    if bound:
+        answers = improvements(
+            decisions[0].request,
+            settings,
+            situation,
+            [parts[i] for i in bound],
+            found.take(np.array(bound, dtype=np.int64)),
+            guard_reasons.REMEDIES,
         )
+        for i, answer in zip(bound, answers, strict=True):
+            remedies[i] = answer
+    return [
+        replace(d, reasons=guard_reasons.explain(d, settings, situation, parts[i], remedies[i]))
         for i, d in enumerate(decisions)
     ]

@@ -97,6 +97,22 @@ class Found:
 
         return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
 
+    def take(self, index: IntArray) -> Found:
+        """What was found for the plants at ``index``."""
+
+        def at(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[index]
+
+        return Found(
+            ceiling=self.ceiling[index],
+            damping=self.damping[index],
+            linear=self.linear[index],
+            exact=self.exact[index],
+            one_sided=at(self.one_sided),
+            quantisation=at(self.quantisation),
+            passive=at(self.passive),
+        )
+
     def smallest(self) -> FloatArray:
         """The smallest limit of each plant [N·m/rad]."""
         named = (getattr(self, f.name) for f in fields(Limits))
@@ -110,6 +126,7 @@ def evaluate(
     situation: Situation,
     plants: Plants,
     tolerance: float = 1e-4,
+    asked: FloatArray | None = None,
 ) -> Found:
     """Damping that may be commanded, and the limits of the stiffness at it.
 
@@ -119,6 +136,7 @@ def evaluate(
         situation: The torque limit and the encoder step.
         plants: What to evaluate.
         tolerance: Wanted relative accuracy of the one-sided limit.
+        asked: Virtual damping asked of each plant, where not the request's of all [N·m·s/rad].
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
@@ -126,7 +144,7 @@ def evaluate(
     if settings.mode == "passive":
         # beyond it not even the damper alone is passive, for whole delays
         ceiling = np.minimum(ceiling, b / g)
-    damping = np.full_like(ceiling, request.damping)
+    damping = np.full_like(ceiling, request.damping) if asked is None else asked
     if settings.mode != "off":
         damping = np.minimum(damping, settings.damping_cap * ceiling)
         damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping) + 0.0
@@ -138,19 +156,30 @@ def evaluate(
         linear=linear_limit(b, acting, t, t_d, n) / g,
         exact=critical_stiffness(m, b, acting, t, t_d, n) / g,
         one_sided=None if two_sided else one_sided_limit(m, b, acting, t, t_d, n, tolerance) / g,
-        quantisation=_quantisation(request, settings, situation, damping, t),
+        quantisation=quantisation_limit(request, settings, situation, damping, t),
         passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
     )
 
 
-def _quantisation(
+def quantisation_limit(
     request: Request,
     settings: GuardSettings,
     situation: Situation,
     damping: FloatArray,
     period: FloatArray,
 ) -> FloatArray | None:
-    """Stiffness at which one count commands ``quantisation_share`` of the torque limit."""
+    """Stiffness at which one count commands ``quantisation_share`` of the torque limit.
+
+    Args:
+        request: The wall; only over how many samples it takes the velocity.
+        settings: The share.
+        situation: The torque limit and the encoder step.
+        damping: Commanded virtual damping [N·m·s/rad].
+        period: Of each plant [s].
+
+    Returns:
+        [N·m/rad]; None without an encoder step.
+    """
     step = situation.position_step
     if step == 0:
         return None

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
+from controller.design import FINER, HOLD, Change, DelayParts, Improvement
 from controller.guard_types import Decision, GuardSettings, Situation
-
-_WORTH_NAMING = 1.02  # a remedy that gives less is not worth a sentence
 
 _MEANING = {
     "linear": "sum of the damping over sum of the delay",
@@ -17,51 +16,18 @@ _MEANING = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class DelayParts:
-    """What the total delay is made of [s]."""
+REMEDIES: tuple[Change, ...] = (
+    "virtual_damping",
+    "largest_part",
+    "damping",
+    "belief",
+    "encoder",
+    "two_sided",
+)
+"""What is tried where the stiffness is bound."""
 
-    period: float
-    inserted: float
-    sample_age: float
-    device: float
-
-    @property
-    def delay(self) -> float:
-        """t_d: all but the hold."""
-        return self.inserted + self.sample_age + self.device
-
-    @property
-    def total(self) -> float:
-        """Half a period for the hold, and t_d: what the stiffness is divided by."""
-        return self.period / 2 + self.delay
-
-    def largest(self) -> tuple[str, float]:
-        """Name and size of the largest part; the period counts half."""
-        sizes = {
-            "sample_age": self.sample_age,
-            "inserted": self.inserted,
-            "device": self.device,
-            "period": self.period / 2,
-        }
-        name = max(sizes, key=lambda each: sizes[each])
-        return name, sizes[name]
-
-    def half_of_largest(self) -> DelayParts:
-        """The same with the largest part halved."""
-        name, _ = self.largest()
-        halved = {name: getattr(self, name) / 2}
-        return replace(self, **halved)
-
-
-@dataclass(frozen=True, slots=True)
-class Remedy:
-    """What one change would allow."""
-
-    change: str
-    """``delay`` (its largest part halved), ``damping`` (twice), ``belief`` (no bounds)"""
-    stiffness: float
-    """That could then be commanded, the one asked for at most [N·m/rad]"""
+_SENTENCES = 4
+"""As many as one reads; of the remedies the best are kept, two at least."""
 
 
 def explain(
@@ -69,7 +35,7 @@ def explain(
     settings: GuardSettings,
     situation: Situation,
     parts: DelayParts,
-    remedies: list[Remedy],
+    remedies: Sequence[Improvement],
 ) -> tuple[str, ...]:
     """Sentences for a person, in order of importance; none where all that was asked is commanded.
 
@@ -78,17 +44,19 @@ def explain(
         settings: The guard's settings.
         situation: What the wall is rendered on.
         parts: What its delay is made of.
-        remedies: What the changes would allow; empty where K is not bound.
+        remedies: What the changes would allow, the best first; empty where K is not bound.
     """
     if settings.mode == "off":
         return _off(decision)
     reasons = [*_stiffness(decision, situation, settings), *_damping(decision, settings, situation)]
-    for remedy in remedies:
-        if remedy.stiffness > _WORTH_NAMING * decision.stiffness:
-            sentence = _remedy(remedy, situation, parts)
-            if sentence:
-                reasons.append(sentence)
-    reasons.extend(_two_sided(decision))
+    worth = [each for each in remedies if each.buys(decision.limits.smallest()[1])]
+    for remedy in worth[: max(2, _SENTENCES - len(reasons))]:
+        allowed = min(decision.margin * remedy.stiffness, decision.request.stiffness)
+        reasons.append(
+            _remedy(
+                remedy, f"K could be about {float(f'{allowed:.2g}'):g}", decision, situation, parts
+            )
+        )
     return tuple(reasons)
 
 
@@ -168,29 +136,42 @@ def _damping(decision: Decision, settings: GuardSettings, situation: Situation) 
     ]
 
 
-def _remedy(remedy: Remedy, situation: Situation, parts: DelayParts) -> str:
-    could = f"K could be about {remedy.stiffness:.2g}"
+def _remedy(
+    remedy: Improvement, could: str, decision: Decision, situation: Situation, parts: DelayParts
+) -> str:
     belief = situation.belief
-    if remedy.change == "delay":
-        return _shorter(parts, could)
-    if remedy.change == "damping":
-        low = belief.damping.low
-        return (
-            f"with twice the viscous damping, {2 * low:.3g} instead of the {low:.3g} N·m·s/rad "
-            f"it has at least, {could}"
-        )
-    return (
-        f"the belief is wide: were the servo known to be as its believed values say (inertia "
-        f"{belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} N·m·s/rad, delay "
-        f"{_ms(belief.delay.value)}, torque gain {belief.torque_gain.value:.3g}), {could}"
-    )
+    match remedy.change:
+        case "largest_part":
+            return _shorter(parts, could)
+        case "virtual_damping":
+            return (
+                f"with virtual damping {remedy.damping:.2g} instead of "
+                f"{decision.damping:.3g} N·m·s/rad, {could}"
+            )
+        case "damping":
+            low = belief.damping.low
+            return (
+                f"with twice the viscous damping, {2 * low:.3g} instead of the {low:.3g} "
+                f"N·m·s/rad it has at least, {could}"
+            )
+        case "encoder":
+            return f"with an encoder {FINER} times finer, {could}"
+        case "two_sided":
+            return f"as a two-sided wall, which also pulls, {could}"
+        case _:
+            return (
+                "the belief is wide: were the servo known to be as its believed values say "
+                f"(inertia {belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} "
+                f"N·m·s/rad, delay {_ms(belief.delay.value)}, torque gain "
+                f"{belief.torque_gain.value:.3g}), {could}"
+            )
 
 
 def _shorter(parts: DelayParts, could: str) -> str:
     name, size = parts.largest()
     share = f"{100 * size / parts.total:.0f} % of the total delay"
     total = f"(period/2 + delay = {_ms(parts.total)})"
-    if name == "period":
+    if name == HOLD:
         return f"half the period is {share} {total}: at a period of {_ms(parts.period / 2)} {could}"
     what = {
         "sample_age": "the sample's age",
@@ -198,18 +179,6 @@ def _shorter(parts: DelayParts, could: str) -> str:
         "device": "the device's own delay, at most",
     }[name]
     return f"{what} {_ms(size)} is {share} {total}: at {_ms(size / 2)} {could}"
-
-
-def _two_sided(decision: Decision) -> list[str]:
-    """What a wall that also pulls would be allowed."""
-    if decision.binding != "one_sided":
-        return []
-    limits = decision.limits
-    others = replace(limits, one_sided=None).smallest()[1]
-    allowed = min(decision.margin * others, decision.request.stiffness)
-    if allowed <= _WORTH_NAMING * decision.stiffness:
-        return []
-    return [f"a two-sided wall, which also pulls, could have K {allowed:.3g}"]
 
 
 def _ms(seconds: float) -> str:

@@ -187,15 +187,42 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     # remedies are told to two digits, of limits found to 2 %
     assert float(age.rsplit(" ", 1)[1]) == pytest.approx(at_half.stiffness, rel=0.07)
     assert "at 1 ms K could be about" in age
-    twice = one(request, situation(damping=Bounded.exactly(0.012)), delay=3e-3)
-    doubled = next(reason for reason in others if "twice the viscous damping" in reason)
-    assert float(doubled.rsplit(" ", 1)[1]) == pytest.approx(twice.stiffness, rel=0.07)
-    assert any("belief is wide" in reason for reason in others)
+    other = next(reason for reason in others if "with virtual damping" in reason)
+    there = float(other.split()[3])
+    at_other = decide(replace(request, damping=there), GuardSettings(), wide, [3e-3], 1e-3)[0]
+    assert float(other.rsplit(" ", 1)[1]) == pytest.approx(at_other.stiffness, rel=0.1)
     two_sided = one(replace(request, side="both"), wide, delay=3e-3)
-    assert any(
-        f"two-sided wall, which also pulls, could have K {two_sided.stiffness:.3g}" in reason
-        for reason in others
+    pulling = next(reason for reason in others if "as a two-sided wall" in reason)
+    assert float(pulling.rsplit(" ", 1)[1]) == pytest.approx(two_sided.stiffness, rel=0.05)
+    assert len(decision.reasons) == 4
+
+
+def last_number(reason: str) -> float:
+    return float(reason.rsplit(" ", 1)[1])
+
+
+def test_a_servo_with_more_friction_or_better_known_is_named_where_it_helps() -> None:
+    wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
+    request = Request(1000.0, 0.0, "both")
+    reasons = one(request, wide, delay=0.0).reasons
+    twice = one(request, situation(damping=Bounded.exactly(0.012)), delay=0.0)
+    doubled = next(reason for reason in reasons if "twice the viscous damping" in reason)
+    assert last_number(doubled) == pytest.approx(twice.stiffness, rel=0.07)
+    known = situation(damping=Bounded.exactly(0.011692))
+    belief = next(
+        reason for reason in one(request, wide, "passive").reasons if "belief is wide" in reason
     )
+    assert last_number(belief) == pytest.approx(one(request, known, "passive").stiffness, rel=0.07)
+
+
+def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
+    request = Request(1e6, 0.2, "both")
+    coarse, fine = situation(COUNT), situation(COUNT / 4)
+    decision = one(request, coarse, delay=0.0)
+    assert decision.binding == "quantisation"
+    finer = next(reason for reason in decision.reasons if "encoder 4 times finer" in reason)
+    assert last_number(finer) == pytest.approx(one(request, fine, delay=0.0).stiffness, rel=0.07)
+    assert not any("two-sided" in reason for reason in decision.reasons)
 
 
 @pytest.mark.parametrize(
