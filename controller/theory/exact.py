@@ -7,12 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.boundary import critical, max_beta
+from controller.theory.boundary import critical, highest, max_beta
 from controller.theory.checks import FloatArray
 from controller.theory.dimensionless import settings
-
-_PEAK_POINTS = 17
-_PEAK_ROUNDS = 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,21 +138,7 @@ def peak(
         ValueError: An argument is outside of its domain; the message names it.
     """
     s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
-    low, high = -s.delta, max_beta(s.delta, s.delay, s.samples)
-    share = np.linspace(0.0, 1.0, _PEAK_POINTS)
-
-    def spread(a: FloatArray) -> FloatArray:
-        return np.repeat(a, _PEAK_POINTS)
-
-    rows = np.arange(low.size)
-    for _ in range(_PEAK_ROUNDS):
-        beta = low[:, None] + (high - low)[:, None] * share
-        alpha, _ = critical(spread(s.delta), beta.ravel(), spread(s.delay), spread(s.samples))
-        best = np.argmax(alpha.reshape(beta.shape), axis=1)
-        low = beta[rows, np.maximum(best - 1, 0)]
-        high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
-    beta = 0.5 * (low + high)
-    alpha, w = critical(s.delta, beta, s.delay, s.samples)
+    alpha, beta, w = highest(s.delta, s.delay, s.samples)
     return CriticalPoint(
         stiffness=s.shaped(alpha * s.stiffness_unit),
         virtual_damping=s.shaped(beta * s.damping_unit),

@@ -1,0 +1,141 @@
+"""The first branch of the boundary, by Newton's method: for light damping it is all there is.
+
+For one-sample differences (``D = s (s/2 + j c)``, names as in ``loop``) the curve is::
+
+    beta(w) = Q / (c M),    alpha(w) = s (P - s Q / (2 c)) / M
+
+On the first branch ``beta`` rises from -delta at w = 0 to the ceiling at ``w_max``, where alpha has
+come back to zero: there the phase of F has turned by half a circle against that of D. So one
+equation in one unknown that has one solution gives the ceiling, and another one each limit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controller.theory.checks import FloatArray
+from controller.theory.loop import HeldLoop, PlantCurve
+from controller.theory.roots import refined
+
+_TINY = np.finfo(np.float64).tiny
+
+LIGHT = 0.5
+"""Largest delta for which this is used: up to 2.7 the first branch is the whole boundary (N = 1)"""
+
+# Steps before the last one, which carries the result along to first order. Each squares the error:
+# over the whole domain the guesses are off by up to 3e-5 and 0.2 (looked up: 1e-4).
+_CEILING_STEPS = 2
+_GUESSED_STEPS, _LOOKED_UP_STEPS = 5, 1
+_TABLE = 129
+
+
+def ceiling(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
+    """End of the first branch: (w_max, beta_max).
+
+    Newton's method on the phase of ``F conj(D)``, which rises to its zero there.
+
+    Args:
+        loop: Settings with N = 1 and delta up to ``LIGHT``.
+    """
+    # exact for small w and delta: w (d + 1) = pi/2 + atan(delta / w)
+    turn = loop.delay + 1.0
+    pull = loop.delta * turn
+    w = (np.pi / 2 + np.arctan(pull / (np.pi / 2 + np.arctan(pull * 2 / np.pi)))) / turn
+    for _ in range(_CEILING_STEPS):
+        w = w + _to_ceiling(loop.curve(w))
+    at = loop.curve(w)
+    step = _to_ceiling(at)
+    width = at.c * at.m
+    return w + step, (at.q + _rise(at) * step) / width
+
+
+def _to_ceiling(at: PlantCurve) -> FloatArray:
+    phase = np.arctan2(0.5 * at.q * at.s - at.p * at.c, 0.5 * at.p * at.s + at.q * at.c)
+    step: FloatArray = -phase / ((at.p * at.dq - at.q * at.dp) / (at.p * at.p + at.q * at.q) + 0.5)
+    return step
+
+
+def _rise(at: PlantCurve) -> FloatArray:
+    """Slope d beta / d w, times c M."""
+    rise: FloatArray = at.dq - at.q * (at.dm / at.m - 0.25 * at.s / at.c)
+    return rise
+
+
+def crossing(
+    loop: HeldLoop, beta: FloatArray, w_max: FloatArray, beta_max: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where the first branch passes ``beta``: (alpha, w).
+
+    Newton's method in w², in which the branch is nearly straight.
+
+    Args:
+        loop: Settings with N = 1 and delta up to ``LIGHT``.
+        beta: Virtual damping, -delta < beta < beta_max.
+        w_max: Of ``ceiling``.
+        beta_max: Of ``ceiling``.
+    """
+    share = (beta + loop.delta) / (beta_max + loop.delta)
+    if loop.delta.size == 1 and beta.size > _TABLE:
+        w, steps = _looked_up(loop, share, w_max, beta_max), _LOOKED_UP_STEPS
+    else:
+        w, steps = _guessed(loop, share, w_max, beta_max), _GUESSED_STEPS
+    for _ in range(steps):
+        w = np.minimum(_closer(loop.curve(w), beta, w), w_max)
+    at = loop.curve(w)
+    closer = _closer(at, beta, w)
+    real = at.p / at.m
+    slope = at.c * (real - beta * at.s) + at.s * (at.dp - real * at.dm) / at.m
+    return at.s * (real - 0.5 * at.s * beta) + slope * (closer - w), closer
+
+
+def _closer(at: PlantCurve, beta: FloatArray, w: FloatArray) -> FloatArray:
+    excess = (at.q - beta * (at.c * at.m)) / np.maximum(_rise(at), _TINY)
+    closer: FloatArray = np.sqrt(np.maximum(w * (w - 2.0 * excess), 0.0))
+    return closer
+
+
+def _guessed(
+    loop: HeldLoop, share: FloatArray, w_max: FloatArray, beta_max: FloatArray
+) -> FloatArray:
+    # the branch starts as beta = w² (d + 1/2) (1 + delta (d + 1/2) / 2) - delta
+    half = loop.delay + 0.5
+    bend = half * (1.0 + 0.5 * loop.delta * half) * w_max * w_max
+    start = np.sqrt((beta_max + loop.delta) / bend)
+    guess: FloatArray = w_max * np.sqrt(share) * (start + (1.0 - start) * share)
+    return guess
+
+
+def _looked_up(
+    loop: HeldLoop, share: FloatArray, w_max: FloatArray, beta_max: FloatArray
+) -> FloatArray:
+    """By interpolation in the one branch of one plant."""
+    w = w_max * np.linspace(0.0, 1.0, _TABLE)
+    at = loop.curve(w)
+    shares = (at.q / (at.c * at.m) + loop.delta) / (beta_max + loop.delta)
+    shares[0] = 0.0
+    guess: FloatArray = np.sqrt(np.interp(share, shares, w * w))
+    return guess
+
+
+def summit(loop: HeldLoop, w_max: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The highest point of the first branch: (alpha, beta, w).
+
+    Args:
+        loop: Settings with N = 1 and delta up to ``LIGHT``.
+        w_max: Of ``ceiling``.
+    """
+
+    def fall(w: FloatArray) -> FloatArray:
+        """-d alpha / d w; alpha rises once and falls once on the branch."""
+        at = loop.curve(w)
+        t = 0.5 * at.s / at.c
+        real, imag = at.p / at.m, at.q / at.m
+        d_real, d_imag = (at.dp - real * at.dm) / at.m, (at.dq - imag * at.dm) / at.m
+        d_t = 0.5 * (1.0 + t * t)
+        slope: FloatArray = at.c * (real - t * imag) + at.s * (d_real - d_t * imag - t * d_imag)
+        return -slope
+
+    w = refined(fall, 1e-3 * w_max, w_max)
+    at = loop.curve(w)
+    beta = at.q / (at.c * at.m)
+    return at.s * (at.p / at.m - 0.5 * at.s * beta), beta, w

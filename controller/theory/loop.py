@@ -1,0 +1,142 @@
+"""The sampled loop on the unit circle, ``z = exp(j w)``, in real arithmetic without cancellation.
+
+Dimensionless (period 1, inertia 1). The plant with a held torque that acts ``d = n + f`` periods
+late has the pulse transfer ``G_d = z^-(n+1) (b2 z² + b1 z + b0) / ((z - 1) (z - eps))``; a fraction
+of a period splits the hold (modified z-transform). With ``s = 2 sin(w/2)``, ``c = cos(w/2)``,
+``M = |b2 z + b1 + b0/z|²`` and ``X + j Y = exp(j (n+1) w) conj(b2 z + b1 + b0/z)``::
+
+    F = -1/G_d = s (P + j Q) / M,    P = q X + r Y,  Q = q Y - r X
+    q = (1 + eps) s / 2,             r = (1 - eps) c
+
+in which no term is the small difference of large ones, however light the damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.checks import FloatArray
+from controller.theory.response import held_response
+
+ComplexArray = NDArray[np.complex128]
+
+
+class PlantCurve(NamedTuple):
+    """The inverse plant at one frequency w each: F = s (P + j Q) / M, and the derivatives."""
+
+    s: FloatArray
+    """2 sin(w/2)"""
+    c: FloatArray
+    """cos(w/2)"""
+    p: FloatArray
+    q: FloatArray
+    m: FloatArray
+    dp: FloatArray
+    dq: FloatArray
+    dm: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class HeldLoop:
+    """The loop without its wall: plant, hold, delay and velocity difference.
+
+    The fields are arrays of one shape, or of shapes that broadcast with the frequencies asked for:
+    columns (settings × 1) when frequencies go along the second axis.
+    """
+
+    delta: FloatArray
+    delay: FloatArray
+    samples: FloatArray
+    lead: FloatArray
+    """n + 1, the whole periods of the delay and the one of the pulse transfer"""
+    decay: FloatArray
+    """1 - eps: share of its speed that the free device loses in a period"""
+    b_sum: FloatArray
+    """b2 + b1 + b0"""
+    b_even: FloatArray
+    """b2 + b0"""
+    b_odd: FloatArray
+    """b2 - b0"""
+
+    @classmethod
+    def of(cls, delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:
+        """The loop for arrays of delta, d and N."""
+        whole = np.floor(delay)
+        full = held_response(delta, 1.0)
+        late = held_response(delta, 1.0 - (delay - whole))
+        phi = full.position_per_speed
+        eps = full.speed_per_speed
+        # the torque of n periods ago acts over the rest of the period, the one before until then
+        b2 = late.position_per_torque
+        old_position = full.position_per_torque - b2
+        old_speed = phi - late.position_per_speed
+        b0 = phi * old_speed - eps * old_position
+        return cls(
+            delta=delta,
+            delay=delay,
+            samples=samples,
+            lead=whole + 1.0,
+            decay=delta * phi,
+            b_sum=phi,
+            b_even=b2 + b0,
+            b_odd=b2 - b0,
+        )
+
+    def column(self) -> HeldLoop:
+        """The same with a second axis, along which frequencies can go."""
+        return HeldLoop(
+            self.delta[:, None],
+            self.delay[:, None],
+            self.samples[:, None],
+            self.lead[:, None],
+            self.decay[:, None],
+            self.b_sum[:, None],
+            self.b_even[:, None],
+            self.b_odd[:, None],
+        )
+
+    def curve(self, w: FloatArray) -> PlantCurve:
+        """F(w) in its real parts, and their derivatives with respect to w."""
+        half = 0.5 * w
+        s, c = 2.0 * np.sin(half), np.cos(half)
+        angle = self.lead * w
+        cos, sin = np.cos(angle), np.sin(angle)
+        sc, even_s = s * c, self.b_even * s
+        real, imag = self.b_sum - 0.5 * s * even_s, self.b_odd * sc
+        d_real, d_imag = -even_s * c, self.b_odd * (1.0 - 0.5 * s * s)
+        x, y = cos * real + sin * imag, sin * real - cos * imag
+        dx = cos * d_real + sin * d_imag - self.lead * y
+        dy = sin * d_real - cos * d_imag + self.lead * x
+        a = 1.0 - 0.5 * self.decay
+        q, dq = a * s, a * c
+        r, dr = self.decay * c, -0.25 * self.decay * s
+        return PlantCurve(
+            s=s,
+            c=c,
+            p=q * x + r * y,
+            q=q * y - r * x,
+            m=real * real + imag * imag,
+            dp=dq * x + q * dx + dr * y + r * dy,
+            dq=dq * y + q * dy - dr * x - r * dx,
+            dm=2.0 * (real * d_real + imag * d_imag),
+        )
+
+    def inverse_plant(self, w: FloatArray) -> ComplexArray:
+        """F(w) = -1 / G_d(exp(j w)), G_d from the torque commanded to the position."""
+        half = 0.5 * w
+        s, c = 2.0 * np.sin(half), np.cos(half)
+        real, imag = self.b_sum - 0.5 * self.b_even * s * s, self.b_odd * s * c
+        turned = np.exp(1j * self.lead * w) * (real - 1j * imag)
+        numerator = s * ((1.0 - 0.5 * self.decay) * s - 1j * self.decay * c)
+        result: ComplexArray = numerator * turned / (real * real + imag * imag)
+        return result
+
+    def difference(self, w: FloatArray) -> ComplexArray:
+        """D(w) = (1 - exp(-j N w)) / N."""
+        half = self.samples * w / 2
+        result: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half) / self.samples
+        return result
