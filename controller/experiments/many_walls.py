@@ -1,0 +1,231 @@
+"""The whole loop for many walls at once: encoder, velocity, wall law, delay, torque limit, servo.
+
+Each wall is simulated to the last bit as the program itself would run it alone on the simulated
+clock with the simulated servo (guard, safety and hand left out): the same operations in the same
+order, on blocks of walls that fit into the processor's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from controller.theory.checks import FloatArray, IntArray
+from hw.bodies import Bodies, Held
+
+BLOCK = 2048
+"""Walls simulated together: their arrays stay in the processor's second-level cache."""
+_SNAP = 1e-9  # of a period: a delay this near to a whole number of periods is one
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """Many walls on many servos; flat arrays of one length.
+
+    The walls are at position 0; one-sided ones fill the positions above and push down.
+    """
+
+    inertia: FloatArray
+    """m > 0 [kg·m²]"""
+    damping: FloatArray
+    """Viscous friction b >= 0 [N·m·s/rad]"""
+    coulomb: FloatArray
+    """Coulomb friction c >= 0 [N·m]"""
+    counts_per_radian: FloatArray
+    """Of the encoder; 0: the position is not quantised"""
+    backlash: FloatArray
+    """Play between shaft and encoder, full width, >= 0 [rad]"""
+    torque_limit: FloatArray
+    """[N·m], > 0, may be infinite"""
+    torque_step: FloatArray
+    """Torques are rounded to multiples of it [N·m]; 0: none"""
+    stiffness: FloatArray
+    """K [N·m/rad]"""
+    virtual_damping: FloatArray
+    """B [N·m·s/rad]"""
+    period: FloatArray
+    """T [s]"""
+    whole: IntArray
+    """Whole periods of the delay"""
+    lag: FloatArray
+    """What the delay has beyond them [s], from 0 to less than T"""
+    rest: FloatArray
+    """T - lag [s]"""
+    velocity_samples: IntArray
+    """N of the velocity difference"""
+    one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    """Whether the wall never pulls"""
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+        return self.inertia.size
+
+    def take(self, index: IntArray | slice) -> Walls:
+        """Those at ``index``."""
+        return Walls(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def with_stiffness(self, stiffness: FloatArray) -> Walls:
+        """The same walls, softer or stiffer; shape (n, ...) gives the walls of each row's."""
+        copies = stiffness.size // max(self.size, 1)
+        many = self.take(np.repeat(np.arange(self.size), copies))
+        values = {field.name: getattr(many, field.name) for field in fields(self)}
+        return Walls(**{**values, "stiffness": stiffness.ravel()})
+
+
+def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """A delay [s] as whole periods, what it has beyond them, and the rest of that period [s]."""
+    periods = delay / period
+    whole = np.floor(periods + _SNAP)
+    lag = np.where(periods - whole > _SNAP, delay - whole * period, 0.0)
+    return whole.astype(np.int64), lag, period - lag
+
+
+def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
+    """Indices of walls that can be simulated together: alike in what steers the simulation."""
+    traits = np.stack(
+        [
+            walls.whole,
+            walls.velocity_samples,
+            walls.one_sided,
+            walls.lag > 0.0,
+            walls.coulomb > 0.0,
+            walls.counts_per_radian > 0.0,
+            walls.backlash > 0.0,
+            np.isfinite(walls.torque_limit),
+            walls.torque_step > 0.0,
+        ],
+        axis=1,
+    )
+    _, kind = np.unique(traits, axis=0, return_inverse=True)
+    order = np.argsort(kind.ravel(), kind="stable")
+    cuts = np.flatnonzero(np.diff(kind.ravel()[order])) + 1
+    for alike in np.split(order, cuts):
+        for start in range(0, alike.size, size):
+            yield alike[start : start + size]
+
+
+class Loops:
+    """A block of walls that are alike (see ``blocks``), simulated period by period.
+
+    The servos start at rest for long, at their positions, without torque, or move freely with a
+    velocity; the first velocity estimate is 0, as in the program.
+
+    Attributes:
+        bodies: The servos.
+        saturated: Which torques were limited in the last period; None: there is no limit.
+        k: Periods simulated.
+    """
+
+    def __init__(
+        self, walls: Walls, position: FloatArray, velocity: FloatArray | None = None
+    ) -> None:
+        n = walls.size
+        velocity = np.zeros(n) if velocity is None else velocity
+        self.bodies = Bodies(walls.inertia, walls.damping, walls.coulomb, position, velocity)
+        self.k = 0
+        self._walls = walls
+        self._whole, self._samples = int(walls.whole[0]), int(walls.velocity_samples[0])
+        self._one_sided = bool(walls.one_sided[0])
+        self._rounded = bool(walls.counts_per_radian[0] > 0.0)
+        self._limited = bool(np.isfinite(walls.torque_limit[0]))
+        self._stepped = bool(walls.torque_step[0] > 0.0)
+        self._play = bool(walls.backlash[0] > 0.0)
+        lagging = bool(walls.lag[0] > 0.0)
+        self._late: Held | None = self.bodies.held(walls.lag) if lagging else None
+        self._held = self.bodies.held(walls.rest)
+        self._half = 0.5 * walls.backlash
+        self._followed = position.copy()
+        # Measured positions, and commanded torques: a row a period, used again in turn.
+        self._measured = np.empty((self._samples + 2, n))
+        self._torques = np.zeros((self._whole + 2, n))
+        self._minus_stiffness = -walls.stiffness
+        self._estimate, self._outside = np.empty(n), np.empty(n, dtype=np.bool_)
+        self._over_period = 1 * walls.period
+        self.saturated = np.empty(n, dtype=np.bool_) if self._limited else None
+        self._separate = self._rounded or self._play
+        if not self._separate:
+            self._measured[0] = position
+            self.bodies.position = self._measured[0]
+
+    def run(self, periods: int, watch: Callable[[], None] | None = None) -> None:
+        """Simulate some periods; ``watch`` is called after each."""
+        for _ in range(periods):
+            self._period()
+            if watch is not None:
+                watch()
+
+    @property
+    def torque(self) -> FloatArray:
+        """The torque commanded last, after limit and rounding [N·m]."""
+        return self._torques[(self.k - 1) % self._torques.shape[0]]
+
+    @property
+    def measured(self) -> FloatArray:
+        """The position measured last [rad]."""
+        return self._measured[(self.k - 1) % self._measured.shape[0]]
+
+    def _period(self) -> None:
+        k, torques, rows = self.k, self._torques, self._measured.shape[0]
+        measured = self._measured[k % rows]
+        if self._rounded:
+            np.multiply(self._followed, self._walls.counts_per_radian, measured)
+            np.rint(measured, measured)
+            np.divide(measured, self._walls.counts_per_radian, measured)
+        elif self._play:
+            np.copyto(measured, self._followed)
+        self._command(measured, torques[k % torques.shape[0]])
+        out = None if self._separate else self._measured[(k + 1) % rows]
+        if self._late is not None:
+            self._move(torques[(k - self._whole - 1) % torques.shape[0]], self._late, out)
+            out = None
+        self._move(torques[(k - self._whole) % torques.shape[0]], self._held, out)
+        self.k = k + 1
+
+    def _command(self, measured: FloatArray, torque: FloatArray) -> None:
+        """The wall's torque, limited and rounded, into ``torque``."""
+        walls, estimate = self._walls, self._estimate
+        back = min(self.k, self._samples)
+        np.multiply(self._minus_stiffness, measured, torque)
+        if back:
+            earlier = self._measured[(self.k - back) % self._measured.shape[0]]
+            np.subtract(measured, earlier, estimate)
+            over = self._over_period if back == 1 else back * walls.period
+            np.divide(estimate, over, estimate)
+            np.multiply(walls.virtual_damping, estimate, estimate)
+            np.subtract(torque, estimate, torque)
+        if self._one_sided:
+            np.minimum(torque, 0.0, torque)
+            np.less_equal(measured, 0.0, self._outside)
+            np.copyto(torque, 0.0, where=self._outside)
+        if self.saturated is not None:
+            np.absolute(torque, estimate)
+            np.greater(estimate, walls.torque_limit, self.saturated)
+            np.maximum(torque, -walls.torque_limit, torque)
+            np.minimum(torque, walls.torque_limit, torque)
+        if self._stepped:
+            np.divide(torque, walls.torque_step, torque)
+            np.rint(torque, torque)
+            np.multiply(torque, walls.torque_step, estimate)
+            np.absolute(estimate, estimate)
+            beyond = estimate > walls.torque_limit
+            torque[beyond] -= np.copysign(1.0, torque[beyond])
+            np.multiply(torque, walls.torque_step, torque)
+
+    def _move(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
+        bodies, followed = self.bodies, self._followed
+        if not self._play:
+            bodies.step(torque, over, out)
+            if self._rounded:
+                self._followed = bodies.position
+            return
+        index, turn = bodies.step_turning(torque, over, out)
+        if index.size:
+            half = self._half[index]
+            followed[index] = np.minimum(np.maximum(followed[index], turn - half), turn + half)
+        np.subtract(bodies.position, self._half, self._estimate)
+        np.maximum(followed, self._estimate, followed)
+        np.add(bodies.position, self._half, self._estimate)
+        np.minimum(followed, self._estimate, followed)
