@@ -42,7 +42,7 @@ def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> Float
         samples: N of the velocity difference.
     """
     result = np.empty_like(delta)
-    light = _light(delta, samples)
+    light = _light(delta, delay, samples)
     for part in _parts(light, _LIGHT_CHUNK):
         _, result[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
     for part in _parts(~light, _SCAN_CHUNK):
@@ -66,7 +66,7 @@ def critical(
         (alpha, w); both 0 where no stiffness is stable.
     """
     alpha, w = np.zeros_like(beta), np.zeros_like(beta)
-    some, light = beta > -delta, _light(delta, samples)
+    some, light = beta > -delta, _light(delta, delay, samples)
     for part in _parts(some & light, _LIGHT_CHUNK):
         loop = _loop(delta[part], delay[part], samples[part])
         w_max, top = first_branch.ceiling(loop)
@@ -93,7 +93,7 @@ def highest(
         samples: N of the velocity difference.
     """
     alpha, beta, w = np.empty_like(delta), np.empty_like(delta), np.empty_like(delta)
-    light = _light(delta, samples)
+    light = _light(delta, delay, samples)
     for part in _parts(light, _LIGHT_CHUNK):
         loop = _loop(delta[part], delay[part], samples[part])
         w_max, _ = first_branch.ceiling(loop)
@@ -119,8 +119,12 @@ def _searched(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> Floa
     return 0.5 * (low + high)
 
 
-def _light(delta: FloatArray, samples: FloatArray) -> NDArray[np.bool_]:
-    light: NDArray[np.bool_] = (samples == 1) & (delta <= first_branch.LIGHT)
+def _light(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> NDArray[np.bool_]:
+    light: NDArray[np.bool_] = (
+        (samples == 1)
+        & (delta <= first_branch.LIGHT)
+        & (delta * (delay + 1.0) <= first_branch.SHORT)
+    )
     return light
 
 

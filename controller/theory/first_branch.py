@@ -21,6 +21,8 @@ _TINY = np.finfo(np.float64).tiny
 
 LIGHT = 0.5
 """Largest delta for which this is used: up to 2.7 the first branch is the whole boundary (N = 1)"""
+SHORT = 50.0
+"""Largest delta (d + 1) for which this is used: the branch gets flat near the ceiling beyond it"""
 
 # Steps before the last one, which carries the result along to first order. Each squares the error:
 # over the whole domain the guesses are off by up to 3e-5 and 0.2 (looked up: 1e-4).
@@ -35,7 +37,7 @@ def ceiling(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
     Newton's method on the phase of ``F conj(D)``, which rises to its zero there.
 
     Args:
-        loop: Settings with N = 1 and delta up to ``LIGHT``.
+        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
     """
     # exact for small w and delta: w (d + 1) = pi/2 + atan(delta / w)
     turn = loop.delay + 1.0
@@ -69,7 +71,7 @@ def crossing(
     Newton's method in w², in which the branch is nearly straight.
 
     Args:
-        loop: Settings with N = 1 and delta up to ``LIGHT``.
+        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
         beta: Virtual damping, -delta < beta < beta_max.
         w_max: Of ``ceiling``.
         beta_max: Of ``ceiling``.
@@ -121,7 +123,7 @@ def summit(loop: HeldLoop, w_max: FloatArray) -> tuple[FloatArray, FloatArray, F
     """The highest point of the first branch: (alpha, beta, w).
 
     Args:
-        loop: Settings with N = 1 and delta up to ``LIGHT``.
+        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
         w_max: Of ``ceiling``.
     """
 
