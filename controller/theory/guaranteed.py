@@ -1,0 +1,209 @@
+"""Limits that hold for every servo in a range: proved over the whole range, not at samples.
+
+What is not known of a servo is a range each of inertia, damping, delay and torque gain. The least
+critical stiffness over it is nearly always at its least safe corner, but not always, and no sample
+can tell. Here the proof is by zero exclusion (module ``exclusion``): no member of the range has a
+pole on the unit circle, at any stiffness up to the limit. What cannot be proved is not claimed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, fields, replace
+
+from controller.theory.checks import number, positive
+from controller.theory.exclusion import Outcome
+from controller.theory.ranges import Member, Ranges
+from controller.theory.worst_member import Search, closed_in, scalar
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether every member of a range is stable."""
+
+    proved: bool
+    counterexample: Member | None
+    """An unstable member; None when proved, or when neither could be shown"""
+    boxes: int
+    """Looked at for the proof"""
+
+
+@dataclass(frozen=True, slots=True)
+class GuaranteedLimit:
+    """A stiffness that is safe for a whole range, and how far it is from the greatest such."""
+
+    stiffness: float
+    """Proved: up to it every member is stable [N·m/rad]; 0 if nothing is"""
+    upper: float
+    """Above it ``worst`` is unstable [N·m/rad]"""
+    worst: Member
+    boxes: int
+    """Looked at for the proof"""
+
+
+@dataclass(frozen=True, slots=True)
+class GuaranteedCeiling:
+    """A virtual damping at which every member of a range is stable with some stiffness."""
+
+    virtual_damping: float
+    """Proved [N·m·s/rad]; 0 if nothing is"""
+    upper: float
+    """Above it ``worst`` is unstable, however small the stiffness [N·m·s/rad]"""
+    worst: Member
+    boxes: int
+    """Looked at for the proof"""
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownCost:
+    """What it costs not to know one thing."""
+
+    name: str
+    """A field of ``Ranges``"""
+    known_at: float
+    limit: GuaranteedLimit
+    """If it were known exactly, and the others as before"""
+    lost: float
+    """Share of that limit which is lost, 0 to 1"""
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """The limit for what is believed, and what each unknown takes from it."""
+
+    limit: GuaranteedLimit
+    known: float
+    """The critical stiffness if everything were known [N·m/rad]"""
+    lost: float
+    """Share of ``known`` that is lost to all unknowns together, 0 to 1"""
+    unknowns: tuple[UnknownCost, ...]
+    """In the order of the fields of ``Ranges``"""
+
+
+def is_stable_over(
+    ranges: Ranges,
+    stiffness: float,
+    virtual_damping: float,
+    period: float,
+    velocity_samples: int = 1,
+) -> Verdict:
+    """Whether a two-sided wall is stable on every servo of a range.
+
+    A proof covers every lower stiffness too, down to 0, and every lower torque gain.
+
+    Args:
+        ranges: What is known of the servo.
+        stiffness: K > 0, commanded [N·m/rad].
+        virtual_damping: B, commanded [N·m·s/rad].
+        period: T > 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    k = scalar("stiffness", positive("stiffness", stiffness))
+    search = Search.of(ranges, virtual_damping, period, velocity_samples)
+    least, worst = search.stiffness()
+    if least <= k:
+        return Verdict(False, worst, 0)
+    outcome = search.proof(k)
+    if outcome.suspect is not None:
+        least, worst = search.stiffness(outcome.suspect)
+    return Verdict(outcome.proved, worst if least <= k else None, outcome.boxes)
+
+
+def guaranteed_limit(
+    ranges: Ranges,
+    virtual_damping: float,
+    period: float,
+    velocity_samples: int = 1,
+    tolerance: float = 1e-3,
+) -> GuaranteedLimit:
+    """Stiffness up to which a two-sided wall is stable on every servo of a range.
+
+    Args:
+        ranges: What is known of the servo.
+        virtual_damping: B, commanded [N·m·s/rad].
+        period: T > 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+        tolerance: Wanted gap between what is proved and what is unstable, as a share between 0
+            and 1. Where no proof is found so closely, it is doubled until one is.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    search = Search.of(ranges, virtual_damping, period, velocity_samples)
+    return GuaranteedLimit(*closed_in(search.stiffness, search.proof, _share(tolerance)))
+
+
+def guaranteed_damping_ceiling(
+    ranges: Ranges, period: float, velocity_samples: int = 1, tolerance: float = 1e-3
+) -> GuaranteedCeiling:
+    """Virtual damping up to which every servo of a range is stable with some stiffness.
+
+    Args:
+        ranges: What is known of the servo.
+        period: T > 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+        tolerance: As for ``guaranteed_limit``.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    search = Search.of(ranges, 0.0, period, velocity_samples)
+
+    def proof(virtual_damping: float) -> Outcome:
+        return replace(search, virtual_damping=virtual_damping).proof(0.0)
+
+    return GuaranteedCeiling(*closed_in(search.ceiling, proof, _share(tolerance)))
+
+
+def cost_of_each_unknown(
+    ranges: Ranges,
+    nominal: Member,
+    virtual_damping: float,
+    period: float,
+    velocity_samples: int = 1,
+    tolerance: float = 1e-3,
+) -> Costs:
+    """How much stiffness is lost because something is known as a range only.
+
+    Args:
+        ranges: What is known of the servo.
+        nominal: Its likely values, each within its range.
+        virtual_damping: B, commanded [N·m·s/rad].
+        period: T > 0 [s].
+        velocity_samples: N of the velocity difference, >= 1.
+        tolerance: As for ``guaranteed_limit``.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+
+    def limit_of(some: Ranges) -> GuaranteedLimit:
+        return guaranteed_limit(some, virtual_damping, period, velocity_samples, tolerance)
+
+    all_unknown = limit_of(ranges)
+    unknowns = []
+    for field in fields(nominal):
+        value = getattr(nominal, field.name)
+        limit = limit_of(ranges.known(field.name, value))
+        lost = _lost(all_unknown.stiffness, limit.stiffness)
+        unknowns.append(UnknownCost(field.name, value, limit, lost))
+    known, _ = Search.of(
+        Ranges(*((value, value) for value in astuple(nominal))),
+        virtual_damping,
+        period,
+        velocity_samples,
+    ).stiffness()
+    return Costs(all_unknown, known, _lost(all_unknown.stiffness, known), tuple(unknowns))
+
+
+def _lost(limit: float, known: float) -> float:
+    return max(1 - limit / known, 0.0) if known > 0 else 0.0
+
+
+def _share(tolerance: float) -> float:
+    value = scalar("tolerance", number("tolerance", tolerance))
+    if not 0 < value < 1:
+        raise ValueError(f"tolerance must be between 0 and 1, got {value:g}")
+    return value

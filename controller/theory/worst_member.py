@@ -1,0 +1,144 @@
+"""The search for the least stable member of a range, closed in with proofs that none is worse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.theory.checks import FloatArray, number, positive, samples
+from controller.theory.exact import critical_stiffness, max_virtual_damping
+from controller.theory.exclusion import Family, Outcome, exclude
+from controller.theory.ranges import Member, Ranges
+
+_BUDGET = 100_000  # boxes for one proof, under a second
+_ROUNDING = 1e-12  # by which the family is taken stronger than asked
+_ROUNDS = 5  # of the search, each on a grid four times finer
+_AROUND = np.linspace(-1, 1, 9)
+_MOST_WHOLE = 64  # delays that the search looks at
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """The search for the worst member, and the proof that there is none worse."""
+
+    ranges: Ranges
+    virtual_damping: float
+    period: float
+    samples: int
+
+    @classmethod
+    def of(
+        cls, ranges: Ranges, virtual_damping: float, period: float, velocity_samples: int
+    ) -> Search:
+        return cls(
+            ranges,
+            scalar("virtual_damping", number("virtual_damping", virtual_damping)),
+            scalar("period", positive("period", period)),
+            int(scalar("velocity_samples", samples("velocity_samples", velocity_samples))),
+        )
+
+    @property
+    def edge(self) -> tuple[float, float]:
+        """Range of x: see the module ``exclusion``."""
+        inertia, damping = self.ranges.inertia, self.ranges.damping
+        return float(np.sqrt(inertia[0] / inertia[1])), damping[1] / damping[0]
+
+    def proof(self, stiffness: float) -> Outcome:
+        """Try to prove that all members are stable up to a stiffness."""
+        inertia, damping = self.ranges.inertia[0], self.ranges.damping[0]
+        low, high = self.edge
+        return exclude(
+            Family(
+                gain=self.ranges.torque_gain[1] * self.period**2 / inertia * (1 + _ROUNDING),
+                delta=damping * self.period / inertia,
+                edge=(low * (1 - _ROUNDING), high * (1 + _ROUNDING)),
+                delay=(
+                    self.ranges.delay[0] / self.period,
+                    self.ranges.delay[1] / self.period * (1 + _ROUNDING),
+                ),
+                stiffness=stiffness,
+                damper=self.virtual_damping / self.period,
+                samples=self.samples,
+            ),
+            _BUDGET,
+        )
+
+    def stiffness(self, near: tuple[float, float] | None = None) -> tuple[float, Member]:
+        """The least critical stiffness that is found, and the member that has it."""
+        gain = self.ranges.torque_gain[1]
+
+        def limits(inertia: FloatArray, damping: FloatArray, delay: FloatArray) -> FloatArray:
+            acting = critical_stiffness(
+                inertia, damping, gain * self.virtual_damping, self.period, delay, self.samples
+            )
+            return acting / gain
+
+        return self._least(limits, near)
+
+    def ceiling(self, near: tuple[float, float] | None = None) -> tuple[float, Member]:
+        """The least damping ceiling that is found, and the member that has it."""
+        gain = self.ranges.torque_gain[1]
+
+        def limits(inertia: FloatArray, damping: FloatArray, delay: FloatArray) -> FloatArray:
+            return max_virtual_damping(inertia, damping, self.period, delay, self.samples) / gain
+
+        return self._least(limits, near)
+
+    def _least(
+        self,
+        limits: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
+        near: tuple[float, float] | None,
+    ) -> tuple[float, Member]:
+        """On a grid of the two edges and the delay, refined around the best, or around ``near``."""
+        r = self.ranges
+        edge, delay = self.edge, r.delay
+        xs = np.unique([*np.linspace(edge[0], 1, 9), *np.linspace(1, edge[1], 5)])
+        whole = np.arange(np.ceil(delay[0] / self.period), delay[1] / self.period)[:_MOST_WHOLE]
+        late = np.unique([*np.linspace(*delay, 9), *whole * self.period])
+        steps = np.array([edge[1] - edge[0], delay[1] - delay[0]]) / 8
+        if near is not None:
+            xs, late = np.array([near[0]]), np.array([near[1] * self.period])
+        best, found = np.inf, np.zeros(3)
+        for _ in range(_ROUNDS):
+            x, d = (each.ravel() for each in np.meshgrid(xs, late))
+            inertia = np.clip(r.inertia[0] / np.minimum(x, 1.0) ** 2, *r.inertia)
+            damping = np.clip(r.damping[0] * np.maximum(x, 1.0), *r.damping)
+            values = limits(inertia, damping, np.clip(d, *delay))
+            i = int(np.argmin(values))
+            if values[i] < best:
+                best, centre = float(values[i]), (x[i], d[i])
+                found = np.array([inertia[i], damping[i], np.clip(d[i], *delay)])
+            xs = np.clip(centre[0] + steps[0] * _AROUND, *edge)
+            late = np.clip(centre[1] + steps[1] * _AROUND, *delay)
+            steps = steps / 4
+        inertia_, damping_, delay_ = found.tolist()
+        return best, Member(inertia_, damping_, delay_, torque_gain=r.torque_gain[1])
+
+
+def closed_in(
+    least: Callable[[tuple[float, float] | None], tuple[float, Member]],
+    proof: Callable[[float], Outcome],
+    tolerance: float,
+) -> tuple[float, float, Member, int]:
+    """The greatest limit that is proved, the least that is found, where, and boxes looked at."""
+    upper, worst = least(None)
+    gap, boxes = tolerance, 0
+    while upper > 0 and gap < 1:
+        outcome = proof(upper * (1 - gap))
+        boxes += outcome.boxes
+        if outcome.proved:
+            return upper * (1 - gap), upper, worst, boxes
+        lower, member = least(outcome.suspect)
+        if lower < upper * (1 - gap):
+            upper, worst = lower, member
+        else:
+            gap *= 2
+    return 0.0, upper, worst, boxes
+
+
+def scalar(name: str, value: FloatArray) -> float:
+    if value.ndim:
+        raise ValueError(f"{name} must be one number, got {value.size}")
+    return float(value)
