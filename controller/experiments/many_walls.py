@@ -7,6 +7,7 @@ order, on blocks of walls that fit into the processor's cache.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
@@ -17,6 +18,8 @@ from hw.bodies import Bodies, Held
 
 BLOCK = 2048
 """Walls simulated together: their arrays stay in the processor's second-level cache."""
+_DELAYS = 8
+"""Different delays in one block: each costs a copy a period."""
 _SNAP = 1e-9  # of a period: a delay this near to a whole number of periods is one
 
 
@@ -84,10 +87,13 @@ def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatA
 
 
 def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
-    """Indices of walls that can be simulated together: alike in what steers the simulation."""
+    """Indices of walls that can be simulated together: alike in what steers the simulation.
+
+    Those of one block may differ in the whole periods of their delays, of which there are a few.
+    """
     traits = np.stack(
         [
-            walls.whole,
+            walls.whole // _DELAYS,
             walls.velocity_samples,
             walls.one_sided,
             walls.lag > 0.0,
@@ -100,7 +106,7 @@ def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
         axis=1,
     )
     _, kind = np.unique(traits, axis=0, return_inverse=True)
-    order = np.argsort(kind.ravel(), kind="stable")
+    order = np.lexsort((walls.whole, kind.ravel()))
     cuts = np.flatnonzero(np.diff(kind.ravel()[order])) + 1
     for alike in np.split(order, cuts):
         for start in range(0, alike.size, size):
@@ -115,7 +121,6 @@ class Loops:
 
     Attributes:
         bodies: The servos.
-        saturated: Which torques were limited in the last period; None: there is no limit.
         k: Periods simulated.
     """
 
@@ -127,7 +132,13 @@ class Loops:
         self.bodies = Bodies(walls.inertia, walls.damping, walls.coulomb, position, velocity)
         self.k = 0
         self._walls = walls
-        self._whole, self._samples = int(walls.whole[0]), int(walls.velocity_samples[0])
+        self._samples = int(walls.velocity_samples[0])
+        cuts = [0, *(np.flatnonzero(np.diff(walls.whole)) + 1).tolist(), n]
+        self._delays = [
+            (int(walls.whole[first]), slice(first, last))
+            for first, last in itertools.pairwise(cuts)
+        ]
+        self._acting = np.empty(n)
         self._one_sided = bool(walls.one_sided[0])
         self._rounded = bool(walls.counts_per_radian[0] > 0.0)
         self._limited = bool(np.isfinite(walls.torque_limit[0]))
@@ -140,11 +151,9 @@ class Loops:
         self._followed = position.copy()
         # Measured positions, and commanded torques: a row a period, used again in turn.
         self._measured = np.empty((self._samples + 2, n))
-        self._torques = np.zeros((self._whole + 2, n))
-        self._minus_stiffness = -walls.stiffness
+        self._torques = np.zeros((int(walls.whole.max()) + 2, n))
+        self._minus_stiffness, self._minus_limit = -walls.stiffness, -walls.torque_limit
         self._estimate, self._outside = np.empty(n), np.empty(n, dtype=np.bool_)
-        self._over_period = 1 * walls.period
-        self.saturated = np.empty(n, dtype=np.bool_) if self._limited else None
         self._separate = self._rounded or self._play
         if not self._separate:
             self._measured[0] = position
@@ -160,12 +169,14 @@ class Loops:
     @property
     def torque(self) -> FloatArray:
         """The torque commanded last, after limit and rounding [N·m]."""
-        return self._torques[(self.k - 1) % self._torques.shape[0]]
+        row: FloatArray = self._torques[(self.k - 1) % self._torques.shape[0]]
+        return row
 
     @property
     def measured(self) -> FloatArray:
         """The position measured last [rad]."""
-        return self._measured[(self.k - 1) % self._measured.shape[0]]
+        row: FloatArray = self._measured[(self.k - 1) % self._measured.shape[0]]
+        return row
 
     def _period(self) -> None:
         k, torques, rows = self.k, self._torques, self._measured.shape[0]
@@ -179,10 +190,20 @@ class Loops:
         self._command(measured, torques[k % torques.shape[0]])
         out = None if self._separate else self._measured[(k + 1) % rows]
         if self._late is not None:
-            self._move(torques[(k - self._whole - 1) % torques.shape[0]], self._late, out)
+            self._move(self._delayed(1), self._late, out)
             out = None
-        self._move(torques[(k - self._whole) % torques.shape[0]], self._held, out)
+        self._move(self._delayed(0), self._held, out)
         self.k = k + 1
+
+    def _delayed(self, more: int) -> FloatArray:
+        """The torques commanded as many whole periods ago as each wall's delay has, and more."""
+        torques, now = self._torques, self.k - more
+        if len(self._delays) == 1:
+            row: FloatArray = torques[(now - self._delays[0][0]) % torques.shape[0]]
+            return row
+        for whole, part in self._delays:
+            self._acting[part] = torques[(now - whole) % torques.shape[0], part]
+        return self._acting
 
     def _command(self, measured: FloatArray, torque: FloatArray) -> None:
         """The wall's torque, limited and rounded, into ``torque``."""
@@ -192,7 +213,7 @@ class Loops:
         if back:
             earlier = self._measured[(self.k - back) % self._measured.shape[0]]
             np.subtract(measured, earlier, estimate)
-            over = self._over_period if back == 1 else back * walls.period
+            over = walls.period if back == 1 else back * walls.period
             np.divide(estimate, over, estimate)
             np.multiply(walls.virtual_damping, estimate, estimate)
             np.subtract(torque, estimate, torque)
@@ -200,10 +221,8 @@ class Loops:
             np.minimum(torque, 0.0, torque)
             np.less_equal(measured, 0.0, self._outside)
             np.copyto(torque, 0.0, where=self._outside)
-        if self.saturated is not None:
-            np.absolute(torque, estimate)
-            np.greater(estimate, walls.torque_limit, self.saturated)
-            np.maximum(torque, -walls.torque_limit, torque)
+        if self._limited:
+            np.maximum(torque, self._minus_limit, torque)
             np.minimum(torque, walls.torque_limit, torque)
         if self._stepped:
             np.divide(torque, walls.torque_step, torque)

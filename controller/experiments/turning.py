@@ -1,14 +1,77 @@
-"""How a motion grows or shrinks, told by its turning points: their amplitudes, fitted over time."""
+"""Whether a two-sided wall's motion grows after a kick, told by the turning points it makes.
+
+The growth is fitted to the amplitudes of many oscillations, so that its sign is known long before
+the motion has become large or small.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from controller.experiments.many_walls import Loops
+from controller.experiments.many_walls import Loops, Walls, blocks
 from controller.theory.checks import FloatArray, IntArray
 
+_LEAST_PERIODS = 1000
+_MOST_PERIODS = 200_000
+_SEGMENT = 256
+"""Periods between two looks at what is decided."""
+_DECIDED = 3.0
+"""A motion that has grown or shrunk by this factor is not followed any longer."""
+_UNSATURATED = 0.5
+"""Share of the torque limit that the spring commands at most at the start."""
 _SETTLING = 2
 """Turning points left out at the start: what the release excites beside the oscillation."""
+
+
+def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
+    """Growth of the motion after a kick, per oscillation; where it is > 0 the motion grows.
+
+    The servo is let go at rest, at a distance from the wall at which it was held for long: at a
+    turning point, with no speed in the velocity estimate. From a kick at which the spring would
+    saturate, motion cannot grow: it comes down to what the torque limit sustains. There the wall
+    is started at half of the limit in place of the kick, and asked the same.
+
+    Args:
+        walls: Two-sided walls with stiffness > 0.
+        kick: Displacement at the start, > 0 [rad].
+        cycles: How many oscillations (of the undamped spring) are fitted at least.
+
+    Returns:
+        Logarithm of the ratio of amplitudes one oscillation apart; only its sign means anything
+        for motion that ends within a few turning points, or that friction has stopped.
+    """
+    result = np.empty(walls.size)
+    start = np.minimum(kick, _UNSATURATED * walls.torque_limit / walls.stiffness)
+    with np.errstate(over="ignore", invalid="ignore"):  # what has grown out of all bounds
+        for index in blocks(walls):
+            result[index] = _growth(walls.take(index), start[index], cycles)
+    return result
+
+
+def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
+    loops = Loops(walls, start)
+    turnings = Turnings(loops, walls.period)
+    cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
+    length = float(np.max(cycles * cycle)) + _LEAST_PERIODS
+    length += float(np.max(walls.whole)) + float(np.max(walls.velocity_samples))
+    resting = np.full(walls.size, np.nan)
+    while loops.k < min(length, _MOST_PERIODS):
+        loops.run(_SEGMENT, turnings.watch)
+        turnings.gather()
+        up = turnings.greatest > _DECIDED * start
+        down = turnings.least < start / _DECIDED
+        position = loops.bodies.position
+        # Not moved by a hair since the last look, delay and all: stuck for ever.
+        stuck = (loops.bodies.velocity == 0.0) & (position == resting) & (loops.k > 2 * _SEGMENT)
+        resting = position.copy()
+        if np.all(up | down | stuck):
+            break
+    slope = turnings.slope() * cycle
+    # Without turning points it creeps: away from the wall, or toward it.
+    creeps = np.where(np.abs(position) > start, 1.0, -1.0)
+    slope = np.where(np.isnan(slope), creeps, slope)
+    slope = np.where(up, np.where(slope > 0.0, slope, 1.0), slope)
+    return np.where(~up & (down | stuck), np.where(slope < 0.0, slope, -1.0), slope)
 
 
 class Turnings:
@@ -20,7 +83,6 @@ class Turnings:
     Attributes:
         count: Turning points seen.
         least, greatest: Amplitudes, those left out at the start aside [rad]; inf and 0 before.
-        last_saturated: Period in which the torque was limited last; -1: never.
     """
 
     def __init__(self, loops: Loops, period: FloatArray) -> None:
@@ -37,7 +99,6 @@ class Turnings:
         self.count = np.zeros(n, dtype=np.int64)
         self.least = np.full(n, np.inf)
         self.greatest = np.zeros(n)
-        self.last_saturated = np.full(n, -1, dtype=np.int64)
 
     def watch(self) -> None:
         """Look at the period that has just passed."""
@@ -49,8 +110,6 @@ class Turnings:
         if index.size:
             self._seen.append((index, before[index], velocity[index], self._position[index]))
             self._when.append(loops.k)
-        if loops.saturated is not None:
-            self.last_saturated[loops.saturated] = loops.k
         # A body at rest between two moves keeps the velocity with which it came.
         np.not_equal(velocity, 0.0, self._turned)
         np.copyto(before, velocity, where=self._turned)
@@ -79,8 +138,8 @@ class Turnings:
         amplitude = np.abs(position[order] + moved)
         amplitude = np.maximum(amplitude, np.finfo(np.float64).tiny)
         y = np.log(amplitude)
-        for total, value in zip(self._sums, (np.ones_like(t), t, t * t, y, t * y), strict=True):
-            total += np.bincount(index, value, minlength=total.size)
+        for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y)):
+            self._sums[row] += np.bincount(index, value, minlength=self.count.size)
         np.minimum.at(self.least, index, amplitude)
         np.maximum.at(self.greatest, index, amplitude)
 
