@@ -56,6 +56,17 @@ def samples(name: str, value: ArrayLike) -> FloatArray:
     return array
 
 
+def whole_number(name: str, value: ArrayLike) -> int:
+    """``value`` as one whole number >= 0.
+
+    Raises:
+        ValueError: It is not.
+    """
+    array = number(name, value)
+    _require(name, array, (array >= 0) & (array == np.floor(array)), "a whole number >= 0")
+    return int(array)
+
+
 def broadcast(**arrays: FloatArray) -> list[FloatArray]:
     """All arrays in their common shape.
 

@@ -1,7 +1,9 @@
 """The linear condition: critical stiffness = sum of damping / sum of delay. Not a safe bound.
 
 It is the tangent of the exact boundary at the origin. The exact limit lies just below it for most
-settings, far below it for much virtual damping, and above it for little: see ``exact``.
+settings, far below it for much virtual damping, and above it for little: see ``exact``, and
+``linear_error`` for how much. Here it is in SI units, and as the paper prints it; so is the
+passivity without delay that the paper sets beside it.
 """
 
 from __future__ import annotations
@@ -54,3 +56,74 @@ def linear_limit(
     )
     result: FloatArray = np.maximum((b + big_b) / (t / 2 + t_d), 0.0)
     return result
+
+
+def linear(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatArray:
+    """Equations (7)-(10) and (16): alpha < 2 (delta + beta) / (1 + 2 d), for any delay.
+
+    In SI units it is ``linear_limit``: K < (b + B) / (T/2 + t_d). (16) are its lines in Fig. 6. It
+    is the tangent of the exact boundary where both dampings vanish, not a safe bound.
+
+    Args:
+        delta: Viscous damping >= 0.
+        beta: Virtual damping.
+        delay: d >= 0 [periods].
+
+    Returns:
+        The limit of alpha in the broadcast shape; 0 where beta <= -delta.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gil et al., ICRA 2007, eqs. (7)-(10), (16).
+    """
+    small, virtual, d = broadcast(
+        delta=not_negative("delta", delta),
+        beta=number("beta", beta),
+        delay=not_negative("delay", delay),
+    )
+    limit: FloatArray = np.maximum(2.0 * (small + virtual) / (1.0 + 2.0 * d), 0.0)[()]
+    return limit
+
+
+def linear_no_delay(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Equation (4): alpha < 2 (delta + beta), the linear condition without delay.
+
+    Args:
+        delta: Viscous damping >= 0.
+        beta: Virtual damping.
+
+    Source: Gil et al., ICRA 2007, eq. (4).
+    """
+    return linear(delta, beta, 0.0)
+
+
+def linear_one_sample(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Equations (5) and (14): alpha < (2/3) (delta + beta), the same for one period of delay.
+
+    Args:
+        delta: Viscous damping >= 0.
+        beta: Virtual damping.
+
+    Source: Gil et al., ICRA 2007, eqs. (5), (14).
+    """
+    return linear(delta, beta, 1.0)
+
+
+def passive_no_delay(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Equation (6): alpha < 2 (delta - abs(beta)), passivity without delay; 0 where none is.
+
+    For any delay, and in SI units: ``passive_limit``.
+
+    Args:
+        delta: Viscous damping >= 0.
+        beta: Virtual damping.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gil et al., ICRA 2007, eq. (6); Colgate and Schenkel, 1997.
+    """
+    small, virtual = broadcast(delta=not_negative("delta", delta), beta=number("beta", beta))
+    limit: FloatArray = np.maximum(2.0 * (small - np.abs(virtual)), 0.0)[()]
+    return limit
