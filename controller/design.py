@@ -147,12 +147,11 @@ def improvements(
     if not parts:
         return answers
     corner = _corner(situation, parts)
-    some_parts = parts[0].named
     plants: list[Plants] = []
     asked: list[FloatArray] = []
     tried: list[Change] = []
     for change in changes:
-        if change in ("two_sided", "encoder") or not _applies(change, situation, some_parts):
+        if change in ("two_sided", "encoder") or not _applies(change, situation, parts):
             continue
         damping = np.full_like(corner.damping, request.damping)
         if change == "virtual_damping":
@@ -194,12 +193,22 @@ def _corner(situation: Situation, parts: Sequence[DelayParts]) -> Plants:
     return replace(corner, delay=np.array([each.delay for each in parts]))
 
 
-def _applies(change: Change, situation: Situation, named: Mapping[str, float]) -> bool:
-    if change == "belief":
-        belief = situation.belief
-        known = (belief.inertia, belief.damping, belief.delay, belief.torque_gain)
-        return any(each.low < each.high for each in known)
-    return {"baud": WIRE, "latency_timer": ADAPTER}.get(change, HOLD) in {*named, HOLD}
+def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) -> bool:
+    """Whether there is anything to change."""
+    belief = situation.belief
+    match change:
+        case "belief":
+            known = (belief.inertia, belief.damping, belief.delay, belief.torque_gain)
+            return any(each.low < each.high for each in known)
+        case "damping":
+            return belief.damping.low > 0
+        case "delay":
+            return any(each.delay > 0 for each in parts)
+        case "baud" | "latency_timer":
+            name = WIRE if change == "baud" else ADAPTER
+            return all(name in each.named for each in parts)
+        case _:
+            return True
 
 
 def _changed(
@@ -274,14 +283,16 @@ def _promising_damping(
 
 
 _POINTS, _ROUNDS = 17, 6
+_WITHIN = 1e-4  # share of the range that is left out at both ends, where no stiffness is allowed
 
 
 def _searched_damping(
     request: Request, settings: GuardSettings, situation: Situation, plants: Plants
 ) -> FloatArray:
     """The virtual damping at which the most stiffness is allowed, to 1e-5 of its range."""
-    low = -plants.damping / plants.gain
-    high = _highest_damping(request, settings, plants)
+    lowest = -plants.damping / plants.gain
+    highest = _highest_damping(request, settings, plants)
+    low, high = lowest * (1 - _WITHIN), highest * (1 - _WITHIN)
     rows = np.arange(low.size)
     best = low
     for _ in range(_ROUNDS):

@@ -27,7 +27,9 @@ COMMANDS = {
     "emulate": ("controller.cli.emulate", "An emulated Dynamixel bus on a pseudo-terminal."),
     "presets": ("controller.cli.presets", "The configurations that come with the program."),
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
+    "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
+    "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
 NEEDS_LINUX = frozenset({"run", "emulate"})

@@ -1,0 +1,217 @@
+"""``haptic-wall boundary``: what a servo in a loop can hold, why no more, and what would help."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from controller.belief import Belief, Bounded
+from controller.boundary_report import Question, WallSide, default_dampings, report
+from controller.cli.boundary_text import boundary_text
+from controller.cli.numbers import numbers, span
+from controller.cli.options import answer, as_json, json_option, refuse_other_pictures, writing
+from controller.design import ADAPTER, WIRE, DelayParts, wire_time
+from controller.errors import UserError
+from controller.guard_types import Situation
+from controller.theory.servos import ServoFacts, servo
+
+_LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
+"""Longer ones are milliseconds, written where seconds are wanted."""
+_MOST_PERIODS = 500
+"""Longest delay in periods: beyond it each answer takes many seconds."""
+
+
+@click.command()
+@click.option(
+    "--servo", "servo_name", metavar="NAME", help="A servo identified elsewhere: MX-64..."
+)
+@click.option("--inertia", callback=span, metavar="M", help="m [kg·m²], a number or LOW:HIGH.")
+@click.option("--damping", callback=span, metavar="b", help="Viscous friction [N·m·s/rad].")
+@click.option("--period", type=float, metavar="T", help="Sampling period [s].")
+@click.option("--rate", type=float, metavar="HZ", help="Or the sampling rate [Hz].")
+@click.option(
+    "--delay", callback=span, required=True, metavar="td", help="From sample to torque, in all [s]."
+)
+@click.option("--torque-gain", callback=span, default="1", help="Torque that acts per commanded.")
+@click.option(
+    "--virtual-damping",
+    "dampings",
+    callback=numbers,
+    metavar="B[,B...]",
+    help="Of each point [N·m·s/rad]; default: shares of the ceiling.",
+)
+@click.option("--velocity-samples", type=click.IntRange(min=1), default=1, metavar="N",
+              help="Samples the velocity difference spans (1).")  # fmt: skip
+@click.option("--side", type=click.Choice(["one", "both"]), default="one",
+              help="Whether the wall also pulls: says which limits count (one).")  # fmt: skip
+@click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
+@click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
+@click.option("--baud", type=float, help="Of a Dynamixel bus whose wire is part of the delay.")
+@click.option(
+    "--latency-timer", type=float, metavar="MS", help="An adapter's, part of the delay [ms]."
+)
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the K-B plane there as PNG.")
+@json_option
+def command(
+    dampings: tuple[float, ...] | None,
+    plot: Path | None,
+    as_json_wanted: bool,
+    **given: Any,  # noqa: ANN401 - the options that make the question
+) -> None:
+    r"""Stiffness limits of a virtual wall over its virtual damping, and what would raise them.
+
+    For an inertia with viscous friction whose torque is held over each period and acts a delay
+    after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits then
+    hold at the least safe corner.
+
+    \b
+    haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5
+    """
+    if plot is not None:
+        refuse_other_pictures("--plot", plot)
+    question = _question(given)
+    chosen = default_dampings(question) if dampings is None else dampings
+    found = report(question, chosen)
+    if plot is not None:
+        from controller.boundary_plot import plot_boundary
+
+        with writing("--plot", plot):
+            plot_boundary(question, found, plot)
+    answer(as_json(found) if as_json_wanted else boundary_text(found))
+
+
+def _question(given: dict[str, Any]) -> Question:
+    """The question that the options ask.
+
+    Raises:
+        UserError: Something is missing or outside of its domain; the message names the option.
+    """
+    facts = _facts(given["servo_name"])
+    period = _period(given["period"], given["rate"])
+    delay: Bounded = given["delay"]
+    if delay.low < 0 or delay.high > _LONGEST_DELAY_S:
+        raise UserError(
+            f"--delay {_span(delay)}: wanted 0 to {_LONGEST_DELAY_S:g} s; it is in seconds, so "
+            "that 2 ms is 0.002"
+        )
+    if delay.high > _MOST_PERIODS * period:
+        raise UserError(
+            f"--delay {_span(delay)}: {delay.high / period:.0f} periods of {period:g} s, wanted at "
+            f"most {_MOST_PERIODS}; is the period right?"
+        )
+    counts, limit = _encoder(given, facts)
+    belief = Belief(
+        inertia=_wanted("inertia", given["inertia"], facts, zero=False),
+        damping=_wanted("damping", given["damping"], facts, zero=True),
+        coulomb=Bounded.exactly(facts.coulomb if facts else 0.0),
+        delay=delay,
+        torque_gain=_domain("--torque-gain", given["torque_gain"], zero=False),
+    )
+    side: WallSide = given["side"]
+    return Question(
+        situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
+        delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
+        side=side,
+        velocity_samples=given["velocity_samples"],
+    )
+
+
+def _facts(name: str | None) -> ServoFacts | None:
+    if name is None:
+        return None
+    try:
+        return servo(name)
+    except ValueError as error:
+        raise UserError(f"--servo: {error}") from None
+
+
+def _period(period: float | None, rate: float | None) -> float:
+    if (period is None) == (rate is None):
+        found = "neither" if period is None else "both"
+        raise UserError(
+            f"--period and --rate: found {found}, wanted one of them; give --period 0.001 or "
+            "--rate 1000"
+        )
+    if rate is not None:
+        if not (math.isfinite(rate) and rate >= 1 / _LONGEST_PERIOD_S):
+            raise UserError(
+                f"--rate {rate:g}: wanted at least {1 / _LONGEST_PERIOD_S:g} Hz; give --rate 1000 "
+                "for a period of 1 ms"
+            )
+        return 1 / rate
+    assert period is not None
+    if not 0 < period <= _LONGEST_PERIOD_S:
+        raise UserError(
+            f"--period {period:g}: wanted a period above 0 and up to {_LONGEST_PERIOD_S:g} s; "
+            "it is in seconds, so that 1 ms is 0.001"
+        )
+    return period
+
+
+def _wanted(name: str, given: Bounded | None, facts: ServoFacts | None, zero: bool) -> Bounded:
+    if given is not None:
+        return _domain(f"--{name}", given, zero)
+    if facts is None:
+        raise UserError(f"--{name}: missing; give it, or name a servo with --servo MX-64")
+    return Bounded.exactly(getattr(facts, name))
+
+
+def _domain(option: str, given: Bounded, zero: bool) -> Bounded:
+    if given.low < 0 or (given.low == 0 and not zero):
+        wanted = "0 or more" if zero else "more than 0"
+        raise UserError(f"{option} {_span(given)}: wanted {wanted}; give a number in SI units")
+    return given
+
+
+def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, float]:
+    """Counts per turn (0: the encoder is not counted) and torque limit [N·m]."""
+    counts, limit = given["counts_per_rev"], given["torque_limit"]
+    for option, value in (("--counts-per-rev", counts), ("--torque-limit", limit)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise UserError(f"{option} {value:g}: wanted more than 0; give it or leave it out")
+    if counts is None and facts is not None:
+        counts = facts.counts_per_rev
+    if limit is None:
+        if given["counts_per_rev"] is not None:
+            raise UserError(
+                "--counts-per-rev: what one count commands is judged by the torque limit; give "
+                "--torque-limit too"
+            )
+        return 0.0, 1.0
+    if counts is None:
+        raise UserError(
+            "--torque-limit: it judges what one encoder count commands; give --counts-per-rev too"
+        )
+    return counts, limit
+
+
+def _delay_parts(
+    delay: float, period: float, baud: float | None, latency_timer: float | None
+) -> DelayParts:
+    """What the delay is made of, as far as the options tell."""
+    named: dict[str, float] = {}
+    if baud is not None:
+        if not (math.isfinite(baud) and baud > 0):
+            raise UserError(f"--baud {baud:g}: wanted bits per second; give --baud 1000000")
+        named[WIRE] = wire_time(baud)
+    if latency_timer is not None:
+        if not (math.isfinite(latency_timer) and latency_timer >= 0):
+            raise UserError(
+                f"--latency-timer {latency_timer:g}: wanted milliseconds, 0 or more; it is 16 from "
+                "the factory"
+            )
+        named[ADAPTER] = 1e-3 * latency_timer
+    rest = delay - sum(named.values())
+    if rest < -1e-12:
+        raise UserError(
+            f"--delay {delay:g}: frames and adapter timer alone take {sum(named.values()):.4g} s; "
+            "give the whole delay, from sample to torque, or leave out --baud and --latency-timer"
+        )
+    return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)})
+
+
+def _span(value: Bounded) -> str:
+    return f"{value.low:g}" if value.low == value.high else f"{value.low:g}:{value.high:g}"

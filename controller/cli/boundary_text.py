@@ -1,0 +1,169 @@
+"""The answer of ``haptic-wall boundary`` as readable text: points, peak, and the design table."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+_WIDTH = 98
+_LOWER = 0.98
+"""What lowers the stiffness by more is told apart."""
+_UNITS = {
+    "virtual_damping": ("virtual damping", "N·m·s/rad"),
+    "linear": ("linear", "N·m/rad"),
+    "exact": ("exact", "N·m/rad"),
+    "one_sided": ("one-sided", "N·m/rad"),
+    "passive": ("passive", "N·m/rad"),
+    "quantisation": ("quantisation", "N·m/rad"),
+    "frequency_hz": ("oscillation", "Hz"),
+}
+_PARTS = {
+    "delay": "the delay from sample to torque",
+    "rest": "the rest of the delay",
+    "wire": "frames on the wire",
+    "adapter": "the adapter's timer",
+    "hold": "half the period",
+}
+
+
+def boundary_text(found: Mapping[str, Any]) -> str:
+    """The answer as text.
+
+    Args:
+        found: As the command's ``--json`` gives it.
+    """
+    return "\n".join(
+        [
+            *_settings(found["settings"]),
+            "",
+            *_points(found),
+            "",
+            *_design(found["design"], len(found["points"])),
+        ]
+    )
+
+
+def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
+    period = settings["period"]
+    delay = settings["delay"]["high"]
+    parts = [
+        f"inertia {_span(settings['inertia'])} kg·m²",
+        f"viscous damping {_span(settings['damping'])} N·m·s/rad",
+        f"period {1e3 * period:.4g} ms ({1 / period:.4g} Hz)",
+        f"delay {_span(settings['delay'], 1e3)} ms ({delay / period:.3g} periods)",
+    ]
+    if settings["torque_gain"] != {"low": 1.0, "high": 1.0}:
+        parts.append(f"torque gain {_span(settings['torque_gain'])}")
+    if settings["velocity_samples"] > 1:
+        parts.append(f"velocity over {settings['velocity_samples']} samples")
+    yield from textwrap.wrap(", ".join(parts), _WIDTH)
+
+
+def _points(found: Mapping[str, Any]) -> Iterator[str]:
+    points = found["points"]
+    columns = [name for name in _UNITS if points[0].get(name) is not None]
+    rows = [[_UNITS[name][0] for name in columns], [_UNITS[name][1] for name in columns]]
+    rows += [[f"{point[name]:.4g}" for name in columns] for point in points]
+    yield from _aligned(rows)
+    yield ""
+    peak = found["peak"]
+    yield (
+        f"ceiling  no stiffness is stable above a virtual damping of "
+        f"{found['max_virtual_damping']:.4g} N·m·s/rad"
+    )
+    yield (
+        f"peak     {peak['stiffness']:.4g} N·m/rad (exact) at {peak['virtual_damping']:.4g} "
+        f"N·m·s/rad, oscillation at {peak['frequency_hz']:.4g} Hz"
+    )
+
+
+def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
+    side = "one-sided" if design["side"] == "one" else "two-sided"
+    stiffest = ", the stiffest of these:" if points > 1 else ":"
+    yield (
+        f"What limits the {side} wall at a virtual damping of {design['virtual_damping']:.4g}"
+        f"{stiffest}"
+    )
+    yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
+    parts = design["delay_parts"]
+    total = sum(part["seconds"] for part in parts)
+    named = " + ".join(
+        f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
+        for part in parts
+        if part["seconds"] > 0
+    )
+    yield from textwrap.wrap(f"delay    {_ms(total)} = {named}", _WIDTH, subsequent_indent=" " * 9)
+    better = [each for each in design["improvements"] if each["buys"]]
+    if better:
+        yield ""
+        rows = [["what one change buys", "K N·m/rad", "times", "limit then"]]
+        rows += [
+            [
+                each["description"],
+                f"{each['stiffness']:.4g}",
+                "from 0" if each["factor"] is None else f"{each['factor']:.3g}",
+                _name(each["binding"]),
+            ]
+            for each in better
+        ]
+        yield from _aligned(rows, left=(0, 3))
+    others = [each for each in design["improvements"] if not each["buys"]]
+    lower = [each for each in others if each["factor"] is not None and each["factor"] < _LOWER]
+    useless = [each for each in others if each not in lower]
+    for what, changes in (
+        ("buys nothing here (under 2 %)", useless),
+        ("would lower it", lower),
+    ):
+        if changes:
+            listed = "; ".join(
+                f"{each['description']} ({_name(each['binding'])} {each['stiffness']:.4g})"
+                if changes is lower
+                else each["description"]
+                for each in changes
+            )
+            yield from textwrap.wrap(f"{what}: {listed}", _WIDTH, subsequent_indent="  ")
+    yield from _not_counted(design)
+
+
+def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:
+    told = {part["name"] for part in design["delay_parts"]}
+    missing = [
+        f"{what} ({options})"
+        for what, options, known in (
+            ("the encoder", "--counts-per-rev, --torque-limit", design["encoder"]),
+            ("the bus", "--baud", "wire" in told),
+            ("its adapter", "--latency-timer", "adapter" in told),
+        )
+        if not known
+    ]
+    if missing:
+        yield from textwrap.wrap(
+            f"not looked at, for nothing was said of it: {', '.join(missing)}",
+            _WIDTH,
+            subsequent_indent="  ",
+        )
+
+
+def _aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = ()) -> Iterator[str]:
+    """Columns as wide as they must be, numbers to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (
+            cell.ljust(width) if i in left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        yield "  ".join(cells).rstrip()
+
+
+def _name(limit: str) -> str:
+    return limit.replace("_", "-")
+
+
+def _span(ends: Mapping[str, float], scale: float = 1.0) -> str:
+    low, high = scale * ends["low"], scale * ends["high"]
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms"

@@ -1,0 +1,59 @@
+"""Numbers on the command line: lists of them, and ranges in which the truth is believed to lie.
+
+Callbacks of options that take text, so that a message names the option.
+"""
+
+from __future__ import annotations
+
+import math
+
+import click
+
+from controller.belief import Bounded
+
+
+def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
+    """Numbers with commas between, negative ones included: ``-0.01,0.2``.
+
+    Raises:
+        BadParameter: One is not a finite number.
+    """
+    if text is None:
+        return None
+    found = [_number(part) for part in text.split(",")]
+    good = [number for number in found if number is not None]
+    if len(good) < len(found):
+        raise click.BadParameter(
+            f"found {text!r}, wanted numbers with commas between, such as -0.01,0.2",
+            param=parameter,
+        )
+    return good
+
+
+def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:
+    """A number, or ``LOW:HIGH``: somewhere between, and the middle is the best guess.
+
+    Raises:
+        BadParameter: It is neither.
+    """
+    if text is None:
+        return None
+    match [_number(end) for end in text.split(":")]:
+        case [float(only)]:
+            return Bounded.exactly(only)
+        case [float(low), float(high)] if low <= high:
+            return Bounded((low + high) / 2, low, high)
+        case [float(low), float(high)]:
+            wanted = f"the lower end first: {high:g}:{low:g}"
+        case _:
+            wanted = "a number, or a range LOW:HIGH"
+    raise click.BadParameter(f"found {text!r}, wanted {wanted}", param=parameter)
+
+
+def _number(text: str) -> float | None:
+    """A finite number, or None."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
