@@ -17,6 +17,7 @@ from controller.paper.curves import (
     linear_at,
 )
 from controller.theory import peak
+from controller.theory.closed_forms import no_delay_limit, one_sample_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,8 +31,18 @@ _NEAR = 0.1
 
 
 def figure_3() -> FigureData:
-    """The whole boundaries for d = 0 and d = 1, and their peaks."""
-    return dimensionless(_whole(WHOLE_DELAYS))
+    """The whole boundaries for d = 0 and d = 1, their peaks, and the closed forms (1) and (13).
+
+    Source: Gil et al., ICRA 2007, eqs. (1) and (13), which lose digits in double precision: to
+    0.1 % at this delta.
+    """
+    checks = []
+    for delay, closed_form, ceiling in ((0.0, no_delay_limit, 2.0), (1.0, one_sample_limit, 0.8)):
+        beta = np.linspace(0.0, ceiling, 17)[1:-1]
+        alpha = np.asarray(closed_form(DELTA, beta))
+        settings = {"delta": DELTA, "delay_periods": delay}
+        checks.append(Curve("closed form", settings, beta, alpha))
+    return dimensionless([*_whole(WHOLE_DELAYS), *checks])
 
 
 def figure_4() -> FigureData:
@@ -73,6 +84,17 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
             ax.fill_between(curve.x, curve.y, color=fill, linewidth=0)
             ax.plot(curve.x, curve.y, color=color)
             (top,) = data.of_kind("peak", delay_periods=delay)
+            (check,) = data.of_kind("closed form", delay_periods=delay)
+            ax.plot(
+                check.x,
+                check.y,
+                "o",
+                color=color,
+                markerfacecolor="white",
+                markersize=3,
+                markeredgewidth=0.7,
+                label=f"closed form ({13 if delay else 1})",
+            )
             x, y = float(top.x[0]), float(top.y[0])
             ax.plot(x, y, "o", color=color, markersize=3.5)
             ax.annotate(
@@ -86,6 +108,7 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
         ax.text(0.71, 0.09, r"$d$ = 1", color=style.ORANGE)
         ax.text(0.95, 0.36, "stable without delay", color=style.BLUE, ha="center")
         ax.text(0.42, 0.05, "stable for both", color=style.ORANGE, ha="center")
+        ax.legend(loc="upper right", handlelength=1.0)
         ax.set_xlim(0.0, 2.1)
         ax.set_ylim(0.0, 0.78)
         _axes(ax)
@@ -118,12 +141,10 @@ def draw_figure_5(data: FigureData, path: Path) -> None:
         ax = figure.subplots()
         for delay, color in zip(DELAYS, style.shades(len(DELAYS)), strict=True):
             (curve,) = data.of_kind("exact", delay_periods=delay)
-            ax.plot(curve.x, curve.y, color=color)
-            at = float(np.interp(0.035, curve.y[:200:-1], curve.x[:200:-1]))
-            label = f"$d$ = {delay:g}" if delay == 0 else f"{delay:g}"
-            ax.text(at + 0.025, 0.012, label, fontsize=7.5)
+            ax.plot(curve.x, curve.y, color=color, label=f"{delay:g}")
             (top,) = data.of_kind("peak", delay_periods=delay)
             ax.plot(top.x, top.y, "o", color=color, markersize=2.5)
+        ax.legend(title=r"$d = t_d/T$", loc="upper right", handlelength=1.4)
         ax.set_xlim(0.0, 2.25)
         ax.set_ylim(0.0, 0.72)
         _axes(ax)

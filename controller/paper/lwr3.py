@@ -76,23 +76,18 @@ def draw_figure_8(data: FigureData, path: Path) -> None:
             (line,) = data.of_kind("linear", delay_s=delay)
             ax.plot(line.x, line.y, color=color)
             ax.annotate(
-                f"$t_d$ = {1e3 * delay:g} ms",
-                (line.x[26], line.y[26]),
-                xytext=(-4, 4),
+                f"{1e3 * delay:g} ms",
+                (line.x[-1], line.y[-1]),
+                xytext=(3, 0),
                 textcoords="offset points",
-                ha="right",
+                va="center",
                 color=color,
             )
-        ax.text(
-            0.97,
-            0.05,
-            r"$K = (b+B)\,/\,(T/2+t_d)$",
-            transform=ax.transAxes,
-            ha="right",
-            fontsize=9,
-        )
+        formula = r"$K = (b+B)\,/\,(T/2+t_d)$"
+        ax.text(0.04, 0.9, formula, transform=ax.transAxes, fontsize=9)
+        ax.text(1.015, 0.985, "$t_d$", transform=ax.transAxes, va="bottom")
         ax.set_xlim(0.0, _SHORT_REACH)
-        ax.set_ylim(0.0, 3800.0)
+        ax.set_ylim(0.0, 4000.0)
         ax.set_xlabel(style.VIRTUAL_DAMPING)
         ax.set_ylabel(style.STIFFNESS)
         style.grid(ax)
@@ -111,14 +106,8 @@ def draw_figure_9(data: FigureData, path: Path) -> None:
             ax.plot(curve.x, curve.y, color=style.BLUE, label="exact")
             ax.plot(line.x, line.y, "--", color=style.INK, linewidth=0.8, label="linear")
             ax.plot(x, y, "o", color=style.BLUE, markersize=3.5)
-            ax.annotate(
-                f"{y:.4g} at $B$ = {x:.3g}",
-                (x, y),
-                xytext=(0, -11),
-                textcoords="offset points",
-                ha="center",
-                color=style.BLUE,
-            )
+            ax.text(x, 0.82 * y, f"{y:.4g} at $B$ = {x:.3g}", ha="center", color=style.BLUE)
+            ax.text(x, 0.3 * y, "stable", ha="center", color=style.BLUE)
             ax.set_title(f"({letter})  $t_d$ = {1e3 * delay:g} ms", loc="left", fontsize=9)
             ax.set_xlim(0.0, 1.05 * curve.x[-1])
             ax.set_ylim(0.0, 1.3 * y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ ALPHA = r"dimensionless stiffness  $\alpha = KT^2/m$"
 STIFFNESS = r"stiffness  $K$  [N$\cdot$m/rad]"
 VIRTUAL_DAMPING = r"virtual damping  $B$  [N$\cdot$m$\cdot$s/rad]"
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
     "font.size": 8.5,

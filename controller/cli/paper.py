@@ -1,0 +1,77 @@
+"""``haptic-wall paper``: the paper's table and figures again, as CSV, PNG and a page."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from controller.cli.options import answer, as_json, json_option, writing
+from controller.errors import UserError
+
+if TYPE_CHECKING:
+    from controller.paper.items import Made
+
+_ALL = "all"
+
+
+@click.command()
+@click.argument("item", metavar="[ITEM]", default=_ALL)
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Where the files go.")
+@json_option
+def command(item: str, out: Path | None, as_json_wanted: bool) -> None:
+    """Compute the paper's results anew: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5,
+    fig6, fig8, fig9, fig10 or all (the default), which also writes a page that shows all of them.
+
+    Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
+    ICRA 2007.
+    """  # noqa: D205 - the first paragraph is the help's summary
+    from controller.paper.items import ITEMS, make
+    from controller.paper.page import write_page
+
+    names = [entry.name for entry in ITEMS]
+    if item not in (*names, _ALL):
+        raise UserError(_unknown(item, [*names, _ALL]))
+    if out is None:
+        raise UserError("--out: no folder is named, wanted where the files go, e.g. --out paper")
+    if out.exists() and not out.is_dir():
+        raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+    made = []
+    with writing("--out", out):
+        out.mkdir(parents=True, exist_ok=True)
+        for name in names if item == _ALL else [item]:
+            click.echo(f"{name} ...", err=True)
+            made.append(make(name, out))
+        files = [path for entry in made for path in (entry.csv, entry.png)]
+        if item == _ALL:
+            files.append(write_page(made, out))
+    answer(as_json(_report(made, files)) if as_json_wanted else _text(made, files))
+
+
+def _unknown(item: str, names: list[str]) -> str:
+    near = difflib.get_close_matches(item.lower(), names, n=1)
+    a_figure = item.removeprefix("fig").isdigit()  # no other figure is meant by fig7
+    hint = f"; did you mean {near[0]}?" if near and not a_figure else ""
+    return f"ITEM: found {item}, wanted one of {', '.join(names)}{hint}"
+
+
+def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
+    table = next((entry.table for entry in made if entry.table is not None), None)
+    worst = table and {
+        source: dataclasses.asdict(table.worst(source)) for source in ("theory", "simulation")
+    }
+    return {"files": files, "table2": worst}
+
+
+def _text(made: list[Made], files: list[Path]) -> str:
+    from controller.paper.table2 import text, worst_text
+
+    lines = []
+    for entry in made:
+        if entry.table is not None:
+            lines = [*(worst_text(entry.table) if len(made) > 1 else [text(entry.table)]), ""]
+    lines += ["written"]
+    return "\n".join([*lines, *(f"  {path}" for path in files)])

@@ -1,0 +1,90 @@
+"""Fig. 10: exact boundaries, and where the linear condition errs by 2 % and by 5 %."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from controller.paper import style
+from controller.paper.boundaries import DELAYS
+from controller.paper.curves import Curve, FigureData, dimensionless, exact_at, linear_at
+from controller.theory.linear_error import ErrorPoint, error_points
+
+DELTAS = (0.0, 0.01)
+"""Viscous damping of the two panels"""
+ERRORS_PERCENT = (2.0, 5.0)
+"""Of the line, either way"""
+_REACH = 0.07
+"""Figure 10 is drawn up to this beta: all of its points are in there."""
+
+
+def figure_10() -> FigureData:
+    """The boundaries, their lines, and the points of equal error, each a curve of one point."""
+    curves: list[Curve] = []
+    for delta in DELTAS:
+        beta = np.linspace(-delta, _REACH, 161)
+        for delay in DELAYS:
+            curves += [exact_at(delta, delay, beta), linear_at(delta, delay, beta)]
+    for delta in DELTAS:
+        for delay in DELAYS:
+            for percent in ERRORS_PERCENT:
+                curves += [
+                    _mark(delta, delay, point)
+                    for point in error_points(delta, delay, percent / 100.0)
+                ]
+    return dimensionless(curves)
+
+
+def _mark(delta: float, delay: float, point: ErrorPoint) -> Curve:
+    settings = {
+        "delta": delta,
+        "delay_periods": delay,
+        "error_percent": round(100.0 * point.error, 9),  # 0.02 is 2 %, not 2.0000000000000004
+    }
+    return Curve("error point", settings, np.array([point.beta]), np.array([point.alpha]))
+
+
+def draw_figure_10(data: FigureData, path: Path) -> None:
+    """A panel for each delta: boundaries with marks where the line errs."""
+    marks = {2.0: "^", -2.0: "v", -5.0: "s"}
+    with style.picture(path, style.PAGE, 3.3) as figure:
+        panels = figure.subplots(1, 2)
+        for ax, delta, letter in zip(panels, DELTAS, "ab", strict=True):
+            for delay, color in zip(DELAYS, style.shades(len(DELAYS)), strict=True):
+                (curve,) = data.of_kind("exact", delta=delta, delay_periods=delay)
+                (line,) = data.of_kind("linear", delta=delta, delay_periods=delay)
+                ax.plot(curve.x, curve.y, color=color)
+                ax.plot(line.x, line.y, "--", color=style.GREY, linewidth=0.5)
+                ax.annotate(
+                    f"$d$ = {delay:g}" if delay == 0 else f"{delay:g}",
+                    (curve.x[-1], curve.y[-1]),
+                    xytext=(3, 0),
+                    textcoords="offset points",
+                    va="center",
+                    fontsize=7.5,
+                )
+            for percent, mark in marks.items():
+                found = data.of_kind("error point", delta=delta, error_percent=percent)
+                if not found:
+                    continue
+                ax.plot(
+                    [float(p.x[0]) for p in found],
+                    [float(p.y[0]) for p in found],
+                    mark,
+                    color=style.INK,
+                    markerfacecolor="white",
+                    markersize=4,
+                    markeredgewidth=0.8,
+                    linestyle="none",
+                    clip_on=False,
+                    zorder=3,
+                    label=f"{percent:+g} %".replace("-", "−"),
+                )
+            ax.set_title(rf"({letter})  $\delta$ = {delta:g}", loc="left", fontsize=9)
+            ax.set_xlabel(style.BETA)
+            ax.set_ylabel(style.ALPHA)
+            ax.set_xlim(-delta, _REACH)
+            ax.set_ylim(0.0, 0.165)
+            style.grid(ax)
+        panels[1].legend(loc="upper left", title="exact boundary off the line by")

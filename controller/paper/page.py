@@ -1,0 +1,39 @@
+"""The index page: every picture with its caption and numbers, and links to the CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from controller import __version__
+from controller.paper.items import Made
+from controller.paper.table2 import worst_text
+
+PAGE = "index.html"
+
+
+def write_page(made: Sequence[Made], folder: Path) -> Path:
+    """Write the page beside the files it shows; it needs nothing else.
+
+    Args:
+        made: What it shows, in order; their files are in ``folder``.
+        folder: Where it goes.
+
+    Returns:
+        Its path.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = files("controller.paper").joinpath("page.html.j2").read_text(encoding="utf-8")
+    worst = {m.item.name: worst_text(m.table) for m in made if m.table is not None}
+    page = folder / PAGE
+    text = environment.from_string(source).render(made=made, worst=worst, version=__version__)
+    page.write_text(text, encoding="utf-8")
+    return page

@@ -1,0 +1,106 @@
+"""``paper`` writes what it says, and says what is wrong with what it was asked."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from controller.cli import main as cli
+from controller.theory import critical_stiffness
+
+
+@pytest.fixture
+def call(capsys, monkeypatch):
+    def simulated(virtual_damping, delay):
+        return 1.00001 * critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
+
+    monkeypatch.setattr("controller.paper.table2._simulate", simulated)
+
+    def run(*arguments):
+        status = cli.main(["paper", *map(str, arguments)])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+def test_one_item_is_a_table_and_a_picture(call, tmp_path):
+    status, out, err = call("fig4", "--out", tmp_path / "new" / "folder")
+    assert status == 0
+    files = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
+    assert files == ["fig4.csv", "fig4.png"]
+    assert all(str(tmp_path / "new" / "folder" / name) in out for name in files)
+    assert "fig4" in err
+
+
+def test_everything_has_a_page_and_is_the_default(call, tmp_path):
+    status, out, _ = call("--out", tmp_path, "--json")
+    assert status == 0
+    report = json.loads(out)
+    files = {str(path) for path in tmp_path.iterdir()}
+    assert set(report["files"]) == files
+    assert str(tmp_path / "index.html") in files
+    assert len(files) == 2 * 8 + 1
+    assert abs(report["table2"]["theory"]["error_percent"]) < 0.05
+    assert report["table2"]["simulation"]["delay_samples"] == 0
+
+
+def test_table_ii_is_printed_too(call, tmp_path):
+    status, out, _ = call("table2", "--out", tmp_path)
+    assert status == 0
+    assert "0.25    0.3    533.17    533.18    +0.0027" in out
+    assert "worst by theory: +0.0397 % at t_d/T = 0, B = 0.4" in out
+
+
+def test_without_table_ii_the_report_says_null(call, tmp_path):
+    _, out, _ = call("fig8", "--out", tmp_path, "--json")
+    assert json.loads(out)["table2"] is None
+
+
+@pytest.mark.parametrize(
+    ("item", "message"),
+    [
+        ("tabel2", "ITEM: found tabel2, wanted one of table2, fig3, "),
+        ("tabel2", "; did you mean table2?"),
+        ("Fig3", "; did you mean fig3?"),
+        ("fig7", "found fig7, wanted one of table2, fig3, fig4, fig5, fig6, fig8, fig9, fig10, al"),
+    ],
+)
+def test_a_wrong_item_is_named_with_what_there_is(call, tmp_path, item, message):
+    status, out, err = call(item, "--out", tmp_path)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_must_be_named(call):
+    status, _, err = call("fig8")
+    assert status == 2
+    assert err == (
+        "haptic-wall: --out: no folder is named, wanted where the files go, e.g. --out paper\n"
+    )
+
+
+def test_a_place_that_is_none_is_one_sentence(call, tmp_path):
+    (tmp_path / "file").touch()
+    status, _, err = call("fig8", "--out", tmp_path / "file")
+    assert status == 2
+    assert "found a file, wanted a folder" in err
+    status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
+    assert status == 2
+    assert "cannot be written: Not a directory; name another place" in err
+
+
+def test_ctrl_c_ends_it(tmp_path):
+    running = subprocess.Popen(
+        [sys.executable, "-m", "controller.cli.main", "paper", "table2", "--out", str(tmp_path)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr.readline() == "table2 ...\n"  # it takes seconds from here
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=30)
+    assert running.returncode == 130
+    assert "Traceback" not in err

@@ -1,0 +1,154 @@
+"""The figures' data hold what theory says of them, by closed-loop poles and by known values."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from controller.config_load import load_config
+from controller.paper import boundaries, linear_error, lwr3
+from controller.paper.curves import Curve, FigureData, write_csv
+from tests.theory.oracles import Loop, radius
+
+
+@pytest.fixture(scope="module")
+def fig10():
+    return linear_error.figure_10()
+
+
+def one(data, kind, **settings):
+    (curve,) = data.of_kind(kind, **settings)
+    return curve
+
+
+def on_the_edge(inertia, damping, period, delay, curve):
+    """A few drawn points, not at the ends: stable a little below, unstable a little above."""
+    for index in np.linspace(0.05, 0.95, 7) * (curve.x.size - 1):
+        virtual, stiffness = curve.x[int(index)], curve.y[int(index)]
+        below, above = (
+            radius(Loop(inertia, damping, share * stiffness, virtual, period, delay))
+            for share in (0.999, 1.001)
+        )
+        assert below < 1 < above
+
+
+@pytest.mark.parametrize("figure", [boundaries.figure_3, boundaries.figure_5])
+def test_peaks(figure):
+    # delta = 1e-4, four digits; the paper states .686 and .144 for d = 0 and 1
+    table = {0: 0.6864, 0.25: 0.3964, 0.5: 0.2670, 0.75: 0.1924, 1: 0.1445}
+    table |= {1.5: 0.0908, 2: 0.0625, 3: 0.0348}
+    data = figure()
+    peaks = {c.settings["delay_periods"]: c.y[0] for c in data.of_kind("peak")}
+    assert set(peaks) == {c.settings["delay_periods"] for c in data.of_kind("exact")}
+    for delay, height in peaks.items():
+        assert height == pytest.approx(table[delay], abs=0.6e-4)
+        # the curve as it is drawn reaches it: its points are dense enough
+        assert one(data, "exact", delay_periods=delay).y.max() == pytest.approx(height, rel=1e-4)
+
+
+def test_the_closed_forms_lie_on_the_boundaries():
+    # (1) and (13) cancel in double precision: 1e-15 / delta³ is 0.1 % here
+    data = boundaries.figure_3()
+    for delay in (0.0, 1.0):
+        check, curve = (one(data, kind, delay_periods=delay) for kind in ("closed form", "exact"))
+        assert check.x.size > 10
+        np.testing.assert_allclose(check.y, np.interp(check.x, curve.x, curve.y), rtol=3e-3)
+
+
+def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling():
+    data = boundaries.figure_5()
+    delays = [c.settings["delay_periods"] for c in data.of_kind("exact")]
+    assert delays == [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3]
+    for curve in data.of_kind("exact"):
+        delay = curve.settings["delay_periods"]
+        assert curve.y[[0, -1]] == pytest.approx([0, 0], abs=1e-6)
+        assert curve.x[0] == pytest.approx(-1e-4)
+        if delay == int(delay):  # the closed form is for delta -> 0; it moves by about delta
+            ceiling = 2 * np.tan(np.pi / (4 * (delay + 1)))
+            assert curve.x[-1] == pytest.approx(ceiling, abs=1.5e-4)
+        on_the_edge(1.0, 1e-4, 1.0, delay, curve)
+
+
+@pytest.mark.parametrize("figure", [boundaries.figure_4, boundaries.figure_6])
+def test_zoomed_boundaries_start_at_minus_delta_along_the_straight_lines(figure):
+    data = figure()
+    delta = boundaries.DELTA
+    for curve in data.of_kind("exact"):
+        delay = curve.settings["delay_periods"]
+        line = one(data, "linear", delay_periods=delay)
+        np.testing.assert_array_equal(line.x, curve.x)
+        assert (curve.x[0], curve.y[0]) == (-delta, 0)
+        near = (curve.x > -delta) & (curve.x < 4 * delta)
+        slope = 2 / (1 + 2 * delay)
+        np.testing.assert_allclose(line.y, slope * (line.x + delta), rtol=1e-9, atol=1e-12)
+        # the exact boundary bends away from its tangent by about a tenth of a percent there
+        np.testing.assert_allclose(curve.y[near], line.y[near], rtol=2e-3)
+
+
+def test_figure_8_is_the_sum_of_damping_over_the_sum_of_delay():
+    data = lwr3.figure_8()
+    assert [c.settings["delay_s"] for c in data.curves] == [0.005, 0.006, 0.010]
+    for curve in data.curves:
+        expected = (0.1 + curve.x) / (0.0005 + curve.settings["delay_s"])
+        np.testing.assert_allclose(curve.y, expected, rtol=1e-12)
+
+
+def test_figure_9_is_the_edge_of_stability_of_the_axis():
+    data = lwr3.figure_9()
+    assert [c.settings["delay_s"] for c in data.of_kind("exact")] == [0.010, 0.055]
+    for curve in data.of_kind("exact"):
+        delay = curve.settings["delay_s"]
+        on_the_edge(0.8, 0.1, 1e-3, delay, curve)
+        assert one(data, "peak", delay_s=delay).y[0] == pytest.approx(curve.y.max(), rel=1e-4)
+
+
+def test_the_axis_is_that_of_the_preset():
+    servo = load_config("lwr3").config.servo
+    assert (servo.inertia, servo.damping) == (lwr3.INERTIA, lwr3.DAMPING)
+    assert servo.delay == lwr3.SHORT_DELAYS[0]
+
+
+def test_figure_10_marks_where_the_line_is_off(fig10):
+    points = fig10.of_kind("error point")
+    for point in points:
+        delta, delay = point.settings["delta"], point.settings["delay_periods"]
+        line = 2 * (delta + point.x[0]) / (1 + 2 * delay)
+        off = 100 * (point.y[0] / line - 1)
+        assert off == pytest.approx(point.settings["error_percent"], abs=1e-6)
+        below, above = (
+            radius(Loop(1.0, delta, share * point.y[0], point.x[0], 1.0, delay))
+            for share in (1 - 1e-6, 1 + 1e-6)
+        )
+        assert below < 1 < above
+
+
+def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_device(fig10):
+    def found(delta, delay):
+        points = fig10.of_kind("error point", delta=delta, delay_periods=delay)
+        return {point.settings["error_percent"]: point.x[0] for point in points}
+
+    for delta in (0.0, 0.01):
+        for delay in (0, 0.25, 0.5, 0.75, 1, 1.5, 2):
+            assert set(found(delta, delay)) == {-2.0, -5.0}
+    assert set(found(0.0, 3)) == {-2.0, -5.0}
+    damped = found(0.01, 3)
+    assert set(damped) == {2.0, -2.0, -5.0}
+    assert damped[2.0] == pytest.approx(-0.0084, abs=0.6e-4)
+    assert damped[-2.0] == pytest.approx(0.0152, abs=0.6e-4)
+    # The line is off by more than 2 % from the start, on the careful side.
+    first = one(fig10, "exact", delta=0.01, delay_periods=3.0).y[1]
+    assert first > 1.02 * one(fig10, "linear", delta=0.01, delay_periods=3.0).y[1]
+
+
+def test_csv_reads_back_what_is_drawn(tmp_path):
+    curves = (
+        Curve("exact", {"delta": 0.1}, np.array([1 / 3, 2.0]), np.array([1e-17, -0.5])),
+        Curve("peak", {"delta": 0.1, "extra": 2.0}, np.array([1.0]), np.array([4.0])),
+    )
+    write_csv(FigureData("beta", "alpha", curves), tmp_path / "figure.csv")
+    with (tmp_path / "figure.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["kind"] for row in rows] == ["exact", "exact", "peak"]
+    assert [row["extra"] for row in rows] == ["", "", "2.0"]
+    assert [float(row["beta"]) for row in rows] == [1 / 3, 2.0, 1.0]
+    assert [float(row["alpha"]) for row in rows] == [1e-17, -0.5, 4.0]
