@@ -1,0 +1,35 @@
+"""Control tables and models of the Dynamixel X series: facts as data."""
+
+from hw.dynamixel.tables.models import MODELS, Model, model_by_number
+from hw.dynamixel.tables.register import Register
+from hw.dynamixel.tables.units import (
+    BAUD_RATES,
+    COUNTS_PER_REV,
+    CURRENT_MODE,
+    EEPROM_END,
+    POSITION_UNIT,
+    RETURN_DELAY_UNIT_NS,
+    TICK_MODULUS,
+    VELOCITY_UNIT,
+    WATCHDOG_TRIPPED,
+    WATCHDOG_UNIT_NS,
+    Family,
+)
+
+__all__ = [
+    "BAUD_RATES",
+    "COUNTS_PER_REV",
+    "CURRENT_MODE",
+    "EEPROM_END",
+    "MODELS",
+    "POSITION_UNIT",
+    "RETURN_DELAY_UNIT_NS",
+    "TICK_MODULUS",
+    "VELOCITY_UNIT",
+    "WATCHDOG_TRIPPED",
+    "WATCHDOG_UNIT_NS",
+    "Family",
+    "Model",
+    "Register",
+    "model_by_number",
+]

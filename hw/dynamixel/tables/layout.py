@@ -1,0 +1,204 @@
+"""Where the registers of a servo lie, given its family, its supply and its firmware.
+
+Registers below 64 live in EEPROM and are locked while torque is enabled. Position 0 rad is count 0.
+What the manual gives no number for: Model Information reads 0; External Port Data takes what 12
+bits can hold; goals take any number here, since other registers limit them.
+
+Source: ROBOTIS e-Manual, control table pages of the X series. The X330's layout behind firmware 52
+is that of the vendor's model files, which give its beginning only; that there are 28 entries
+follows from the room they leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+from hw.dynamixel.tables.register import Register
+from hw.dynamixel.tables.units import EEPROM_END, Family
+
+_ANY_8, _ANY_16 = (0, 0xFF), (-0x8000, 0x7FFF)
+_ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)
+_GAIN = (0, 16383)
+_TURNS = 1_044_479
+"""Homing Offset reaches 255 turns either way [counts]"""
+_X330_NEW_LAYOUT = 53
+"""First firmware that has the X330's Indirect Data at 224"""
+_TIME_BASED_PROFILE = 42
+"""First firmware with bit 2 of Drive Mode; the X330 always had it"""
+_WATCHDOG = 38
+"""First firmware with Bus Watchdog and Drive Mode; the X330 always had them"""
+
+# name, address, size, writable, default, (minimum, maximum)
+_COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
+    ("model_number", 0, 2, False, 0, (0, 0xFFFF)),
+    ("model_information", 2, 4, False, 0, (0, 0xFFFF_FFFF)),
+    ("firmware_version", 6, 1, False, 0, _ANY_8),
+    ("id", 7, 1, True, 1, (0, 252)),
+    ("baud_rate", 8, 1, True, 1, (0, 7)),
+    ("return_delay_time", 9, 1, True, 250, (0, 254)),
+    ("drive_mode", 10, 1, True, 0, (0, 13)),
+    ("operating_mode", 11, 1, True, 3, (0, 16)),
+    ("secondary_id", 12, 1, True, 255, _ANY_8),
+    ("protocol_type", 13, 1, True, 2, (1, 2)),
+    ("homing_offset", 20, 4, True, 0, (-_TURNS, _TURNS)),
+    ("moving_threshold", 24, 4, True, 10, (0, 1023)),
+    ("temperature_limit", 31, 1, True, 80, (0, 100)),
+    ("max_voltage_limit", 32, 2, True, 160, (95, 160)),
+    ("min_voltage_limit", 34, 2, True, 95, (95, 160)),
+    ("pwm_limit", 36, 2, True, 885, (0, 885)),
+    ("current_limit", 38, 2, True, 0, (0, 0)),
+    ("velocity_limit", 44, 4, True, 0, (0, 1023)),
+    ("max_position_limit", 48, 4, True, 4095, (0, 4095)),
+    ("min_position_limit", 52, 4, True, 0, (0, 4095)),
+    ("startup_configuration", 60, 1, True, 0, (0, 3)),
+    ("shutdown", 63, 1, True, 52, _ANY_8),
+    ("torque_enable", 64, 1, True, 0, (0, 1)),
+    ("led", 65, 1, True, 0, (0, 1)),
+    ("status_return_level", 68, 1, True, 2, (0, 2)),
+    ("registered_instruction", 69, 1, False, 0, (0, 1)),
+    ("hardware_error_status", 70, 1, False, 0, _ANY_8),
+    ("velocity_i_gain", 76, 2, True, 1920, _GAIN),
+    ("velocity_p_gain", 78, 2, True, 100, _GAIN),
+    ("position_d_gain", 80, 2, True, 0, _GAIN),
+    ("position_i_gain", 82, 2, True, 0, _GAIN),
+    ("position_p_gain", 84, 2, True, 800, _GAIN),
+    ("feedforward_2nd_gain", 88, 2, True, 0, _GAIN),
+    ("feedforward_1st_gain", 90, 2, True, 0, _GAIN),
+    ("bus_watchdog", 98, 1, True, 0, (0, 127)),
+    ("goal_pwm", 100, 2, True, 0, _ANY_16),
+    ("goal_current", 102, 2, True, 0, _ANY_16),
+    ("goal_velocity", 104, 4, True, 0, _ANY_32),
+    ("profile_acceleration", 108, 4, True, 0, (0, 32767)),
+    ("profile_velocity", 112, 4, True, 0, (0, 32767)),
+    ("goal_position", 116, 4, True, 0, _ANY_32),
+    ("realtime_tick", 120, 2, False, 0, (0, 32767)),
+    ("moving", 122, 1, False, 0, (0, 1)),
+    ("moving_status", 123, 1, False, 0, _ANY_8),
+    ("present_pwm", 124, 2, False, 0, _ANY_16),
+    ("present_current", 126, 2, False, 0, _ANY_16),
+    ("present_velocity", 128, 4, False, 0, _ANY_32),
+    ("present_position", 132, 4, False, 0, _ANY_32),
+    ("velocity_trajectory", 136, 4, False, 0, _ANY_32),
+    ("position_trajectory", 140, 4, False, 0, _ANY_32),
+    ("present_input_voltage", 144, 2, False, 0, (0, 0xFFFF)),
+    ("present_temperature", 146, 1, False, 0, _ANY_8),
+    ("backup_ready", 147, 1, False, 0, (0, 1)),
+)
+
+# What a family does not have of it, has otherwise (default, minimum, maximum), and has besides.
+_NO_CURRENT = ("current_limit", "goal_current", "present_current")
+_ABSENT: Final[Mapping[str, tuple[str, ...]]] = {
+    "XW430": ("led",),
+    "XW540": ("led",),
+    "XL430": _NO_CURRENT,
+    "2X430": (*_NO_CURRENT, "startup_configuration", "backup_ready"),
+}
+_OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
+    "X330": {
+        "baud_rate": (1, 0, 6),
+        # The values between 2 and 20 are none; 20 to 22 are protocols of remote controls.
+        "protocol_type": (2, 2, 22),
+        "temperature_limit": (70, 0, 100),
+        "velocity_limit": (0, 0, 2047),
+    },
+}
+_LOAD = (Register("present_load", 126, 2, False, 0, -1000, 1000),)
+_BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
+    "X540": (
+        *(Register(f"external_port_mode_{n}", 55 + n, 1, True, 3, 0, 3) for n in (1, 2, 3)),
+        *(Register(f"external_port_data_{n}", 150 + 2 * n, 2, True, 0, 0, 4095) for n in (1, 2, 3)),
+    ),
+    "X330": (Register("pwm_slope", 62, 1, True, 140, 1, 255),),
+    "XL430": _LOAD,
+    "2X430": _LOAD,
+}
+
+
+def fast_read_firmware(family: Family) -> int:
+    """First firmware with fast reads, torque-on-by-goal-update and control table backup."""
+    return 46 if family == "X330" else 45
+
+
+def control_table(
+    family: Family,
+    firmware: int,
+    *,
+    voltage: float,
+    current_limit: int,
+    factory: Mapping[str, int],
+) -> Mapping[str, Register]:
+    """The registers of a servo, by name, in the order of addresses.
+
+    Args:
+        family: Decides which registers there are.
+        firmware: Decides which of them there are yet.
+        voltage: The supply it is made for [V], which decides the limits it may be given.
+        current_limit: Largest and factory value [current units].
+        factory: Factory settings that differ from the family's.
+    """
+    absent = {*_ABSENT.get(family, ()), *_not_yet(family, firmware)}
+    otherwise = dict(_OTHERWISE.get(family, {}))
+    otherwise["current_limit"] = (current_limit, 0, current_limit)
+    otherwise["drive_mode"] = (0, 0, _drive_mode(family, firmware))
+    highest, lowest, low, high = _voltage_limits(family, voltage)
+    otherwise["max_voltage_limit"] = (highest, low, high)
+    otherwise["min_voltage_limit"] = (lowest, low, high)
+    table = []
+    for name, address, size, writable, default, (minimum, maximum) in _COMMON:
+        if name not in absent:
+            values = otherwise.get(name, (default, minimum, maximum))
+            table.append(Register(name, address, size, writable, *values))
+    table += _BESIDES.get(family, ())
+    table = [r._replace(default=factory.get(r.name, r.default)) for r in table]
+    table += _indirect_registers(family, firmware)
+    table.sort(key=lambda register: register.address)
+    return MappingProxyType({register.name: register for register in table})
+
+
+def _not_yet(family: Family, firmware: int) -> set[str]:
+    """Registers that came with a later firmware."""
+    missing = set()
+    if firmware < fast_read_firmware(family):
+        missing |= {"startup_configuration", "backup_ready"}
+    if firmware < _WATCHDOG and family != "X330":
+        missing |= {"bus_watchdog", "drive_mode"}
+    return missing
+
+
+def _drive_mode(family: Family, firmware: int) -> int:
+    """The largest Drive Mode: reverse 1, slave 2, time-based profile 4, torque on by goal 8."""
+    return (
+        1
+        + (2 if family == "X540" else 0)
+        + (4 if firmware >= _TIME_BASED_PROFILE or family == "X330" else 0)
+        + (8 if firmware >= fast_read_firmware(family) else 0)
+    )
+
+
+def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:
+    """Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
+    if family == "X330":
+        return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
+    if family in ("XL430", "2X430"):
+        return (160, 60, 60, 160) if voltage >= 12 else (140, 60, 60, 140)
+    return (300, 110, 110, 300) if voltage > 20 else (160, 95, 95, 160)
+
+
+def _indirect_registers(family: Family, firmware: int) -> list[Register]:
+    if family != "X330":
+        return [*_indirect(1, 28, 168, 224, 661), *_indirect(29, 28, 578, 634, 661)]
+    if firmware < _X330_NEW_LAYOUT:
+        return [*_indirect(1, 20, 168, 208, 227)]
+    return [*_indirect(1, 28, 168, 224, 251)]
+
+
+def _indirect(first: int, count: int, addresses: int, data: int, last: int) -> Iterable[Register]:
+    """Registers that stand for others: entry n of ``data`` shows the byte its address names."""
+    for n in range(count):
+        at = data + n
+        yield Register(
+            f"indirect_address_{first + n}", addresses + 2 * n, 2, True, at, EEPROM_END, last
+        )
+        yield Register(f"indirect_data_{first + n}", at, 1, True, 0, *_ANY_8)

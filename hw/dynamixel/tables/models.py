@@ -1,0 +1,146 @@
+"""The models of the X series: their numbers, units, limits and factory settings.
+
+Source: ROBOTIS e-Manual, specification and control table page of each model. What several editions
+of a page give differently (velocity limits, the XH540-V's current limit) is as in the latest that
+could be read. Not established, and therefore left out: stall figures of XD430, XD540, XW430 and
+XW540-H260 (their torque constant must be configured); Startup Configuration and Backup Ready of
+2XL430 and 2XC430.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Final
+
+from hw.dynamixel.tables.factory import FACTORY
+from hw.dynamixel.tables.layout import control_table, fast_read_firmware
+from hw.dynamixel.tables.register import Register
+from hw.dynamixel.tables.units import Family
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What is the same for every servo of one model."""
+
+    name: str
+    number: int
+    """Model Number register"""
+    family: Family
+    voltage: float
+    """At which the stall figures hold [V]"""
+    current_unit_ma: float = 0.0
+    """[mA] per unit of current; 0 where there is no current control"""
+    current_limit: int = 0
+    """Largest (and factory) value of Current Limit [current units]"""
+    stall_torque: float | None = None
+    """[N·m]"""
+    stall_current: float | None = None
+    """[A]"""
+
+    @property
+    def current_mode(self) -> bool:
+        """Whether it can be commanded in current, that is in torque."""
+        return self.current_unit_ma > 0
+
+    @property
+    def torque_constant(self) -> float | None:
+        """Stall torque over stall current [N·m/A]; None where they are not published.
+
+        A default only: published figures for one model differ by a third.
+        """
+        if self.stall_torque is None or self.stall_current is None:
+            return None
+        return self.stall_torque / self.stall_current
+
+    @property
+    def senses_supply_current(self) -> bool:
+        """Measures the supply's current, not the motor's: torque is not in proportion to it."""
+        return self.family == "X330"
+
+    @property
+    def fast_sync_read_firmware(self) -> int:
+        """First firmware with fast reads, torque-on-by-goal-update and backup, where it has any."""
+        return fast_read_firmware(self.family)
+
+    def knows_fast_reads(self, firmware: int) -> bool:
+        """Whether it answers fast sync and fast bulk reads; two-axis models never do."""
+        return self.family != "2X430" and firmware >= self.fast_sync_read_firmware
+
+    @property
+    def modes(self) -> frozenset[int]:
+        """Operating modes it has: 0 current, 1 velocity, 3 position, 4 extended, 5, 16 PWM."""
+        return frozenset({0, 1, 3, 4, 5, 16} if self.current_mode else {1, 3, 4, 16})
+
+    @property
+    def registers(self) -> Mapping[str, Register]:
+        """The control table at ``fast_sync_read_firmware``, by name, in the order of addresses."""
+        return self.registers_at(self.fast_sync_read_firmware)
+
+    def registers_at(self, firmware: int) -> Mapping[str, Register]:
+        """The control table at this firmware, by name, in the order of addresses.
+
+        Args:
+            firmware: Firmware Version register.
+        """
+        return _control_table(self, firmware)
+
+
+@cache
+def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
+    return control_table(
+        model.family,
+        firmware,
+        voltage=model.voltage,
+        current_limit=model.current_limit,
+        factory={"model_number": model.number, **FACTORY[model.name]},
+    )
+
+
+_ALL: Final = (
+    Model("XL330-M077", 1190, "X330", 5.0, 1.0, 1750, 0.215, 1.47),
+    Model("XL330-M288", 1200, "X330", 5.0, 1.0, 1750, 0.52, 1.47),
+    Model("XC330-M181", 1230, "X330", 5.0, 1.0, 2352, 0.6, 1.8),
+    Model("XC330-M288", 1240, "X330", 5.0, 1.0, 2352, 0.93, 1.8),
+    Model("XC330-T181", 1210, "X330", 11.1, 1.0, 910, 0.76, 0.8),
+    Model("XC330-T288", 1220, "X330", 11.1, 1.0, 910, 0.92, 0.8),
+    Model("XM430-W210", 1030, "X430", 12.0, 2.69, 1193, 3.0, 2.3),
+    Model("XM430-W350", 1020, "X430", 12.0, 2.69, 1193, 4.1, 2.3),
+    Model("XH430-W210", 1010, "X430", 12.0, 2.69, 648, 2.5, 1.3),
+    Model("XH430-W350", 1000, "X430", 12.0, 2.69, 648, 3.4, 1.3),
+    Model("XH430-V210", 1050, "X430", 24.0, 1.34, 689, 2.6, 0.7),
+    Model("XH430-V350", 1040, "X430", 24.0, 1.34, 689, 3.3, 0.7),
+    Model("XD430-T210", 1011, "X430", 12.0, 2.69, 648),
+    Model("XD430-T350", 1001, "X430", 12.0, 2.69, 648),
+    Model("XM540-W150", 1130, "X540", 12.0, 2.69, 2047, 7.3, 4.4),
+    Model("XM540-W270", 1120, "X540", 12.0, 2.69, 2047, 10.6, 4.4),
+    Model("XH540-W150", 1110, "X540", 12.0, 2.69, 2047, 7.1, 4.9),
+    Model("XH540-W270", 1100, "X540", 12.0, 2.69, 2047, 9.9, 4.9),
+    Model("XH540-V150", 1150, "X540", 24.0, 2.69, 1188, 6.4, 2.4),
+    Model("XH540-V270", 1140, "X540", 24.0, 2.69, 1188, 9.2, 2.4),
+    Model("XD540-T150", 1111, "X540", 12.0, 2.69, 2047),
+    Model("XD540-T270", 1101, "X540", 12.0, 2.69, 2047),
+    Model("XW430-T200", 1280, "XW430", 12.0, 2.69, 2047),
+    Model("XW430-T333", 1270, "XW430", 12.0, 2.69, 2047),
+    Model("XW540-T140", 1180, "XW540", 12.0, 2.69, 2047, 6.9, 4.9),
+    Model("XW540-T260", 1170, "XW540", 12.0, 2.69, 2047, 9.5, 4.9),
+    Model("XW540-H260", 1310, "XW540", 24.0, 2.69, 1188),
+    Model("XL430-W250", 1060, "XL430", 11.1, stall_torque=1.4, stall_current=1.3),
+    Model("XC430-W150", 1070, "XL430", 12.0, stall_torque=1.6, stall_current=1.4),
+    Model("XC430-W240", 1080, "XL430", 12.0, stall_torque=1.9, stall_current=1.4),
+    Model("2XL430-W250", 1090, "2X430", 11.1, stall_torque=1.4, stall_current=1.3),
+    Model("2XC430-W250", 1160, "2X430", 12.0, stall_torque=1.8, stall_current=1.4),
+)
+
+MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})
+"""Every model known, by name."""
+
+
+def model_by_number(number: int) -> Model | None:
+    """The model with this Model Number; None when it is not known."""
+    for model in _ALL:
+        if model.number == number:
+            return model
+    return None
