@@ -74,14 +74,14 @@ class HeldHand:
         result: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half) / self.samples
         return result
 
-    def poles(self, alpha: float, beta: float) -> ComplexArray:
+    def poles(self, alpha: complex, beta: complex) -> ComplexArray:
         """Closed-loop poles: eigenvalues of one period of plant, torques under way, and past."""
         torques = self.whole + 1
         size = 2 + torques + self.samples
-        command = np.zeros(size)
+        command = np.zeros(size, dtype=np.complex128)
         command[0] = -alpha - beta / self.samples
         command[-1] = beta / self.samples
-        a = np.zeros((size, size))
+        a = np.zeros((size, size), dtype=np.complex128)
         a[:2, :2] = self.step + np.eye(2)
         a[:2, 1 + torques] += self.old
         if self.whole:
@@ -94,7 +94,8 @@ class HeldHand:
         a[2 + torques, 0] = 1.0
         shifted = np.arange(3 + torques, size)
         a[shifted, shifted - 1] = 1.0
-        return np.linalg.eigvals(a).astype(np.complex128)
+        real = not np.any(a.imag)
+        return np.linalg.eigvals(a.real if real else a).astype(np.complex128)
 
 
 def coupled_limit(

@@ -1,0 +1,249 @@
+"""Limit cycles by harmonic balance: what saturation, encoder, play and friction make of a wall.
+
+To a sinusoid of amplitude A a nonlinearity in the loop is a gain N(A), complex where it lags. An
+oscillation keeps itself up where ``1 + N(A) L(e^{j w}) = 0``. The loop L is the exact one, sampled
+and delayed; only the harmonics of the oscillation are neglected, which the inertia filters.
+
+How far that goes, in amplitude, against simulation of small servos at 1 kHz: play 10 %, most of
+them 3 %; saturation 25 % without a damper, but with one the true cycle is up to 1.7 times as large
+and a quarter slower (the torque becomes a square wave, and a little more lag is much more energy);
+cycles of about a count by quantisation 35 %, since the samples fall where they fall; friction 5 %.
+
+Where the nonlinearity sits decides what it multiplies. A quantised position, a play before the
+encoder and a saturated torque all multiply the whole wall, K and B together; Coulomb friction is an
+extra damping of the plant (see ``friction``). Each is taken alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.checks import FloatArray, not_negative, number, positive, samples
+from controller.theory.coupled import HeldHand
+from controller.theory.describing import backlash_gain, quantisation_gain, saturation_gain
+from controller.theory.friction import onset_amplitude
+
+ComplexArray = NDArray[np.complex128]
+Gain = Callable[[FloatArray], NDArray[np.inexact]]
+
+_LARGEST = 64.0  # counts: beyond it a quantiser is a gain of 1 but for two thousandths
+_BISECTIONS = 60
+_OUTSIDE = 1 + 1e-7
+
+
+class LimitCycle(NamedTuple):
+    """An oscillation that keeps itself up."""
+
+    amplitude: float
+    """Of the position, half from peak to peak [rad]"""
+    frequency: float
+    """[Hz]"""
+    stable: bool
+    """Whether motion near it comes to it, or leaves it, smaller motion one way, larger the other"""
+
+
+@dataclass(frozen=True, slots=True)
+class Coulomb:
+    """Coulomb friction on the body."""
+
+    friction: float
+    """c [N·m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Saturation:
+    """A torque that is clipped."""
+
+    limit: float
+    """[N·m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantisation:
+    """A position rounded to the nearest count."""
+
+    step: float
+    """One count q [rad]"""
+    at_edge: bool = False
+    """Whether the motion is about an edge between two counts (where a steady push can hold it)
+    rather than about the middle of one"""
+
+
+@dataclass(frozen=True, slots=True)
+class Backlash:
+    """A play between the body and its encoder."""
+
+    width: float
+    """Full width [rad]"""
+
+
+def limit_cycles(
+    inertia: float,
+    damping: float,
+    stiffness: float,
+    virtual_damping: float,
+    period: float,
+    delay: float,
+    effect: Coulomb | Saturation | Quantisation | Backlash,
+    velocity_samples: int = 1,
+) -> list[LimitCycle]:
+    """The limit cycles of a two-sided wall that one nonlinearity makes, the smallest first.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        stiffness: K > 0 [N·m/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        effect: The nonlinearity.
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Returns:
+        Every cycle predicted, whether motion comes to it or leaves it; none is a result too.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    m, b = float(positive("inertia", inertia)), float(not_negative("damping", damping))
+    k, big_b = (
+        float(positive("stiffness", stiffness)),
+        float(number("virtual_damping", virtual_damping)),
+    )
+    t, t_d = float(positive("period", period)), float(not_negative("delay", delay))
+    n = int(samples("velocity_samples", velocity_samples))
+    if isinstance(effect, Coulomb):
+        onset = onset_amplitude(m, b, effect.friction, k, big_b, t, t_d, n)
+        amplitude = float(onset.amplitude)
+        if not 0 < amplitude < math.inf:
+            return []
+        return [LimitCycle(amplitude, float(onset.frequency), stable=False)]
+    loop = _Loop(HeldHand.of(b * t / m, 0.0, t_d / t, n), k * t**2 / m, big_b * t / m)
+    if isinstance(effect, Backlash):
+        positive("width", effect.width)
+        found = _lagging(loop, lambda a: backlash_gain(a, 1.0))
+        unit = effect.width
+    elif isinstance(effect, Quantisation):
+        positive("step", effect.step)
+        edge = effect.at_edge
+        found = _in_phase(loop, lambda a: quantisation_gain(a, 1.0, at_edge=edge), _LARGEST + 1)
+        unit = effect.step
+    else:
+        positive("limit", effect.limit)
+        found = _in_phase(loop, lambda a: saturation_gain(a, 1.0), 1e9)
+        unit = effect.limit * t**2 / m
+        found = [(a / abs(loop.wall(w)), w, stable) for a, w, stable in found]
+    cycles = [LimitCycle(a * unit, w / (2 * math.pi * t), stable) for a, w, stable in found]
+    return sorted(cycles)
+
+
+class _Loop(NamedTuple):
+    """A wall on its device, dimensionless."""
+
+    plant: HeldHand
+    alpha: float
+    beta: float
+
+    def wall(self, w: float) -> complex:
+        """Torque per position at ``w`` [rad/sample]."""
+        return complex(self.alpha + self.beta * self.plant.difference(np.array(w)))
+
+    def needed(self, w: FloatArray) -> ComplexArray:
+        """The gain N with 1 + N L = 0 at ``w`` [rad/sample]."""
+        result: ComplexArray = self.plant.inverse(w) / (
+            self.alpha + self.beta * self.plant.difference(w)
+        )
+        return result
+
+    def comes_back(self, gain: Gain, a: float, w: float) -> bool:
+        """Whether an oscillation (a, w) that is disturbed returns to itself.
+
+        To first order its growth follows the amplitude with the slope Im(N_a / -needed_w); and no
+        other mode may grow at the gain that it has.
+        """
+        da, dw = 1e-6 * a, 1e-6 * w
+        slope = (gain(np.array(a + da)) - gain(np.array(a - da))) / (2 * da)
+        turn = (self.needed(np.array(w + dw)) - self.needed(np.array(w - dw))) / (2 * dw)
+        if complex(-slope / turn).imag >= 0:
+            return False
+        now = complex(gain(np.array(a)))
+        poles = self.plant.poles(now * self.alpha, now * self.beta)
+        # a lagging gain is that of the modes that turn forwards
+        poles = poles[poles.imag > -1e-9]
+        others = np.delete(poles, np.argmin(np.abs(poles - np.exp(1j * w))))
+        return bool(np.all(np.abs(others) < _OUTSIDE))
+
+
+def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, float, bool]]:
+    """Cycles (amplitude, rad/sample, stable) with a real gain; the amplitude in units of its step.
+
+    The frequencies are those at which the gain that is needed is real and positive.
+    """
+    w = _zeros(lambda x: loop.needed(x).imag, _grid(loop))
+    w = w[loop.needed(w).real > 0]
+    # as fine as the ripples of a quantiser, which have kinks at every half count
+    counts = np.arange(0.5, _LARGEST, 0.5)[:, None]
+    amplitudes = (counts + 0.5 * np.linspace(0, 1, 24, endpoint=False) ** 3).ravel()
+    amplitudes = np.concatenate([np.geomspace(1e-3, 0.5, 200, endpoint=False), amplitudes])
+    amplitudes = np.append(amplitudes, np.geomspace(_LARGEST, largest, 400))
+    found = []
+    for x in w.tolist():
+        n = float(loop.needed(np.array(x)).real)
+        for a in _zeros(lambda y, n=n: gain(y).real - n, amplitudes).tolist():  # type: ignore[misc]
+            found.append((a, x, loop.comes_back(gain, a, x)))
+    return found
+
+
+def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
+    """Cycles with a gain that lags more the smaller the amplitude, from 90° at half a width."""
+
+    def amplitude(w: FloatArray) -> FloatArray:
+        """The amplitude at which the gain lags as is needed at ``w``; NaN where none does."""
+        lag = np.angle(loop.needed(w))
+        low, high = np.full_like(lag, 0.5), np.full_like(lag, 1e6)
+        for _ in range(_BISECTIONS):
+            middle = np.sqrt(low * high)
+            more = np.angle(gain(middle)) < lag
+            low, high = np.where(more, middle, low), np.where(more, high, middle)
+        result: FloatArray = np.where((lag < 0) & (lag > -np.pi / 2), low, np.nan)
+        return result
+
+    def excess(w: FloatArray) -> FloatArray:
+        a = amplitude(w)
+        known = np.isfinite(a)
+        size = np.abs(gain(np.where(known, a, 1.0)))
+        result: FloatArray = np.where(known, np.log(np.abs(loop.needed(w))) - np.log(size), np.nan)
+        return result
+
+    w = _zeros(excess, _grid(loop))
+    return [
+        (a, x, loop.comes_back(gain, a, x))
+        for a, x in zip(amplitude(w).tolist(), w.tolist(), strict=True)
+        if 0.5 < a < 1e5
+    ]
+
+
+def _grid(loop: _Loop) -> FloatArray:
+    count = 400 + 64 * (loop.plant.whole + loop.plant.samples)
+    fine = np.geomspace(1e-5, 3e-2, 600, endpoint=False)
+    return np.concatenate([fine, np.linspace(3e-2, np.pi, count, endpoint=False)])
+
+
+def _zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
+    """Where ``function`` changes its sign between neighbours of the grid at which it is known."""
+    value = function(grid)
+    known = np.isfinite(value[1:]) & np.isfinite(value[:-1])
+    cell = np.flatnonzero(known & ((value[1:] > 0) != (value[:-1] > 0)))
+    low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        beyond = (function(middle) > 0) == rising
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    result: FloatArray = 0.5 * (low + high)
+    return result

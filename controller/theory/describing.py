@@ -1,0 +1,93 @@
+"""Describing functions: the gain that a nonlinearity is to a sinusoid of a given amplitude.
+
+The gain is that of the first harmonic; it is complex where the nonlinearity lags.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from controller.theory.checks import FloatArray, broadcast, not_negative, positive
+
+ComplexArray = NDArray[np.complex128]
+
+_MANY = 1000.0  # counts
+
+
+def saturation_gain(amplitude: ArrayLike, limit: ArrayLike) -> FloatArray:
+    """Gain of a torque clipped at ``limit``, for a commanded torque of amplitude ``amplitude``.
+
+    Raises:
+        ValueError: An argument is not > 0; the message names it.
+
+    Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2.3.
+    """
+    a, top = broadcast(amplitude=positive("amplitude", amplitude), limit=positive("limit", limit))
+    share = np.minimum(top / a, 1.0)
+    result: FloatArray = 2 / np.pi * (np.arcsin(share) + share * np.sqrt(1 - share**2))
+    return result
+
+
+def quantisation_gain(
+    amplitude: ArrayLike, step: ArrayLike, *, at_edge: bool = False
+) -> FloatArray:
+    """Gain of rounding to counts of ``step``, for a position of amplitude ``amplitude``.
+
+    About the middle of a count it is 0 up to half a count, at most 4/pi, and tends to 1; about an
+    edge it is infinitely large for small amplitudes. From 1000 counts up it is given as 1, which it
+    is within 3e-5.
+
+    Raises:
+        ValueError: An argument is not > 0; the message names it.
+
+    Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2.3.
+    """
+    a, q = broadcast(amplitude=positive("amplitude", amplitude), step=positive("step", step))
+    small = a < _MANY * q
+    ratio = np.where(small, q / a, 1.0)[..., None]
+    count = np.arange(1, int(np.max(np.where(small, a / q, 0.0), initial=0.0)) + 2)
+    thresholds = count if at_edge else count - 0.5
+    edges = np.sqrt(np.maximum(1 - (thresholds * ratio) ** 2, 0.0)).sum(axis=-1)
+    gain = 4 * q / (np.pi * a) * (edges + (0.5 if at_edge else 0.0))
+    result: FloatArray = np.where(small, gain, 1.0)[()]
+    return result
+
+
+def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
+    """Complex gain of a play of full width ``width``; 0 where the motion does not take it up.
+
+    Raises:
+        ValueError: An argument is not > 0; the message names it.
+
+    Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2.3.
+    """
+    a, w = broadcast(amplitude=positive("amplitude", amplitude), width=positive("width", width))
+    share = np.minimum(w / (2 * a), 1.0)
+    x = 1 - 2 * share
+    real = 0.5 + (np.arcsin(x) + x * np.sqrt(1 - x**2)) / np.pi
+    result: ComplexArray = real - 4j / np.pi * share * (1 - share)
+    return result
+
+
+def coulomb_damping(amplitude: ArrayLike, frequency: ArrayLike, friction: ArrayLike) -> FloatArray:
+    """Viscous damping [N·m·s/rad] that takes as much from a sinusoid as Coulomb friction does.
+
+    Args:
+        amplitude: Of the position, > 0 [rad].
+        frequency: > 0 [Hz].
+        friction: c >= 0 [N·m].
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+
+    Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2.3 (the ideal
+    relay, on the velocity).
+    """
+    a, f, c = broadcast(
+        amplitude=positive("amplitude", amplitude),
+        frequency=positive("frequency", frequency),
+        friction=not_negative("friction", friction),
+    )
+    result: FloatArray = 4 * c / (np.pi * a * 2 * np.pi * f)
+    return result

@@ -1,0 +1,249 @@
+"""Describing functions against Fourier integrals, and limit cycles against simulation in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from controller.theory import critical_stiffness, max_virtual_damping
+from controller.theory.cycles import (
+    Backlash,
+    Coulomb,
+    LimitCycle,
+    Quantisation,
+    Saturation,
+    limit_cycles,
+)
+from controller.theory.describing import (
+    backlash_gain,
+    coulomb_damping,
+    quantisation_gain,
+    saturation_gain,
+)
+from tests.theory.oracles import Loop, held
+
+PERIOD = 1e-3
+Array = NDArray[np.float64]
+
+
+def first_harmonic(output: Array) -> complex:
+    """Complex gain of what a cosine of amplitude 1 over one even turn became."""
+    angle = 2 * np.pi * np.arange(output.size) / output.size
+    return complex(2 * np.mean(output * np.exp(-1j * angle)))
+
+
+def play(motion: Array, width: float) -> Array:
+    followed, out = 0.0, []
+    for x in np.tile(motion, 2):
+        followed = min(max(followed, x - width / 2), x + width / 2)
+        out.append(followed)
+    return np.array(out[motion.size :])
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.501, 0.8, 1.0, 1.7, 6.3])
+def test_each_gain_is_the_first_harmonic(ratio: float) -> None:
+    x = np.cos(2 * np.pi * np.arange(100_000) / 100_000)
+    step = 1 / ratio
+    for gain, output in (
+        (saturation_gain(1.0, step), np.clip(x, -step, step)),
+        (quantisation_gain(1.0, step), step * np.round(x / step)),
+        (
+            quantisation_gain(1.0, step, at_edge=True),
+            step * (np.floor(x / step) + 0.5),
+        ),
+        (backlash_gain(1.0, step), play(x, step)),
+    ):
+        assert complex(gain) == pytest.approx(first_harmonic(output), abs=2e-3)
+
+
+def test_friction_takes_what_the_damping_does() -> None:
+    a, f, c = 0.2, 3.0, 0.05
+    w = 2 * math.pi * f
+    work = 4 * a * c  # of one cycle
+    assert coulomb_damping(a, f, c) * math.pi * a * a * w == pytest.approx(work)
+
+
+class Simulated:
+    """Walls without friction run in time, all at once, with what is done to position and torque."""
+
+    def __init__(self, loops: list[Loop], cycles: list[LimitCycle], scale: float) -> None:
+        """At a turning point, with the past of an oscillation ``scale`` times the cycle's."""
+        self.column = {
+            name: np.array([getattr(loop, name) for loop in loops])
+            for name in ("stiffness", "virtual_damping", "delay")
+        }
+        late = self.column["delay"] / PERIOD
+        self.whole = np.floor(late).astype(int)
+        parts = [
+            (held(loop, (x - n) * PERIOD), held(loop, (1 - x + n) * PERIOD))
+            for loop, x, n in zip(loops, late, self.whole, strict=True)
+        ]
+        self.motion = [np.array([p[i][0] for p in parts]) for i in (0, 1)]
+        self.push = [np.array([p[i][1] for p in parts]) for i in (0, 1)]
+        self.w = 2 * np.pi * np.array([cycle.frequency for cycle in cycles])
+        self.start = scale * np.array([cycle.amplitude for cycle in cycles])
+
+    def run(self, steps: int, effects: list[object]) -> Array:
+        limit = np.array([getattr(e, "limit", np.inf) for e in effects])
+        count = np.array([getattr(e, "step", 0.0) for e in effects])
+        edge = np.array([0.5 if getattr(e, "at_edge", False) else 0.0 for e in effects])
+        half = np.array([getattr(e, "width", 0.0) for e in effects]) / 2
+        safe = np.where(count > 0, count, 1.0)
+
+        def rounded(x: Array) -> Array:
+            return np.where(count > 0, safe * (np.rint(x / safe + edge) - edge), x)
+
+        k, damper = self.column["stiffness"], self.column["virtual_damping"] / PERIOD
+        depth = int(self.whole.max()) + 2
+        rows = np.arange(self.start.size)
+        # one turn before now, so that the play has been taken up as the oscillation does
+        turn = int(np.max(2 * np.pi / self.w) / PERIOD) + depth
+        ring = np.zeros((depth, rows.size))
+        followed = np.zeros(rows.size)
+        before = np.zeros(rows.size)
+        x, v = self.start.copy(), np.zeros(rows.size)
+        seen = np.empty((steps, rows.size))
+        for i in range(-turn, steps):
+            if i <= 0:
+                x = self.start * np.cos(self.w * PERIOD * i)
+            followed = np.clip(followed, x - half, x + half)
+            measured = rounded(followed)
+            torque = np.clip(-k * measured - damper * (measured - before), -limit, limit)
+            before = measured
+            ring[i % depth] = torque
+            if i < 0:
+                continue
+            seen[i] = x
+            for part, back in ((0, self.whole + 1), (1, self.whole)):
+                u = ring[(i - back) % depth, rows]
+                a, p = self.motion[part], self.push[part]
+                x, v = (
+                    a[:, 0, 0] * x + a[:, 0, 1] * v + p[:, 0] * u,
+                    a[:, 1, 0] * x + a[:, 1, 1] * v + p[:, 1] * u,
+                )
+        return seen
+
+
+def measured(seen: Array, cycle: LimitCycle) -> tuple[float, float]:
+    """Amplitude and frequency over the last ten turns of a steady oscillation."""
+    last = seen[-int(10 / cycle.frequency / PERIOD) :]
+    middle = last - last.mean()
+    ups = np.flatnonzero((middle[1:] > 0) & (middle[:-1] <= 0))
+    at = ups + middle[ups] / (middle[ups] - middle[ups + 1])
+    return float(np.ptp(last)) / 2, (at.size - 1) / (at[-1] - at[0]) / PERIOD
+
+
+def walls(count: int, seed: int, share: tuple[float, float], damper: float) -> list[Loop]:
+    """Walls on random devices at a share of the critical stiffness."""
+    random = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        m = 10 ** random.uniform(-2.7, -1.5)
+        b, delay = m * random.uniform(1, 10), random.uniform(0, 5) * PERIOD
+        big_b = random.uniform(0, damper) * float(max_virtual_damping(m, b, PERIOD, delay))
+        k = random.uniform(*share) * float(critical_stiffness(m, b, big_b, PERIOD, delay))
+        found.append(Loop(m, b, k, big_b, PERIOD, delay))
+    return found
+
+
+def predicted(
+    loop: Loop, effect: Coulomb | Saturation | Quantisation | Backlash
+) -> list[LimitCycle]:
+    m, b, k, big_b, period, delay, _, _ = loop
+    return limit_cycles(m, b, k, big_b, period, delay, effect)
+
+
+# What is simulated, and by how much it may differ from the prediction: a share of the amplitude,
+# and of the frequency. A play is met to a few percent. A saturated torque turns into a square wave
+# far above the limit, and far sooner with a damper: along the ray of (K, B) the boundary may then
+# be far away. Cycles of about a count are rough, because the samples fall where they fall.
+SPRINGS, DAMPERS = 0.0, 0.2  # of the ceiling
+CASES = {
+    "saturation": (Saturation(1.0), (1.05, 3.0), SPRINGS, (0.99, 1.25), (0.88, 1.01)),
+    "saturation and damper": (Saturation(1.0), (1.05, 3.0), DAMPERS, (0.99, 1.7), (0.75, 1.01)),
+    "backlash": (Backlash(4e-3), (0.3, 0.9), SPRINGS, (0.93, 1.01), (0.97, 1.01)),
+    "backlash and damper": (Backlash(4e-3), (0.3, 0.9), DAMPERS, (0.9, 1.02), (0.96, 1.02)),
+    "middle of a count": (Quantisation(1.5e-3), (0.82, 0.95), SPRINGS, (0.8, 1.35), (0.9, 1.07)),
+    "edge of a count": (
+        Quantisation(1.5e-3, at_edge=True),
+        (0.3, 0.8),
+        SPRINGS,
+        (0.9, 1.35),
+        (0.85, 1.05),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
+    effect, share, damper, amplitude, frequency = CASES[name]
+    loops, cycles = [], []
+    for loop in walls(50 if thorough else 10, 5, share, damper):
+        stable = [cycle for cycle in predicted(loop, effect) if cycle.stable]
+        if stable:
+            loops.append(loop)
+            cycles.append(stable[-1])
+    assert len(loops) >= 8
+    for scale in (0.9, 1.2):
+        seen = Simulated(loops, cycles, scale).run(15_000, [effect] * len(loops))
+        for i, cycle in enumerate(cycles):
+            found = measured(seen[:, i], cycle)
+            assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
+            assert frequency[0] < found[1] / cycle.frequency < frequency[1]
+
+
+def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
+    effect = Quantisation(1.5e-3)
+    loops = walls(12, 6, (1.3, 2.5), SPRINGS)
+    cycles = [predicted(loop, effect)[0] for loop in loops]
+    assert not any(cycle.stable for cycle in cycles)
+    for scale, grows in ((0.9, False), (1.1, True)):
+        seen = Simulated(loops, cycles, scale).run(8_000, [effect] * len(loops))
+        for i, cycle in enumerate(cycles):
+            assert (np.max(np.abs(seen[-300:, i])) > 3 * cycle.amplitude) == grows
+
+
+def test_a_stable_wall_has_no_cycle_by_friction_or_saturation_and_an_unstable_one_has() -> None:
+    for loop in walls(20, 7, (0.2, 0.95), 0.5):
+        assert predicted(loop, Coulomb(0.05)) == predicted(loop, Saturation(1.0)) == []
+        stiffer = loop._replace(stiffness=6 * loop.stiffness)
+        friction, saturation = (
+            predicted(stiffer, Coulomb(0.05)),
+            predicted(stiffer, Saturation(1.0)),
+        )
+        assert [cycle.stable for cycle in friction] == [False]
+        assert [cycle.stable for cycle in saturation] == [True]
+
+
+def test_amplitudes_go_with_the_size_of_the_nonlinearity() -> None:
+    (loop,) = walls(1, 8, (0.5, 0.6), 0.0)
+    stiff = loop._replace(stiffness=3 * loop.stiffness)
+    for one, two, at in (
+        (Backlash(1e-3), Backlash(2e-3), loop),
+        (Saturation(0.5), Saturation(1.0), stiff),
+        (Quantisation(1e-3, at_edge=True), Quantisation(2e-3, at_edge=True), loop),
+        (Coulomb(0.01), Coulomb(0.02), stiff),
+    ):
+        small, large = predicted(at, one), predicted(at, two)
+        assert small
+        for a, b in zip(small, large, strict=True):
+            assert b.amplitude == pytest.approx(2 * a.amplitude, rel=1e-6)
+            assert b.frequency == pytest.approx(a.frequency, rel=1e-6)
+
+
+def test_below_half_a_count_nothing_is_measured() -> None:
+    np.testing.assert_array_equal(quantisation_gain([1e-4, 4.9e-4], 1e-3), 0)
+    np.testing.assert_array_equal(backlash_gain([1e-4, 4.9e-4], 1e-3), 0)
+    assert quantisation_gain(1e6, 1.0) == 1.0
+
+
+def test_errors_name_the_argument() -> None:
+    with pytest.raises(ValueError, match="stiffness must be > 0, got 0"):
+        limit_cycles(0.01, 0.01, 0.0, 0.0, PERIOD, 0.0, Saturation(1.0))
+    with pytest.raises(ValueError, match="width must be > 0, got 0"):
+        limit_cycles(0.01, 0.01, 1.0, 0.0, PERIOD, 0.0, Backlash(0.0))
+    with pytest.raises(ValueError, match="step must be > 0, got -1"):
+        quantisation_gain(1.0, -1.0)
