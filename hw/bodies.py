@@ -220,15 +220,18 @@ def _through_rest(
         index, rest = index[in_time], rest[in_time]
     if not index.size:
         return after, speed, Turned(index, np.empty(0))
-    h, s = _response(decay[index], rest)
+    decay = decay[index]
+    both = _response(
+        np.concatenate([decay, decay]), np.concatenate([rest, over.duration[index] - rest])
+    )
+    (h, h_after), (s, s_after) = both.reshape(2, 2, index.size)
     turn = position[index] + (velocity[index] * h + push[index] * s)
     pull, friction = pull[index], friction[index]
     direction = np.copysign(1.0, pull)
     push = pull - direction * friction
-    h, s = _response(decay[index], over.duration[index] - rest)
     leaves = np.abs(pull) > friction
-    end = push * h
-    after[index] = np.where(leaves, turn + push * s, turn)
+    end = push * h_after
+    after[index] = np.where(leaves, turn + push * s_after, turn)
     speed[index] = np.where(leaves & (end * direction > 0.0), end, 0.0)
     return after, speed, Turned(index, turn)
 
@@ -245,24 +248,29 @@ def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
     return coasting * shorter
 
 
-def _response(decay: Floats, time: Floats) -> tuple[Floats, Floats]:
-    """``h`` and ``s`` of ``hw.response.response`` without a spring, to the last bit."""
+def _response(decay: Floats, time: Floats) -> Floats:
+    """``h`` and ``s`` of ``hw.response.response`` without a spring, to the last bit; (2, n)."""
     a = decay * time
-    term = np.ones_like(a)
-    h, s = np.ones_like(a), np.full_like(a, 0.5)
-    n, size = 1, 2.0
-    # Terms added after one body's series has ended (1e-19) are too small to change its sums.
-    largest = float(a.max(initial=0.0))
-    if largest <= 1.0:
-        while size > 1e-19:
-            n += 1
-            before, term = term, -(a * term) / n
-            h += term
-            s += term / (n + 1)
-            size = float(np.max(np.abs(term) + np.abs(before)))
-        return h * time, s * (time * time)
-    # Bodies that forget their speed within a step are rare: one by one.
-    for i, (rate, t) in enumerate(zip(decay.tolist(), time.tolist(), strict=True)):
-        whole = response(rate, 0.0, t)
-        h[i], s[i] = whole.h, whole.s
-    return h, s
+    h, s = result = np.empty((2, a.size))
+    largest = float(a.max())
+    if largest > 1.0:  # bodies that forget their speed within a step are rare: one by one
+        for i, (rate, t) in enumerate(zip(decay.tolist(), time.tolist(), strict=True)):
+            whole = response(rate, 0.0, t)
+            h[i], s[i] = whole.h, whole.s
+        return result
+    h[:], s[:] = 1.0, 0.5
+    term, work = np.ones_like(a), np.empty_like(a)
+    n, bound = 1, 1.0
+    # The series ends for all together: terms below 1e-19 are too small to change the sums.
+    while bound > 1e-19:
+        n += 1
+        bound *= largest / n
+        np.multiply(a, term, term)
+        np.divide(term, -n, term)
+        np.add(h, term, h)
+        np.divide(term, n + 1, work)
+        np.add(s, work, s)
+    np.multiply(h, time, h)
+    np.multiply(time, time, work)
+    np.multiply(s, work, s)
+    return result

@@ -16,7 +16,7 @@ import numpy as np
 from controller.theory.checks import FloatArray, IntArray
 from hw.bodies import Bodies, Held
 
-BLOCK = 2048
+BLOCK = 4096
 """Walls simulated together: their arrays stay in the processor's second-level cache."""
 _DELAYS = 8
 """Different delays in one block: each costs a copy a period."""
@@ -159,10 +159,21 @@ class Loops:
             self._measured[0] = position
             self.bodies.position = self._measured[0]
 
-    def run(self, periods: int, watch: Callable[[], None] | None = None) -> None:
-        """Simulate some periods; ``watch`` is called after each."""
+    def run(
+        self,
+        periods: int,
+        watch: Callable[[], None] | None = None,
+        at_switch: Callable[[], None] | None = None,
+    ) -> None:
+        """Simulate some periods.
+
+        Args:
+            periods: How many.
+            watch: Called after each.
+            at_switch: Called where the torque changes within a period, if it does.
+        """
         for _ in range(periods):
-            self._period()
+            self._period(at_switch)
             if watch is not None:
                 watch()
 
@@ -178,7 +189,7 @@ class Loops:
         row: FloatArray = self._measured[(self.k - 1) % self._measured.shape[0]]
         return row
 
-    def _period(self) -> None:
+    def _period(self, at_switch: Callable[[], None] | None) -> None:
         k, torques, rows = self.k, self._torques, self._measured.shape[0]
         measured = self._measured[k % rows]
         if self._rounded:
@@ -192,6 +203,8 @@ class Loops:
         if self._late is not None:
             self._move(self._delayed(1), self._late, out)
             out = None
+            if at_switch is not None:
+                at_switch()
         self._move(self._delayed(0), self._held, out)
         self.k = k + 1
 

@@ -13,10 +13,18 @@ from controller.theory.checks import FloatArray, IntArray
 
 _LEAST_PERIODS = 1000
 _MOST_PERIODS = 200_000
+_SURE = 3.0
+"""Standard errors by which growth must differ from none where counts or play make it uneven."""
 _SEGMENT = 256
 """Periods between two looks at what is decided."""
 _DECIDED = 3.0
-"""A motion that has grown or shrunk by this factor is not followed any longer."""
+"""A motion that has grown by this factor is not followed any longer, nor one with friction that
+has shrunk by it. Without friction another, faster oscillation may still come up."""
+_DEAD = 1e-12
+"""What has shrunk by this factor is dead in any case."""
+_LATE = 0.4
+"""Share of the time after which the growth without friction is fitted: what dies quickly has died.
+With friction the growth depends on the amplitude, and the kick's own is asked for."""
 _UNSATURATED = 0.5
 """Share of the torque limit that the spring commands at most at the start."""
 _SETTLING = 2
@@ -54,12 +62,16 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
     length = float(np.max(cycles * cycle)) + _LEAST_PERIODS
     length += float(np.max(walls.whole)) + float(np.max(walls.velocity_samples))
+    length = min(length, _MOST_PERIODS)
+    frictional = bool(walls.coulomb[0] > 0.0)
+    turnings.begin = 0 if frictional else int(_LATE * length)
+    floor = start * (1.0 / _DECIDED if frictional else _DEAD)
     resting = np.full(walls.size, np.nan)
-    while loops.k < min(length, _MOST_PERIODS):
+    while loops.k < length:
         loops.run(_SEGMENT, turnings.watch)
         turnings.gather()
         up = turnings.greatest > _DECIDED * start
-        down = turnings.least < start / _DECIDED
+        down = turnings.least < floor
         position = loops.bodies.position
         # Not moved by a hair since the last look, delay and all: stuck for ever.
         stuck = (loops.bodies.velocity == 0.0) & (position == resting) & (loops.k > 2 * _SEGMENT)
@@ -67,6 +79,9 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
         if np.all(up | down | stuck):
             break
     slope = turnings.slope() * cycle
+    if walls.counts_per_radian[0] > 0.0 or walls.backlash[0] > 0.0:
+        # Counts and play can keep up a small motion that goes on for ever and does not grow.
+        slope = np.where(turnings.slope_error() * cycle * _SURE < slope, slope, -np.abs(slope))
     # Without turning points it creeps: away from the wall, or toward it.
     creeps = np.where(np.abs(position) > start, 1.0, -1.0)
     slope = np.where(np.isnan(slope), creeps, slope)
@@ -81,6 +96,7 @@ class Turnings:
     after it: exact for a light body under one held torque.
 
     Attributes:
+        begin: First period from which turning points are fitted.
         count: Turning points seen.
         least, greatest: Amplitudes, those left out at the start aside [rad]; inf and 0 before.
     """
@@ -95,7 +111,8 @@ class Turnings:
         self._product = np.empty(n)
         self._seen: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
         self._when: list[int] = []
-        self._sums = np.zeros((5, n))
+        self._sums = np.zeros((6, n))
+        self.begin = 0
         self.count = np.zeros(n, dtype=np.int64)
         self.least = np.full(n, np.inf)
         self.greatest = np.zeros(n)
@@ -137,15 +154,24 @@ class Turnings:
         moved = 0.5 * self._period[index] * before * before / (before - after)
         amplitude = np.abs(position[order] + moved)
         amplitude = np.maximum(amplitude, np.finfo(np.float64).tiny)
-        y = np.log(amplitude)
-        for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y)):
-            self._sums[row] += np.bincount(index, value, minlength=self.count.size)
         np.minimum.at(self.least, index, amplitude)
         np.maximum.at(self.greatest, index, amplitude)
+        late = t >= self.begin
+        index, t, y = index[late], t[late], np.log(amplitude[late])
+        for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y, y * y)):
+            self._sums[row] += np.bincount(index, value, minlength=self.count.size)
 
     def slope(self) -> FloatArray:
         """Growth of the amplitude's logarithm per period; NaN with fewer than 3 points."""
-        n, t, tt, y, ty = self._sums
+        n, t, tt, y, ty, _ = self._sums
         spread = n * tt - t * t
         usable = (n > 2) & (spread > 0)
         return np.where(usable, (n * ty - t * y) / np.where(usable, spread, 1.0), np.nan)
+
+    def slope_error(self) -> FloatArray:
+        """Standard error of ``slope``; 0 where there is none."""
+        n, t, tt, y, _, yy = self._sums
+        spread = n * tt - t * t
+        usable = (n > 2) & (spread > 0)
+        left = (n * yy - y * y) / np.where(usable, spread, 1.0) - self.slope() ** 2
+        return np.where(usable, np.sqrt(np.maximum(left, 0.0) / np.maximum(n - 2, 1.0)), 0.0)
