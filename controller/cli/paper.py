@@ -59,10 +59,10 @@ def _unknown(item: str, names: list[str]) -> str:
 
 
 def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
+    from controller.paper.table2 import SOURCES
+
     table = next((entry.table for entry in made if entry.table is not None), None)
-    worst = table and {
-        source: dataclasses.asdict(table.worst(source)) for source in ("theory", "simulation")
-    }
+    worst = table and {source: dataclasses.asdict(table.worst(source)) for source in SOURCES}
     return {"files": files, "table2": worst}
 
 

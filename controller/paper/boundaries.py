@@ -96,16 +96,17 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
                 label=f"closed form ({13 if delay else 1})",
             )
             x, y = float(top.x[0]), float(top.y[0])
-            ax.plot(x, y, "o", color=color, markersize=3.5)
+            ax.plot(x, y, "o", color=color, markersize=4)
             ax.annotate(
                 f"{y:.4f} at $\\beta$ = {x:.3f}",
                 (x, y),
-                xytext=(3, 4),
+                xytext=(3, 5) if delay else (-3, 5),
                 textcoords="offset points",
+                ha="left" if delay else "right",
                 color=color,
             )
-        ax.text(1.42, 0.50, r"$d$ = 0", color=style.BLUE)
-        ax.text(0.71, 0.09, r"$d$ = 1", color=style.ORANGE)
+        ax.text(1.44, 0.50, r"$d$ = 0", color=style.BLUE)
+        ax.text(0.75, 0.095, r"$d$ = 1", color=style.ORANGE)
         ax.text(0.95, 0.36, "stable without delay", color=style.BLUE, ha="center")
         ax.text(0.42, 0.05, "stable for both", color=style.ORANGE, ha="center")
         ax.legend(loc="upper right", handlelength=1.0)

@@ -15,7 +15,7 @@ COLUMN = 3.5
 """Width of a journal's column [inch]"""
 PAGE = 7.16
 """Width of both columns [inch]"""
-INK, BLUE, ORANGE, GREEN, RED = "#222222", "#0072b2", "#d55e00", "#009e73", "#a5004f"
+INK, BLUE, ORANGE, GREEN = "#222222", "#0072b2", "#d55e00", "#009e73"
 GREY, FAINT = "#6b6b6b", "#dfe9f2"
 BETA = r"dimensionless virtual damping  $\beta = BT/m$"
 ALPHA = r"dimensionless stiffness  $\alpha = KT^2/m$"
@@ -81,8 +81,3 @@ def shades(count: int) -> Sequence[str]:
 
     last = max(count - 1, 1)
     return [to_hex(colormaps["viridis"](0.85 * i / last)) for i in range(count)]
-
-
-def number(value: float) -> str:
-    """A number as the figures write it: no trailing zeros."""
-    return f"{value:g}"

@@ -26,6 +26,8 @@ PERIOD = 1e-3
 """[s]"""
 PRINTED_STEP = 0.01
 """The table's last digit [N/m]"""
+SOURCES = ("theory", "simulation")
+"""Where a value of ours comes from"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +161,7 @@ def worst_text(table: Table2) -> list[str]:
     return [
         f"worst by {source}: {worst.error_percent:+.4f} % at t_d/T = {worst.delay_samples:g},"
         f" B = {worst.virtual_damping:g} N·s/m"
-        for source in ("theory", "simulation")
+        for source in SOURCES
         for worst in [table.worst(source)]
     ]
 
@@ -174,9 +176,7 @@ def draw(table: Table2, path: Path) -> None:
         colors = style.shades(len(table.virtual_damping))
         for column, (virtual, color) in enumerate(zip(table.virtual_damping, colors, strict=True)):
             beside = place + 0.16 * (column - 1.5)
-            theory, simulation = (
-                table.error_percent(source)[:, column] for source in ("theory", "simulation")
-            )
+            theory, simulation = (table.error_percent(source)[:, column] for source in SOURCES)
             ax.plot(
                 beside,
                 theory,
@@ -198,6 +198,8 @@ def draw(table: Table2, path: Path) -> None:
         ax.plot([], [], "o", color=style.GREY, markersize=2.6, label="theory")
         ax.plot([], [], "s", color=style.GREY, fillstyle="none", mew=0.7, label="simulation")
         ax.legend(loc="upper right", ncols=2, columnspacing=1.0, handletextpad=0.4)
+        lowest = min(-rounding.max(), *(table.error_percent(s).min() for s in SOURCES))
+        ax.set_ylim(bottom=1.15 * lowest)
         ax.set_xticks(place, [f"{delay:g}" for delay in table.delay_samples])
         ax.set_xlabel(r"delay  $d = t_d/T$  [samples]")
         ax.set_ylabel("deviation from the printed value [%]")

@@ -8,6 +8,7 @@ import pytest
 from controller.config_load import load_config
 from controller.paper import boundaries, linear_error, lwr3
 from controller.paper.curves import Curve, FigureData, write_csv
+from controller.paper.items import ITEMS
 from tests.theory.oracles import Loop, radius
 
 
@@ -138,6 +139,24 @@ def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_de
     # The line is off by more than 2 % from the start, on the careful side.
     first = one(fig10, "exact", delta=0.01, delay_periods=3.0).y[1]
     assert first > 1.02 * one(fig10, "linear", delta=0.01, delay_periods=3.0).y[1]
+
+
+def test_the_numbers_told_of_the_pictures_are_those_drawn():
+    told = {item.name: item.alternative for item in ITEMS}
+    for point in boundaries.figure_3().of_kind("peak"):
+        assert f"{point.y[0]:.4f}" in told["fig3"]
+        assert f"{point.x[0]:.3f}" in told["fig3"]
+    for line in lwr3.figure_8().curves:
+        assert line.x[-1] == 20
+        assert f"{line.y[-1]:.0f}" in told["fig8"]
+    for point in lwr3.figure_9().of_kind("peak"):
+        assert f"{point.y[0]:.0f}" in told["fig9"]
+        assert f"{point.x[0]:.3g}" in told["fig9"]
+    data = boundaries.figure_6()
+    for delay, percent in ((0.0, 10), (3.0, 18)):
+        curve, line = (one(data, kind, delay_periods=delay) for kind in ("exact", "linear"))
+        assert f"{100 * (1 - curve.y[-1] / line.y[-1]):.0f} %" == f"{percent} %"
+        assert f"{percent} % (d = {delay:g})" in told["fig6"]
 
 
 def test_csv_reads_back_what_is_drawn(tmp_path):

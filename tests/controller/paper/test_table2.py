@@ -30,7 +30,7 @@ def test_simulation_is_within_a_tenth_of_a_percent_of_print(table):
 
 
 def test_theory_and_simulation_agree_much_closer(table):
-    np.testing.assert_allclose(table.simulation, table.theory, rtol=1e-4)
+    np.testing.assert_allclose(table.simulation, table.theory, rtol=1e-5)
 
 
 def off_by_a_percent(virtual_damping, delay):
