@@ -129,7 +129,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     """The neighbourhood of the origin, where the servo's own damping tells and passivity is."""
     near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
     close = curve(question, lowest + (near - lowest) * _SHARES)
-    inset = ax.inset_axes((1.075, 0.04, 0.23, 0.42))
+    inset = ax.inset_axes((1.065, 0.03, 0.2, 0.34))
     _plane(inset, close)
     inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
     inset.set_ylim(0.0, 1.05 * float(np.max(close.found.exact)))

@@ -24,6 +24,8 @@ from controller.guard_limits import Found, Plants, evaluate
 from controller.guard_types import GuardSettings, Limits, Request, Situation
 from controller.theory import critical_point, max_virtual_damping, passive_limit, peak
 from controller.theory.checks import FloatArray
+from controller.theory.guaranteed import cost_of_each_unknown
+from controller.theory.ranges import Member, Ranges
 
 WallSide = Literal["one", "both"]
 
@@ -141,12 +143,14 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
         ValueError: Something is outside of its domain; the message names it.
     """
     points = curve(question, virtual_damping)
+    answered = design(question, points)
     return {
         "max_virtual_damping": ceiling(question),
         "peak": highest(question),
         "points": [_point(points, i) for i in range(len(virtual_damping))],
         "settings": _settings(question),
-        "design": design(question, points),
+        "design": answered,
+        "unknown": unknown(question, answered["virtual_damping"]),
     }
 
 
@@ -218,6 +222,52 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
                 "virtual_damping": each.damping,
             }
             for each in better
+        ],
+    }
+
+
+def unknown(question: Question, damping: float) -> dict[str, Any] | None:
+    """What is guaranteed over all of the ranges, and what each of them costs; two-sided.
+
+    Args:
+        question: The servo and its loop.
+        damping: Virtual damping [N·m·s/rad].
+
+    Returns:
+        None where all is known, or where the servo may have no damping at all: then nothing can
+        be guaranteed.
+    """
+    belief = question.situation.belief
+    known = {
+        "inertia": belief.inertia,
+        "damping": belief.damping,
+        "delay": belief.delay,
+        "torque_gain": belief.torque_gain,
+    }
+    open_ = [name for name, each in known.items() if each.low < each.high]
+    if not open_ or belief.damping.low == 0:
+        return None
+    costs = cost_of_each_unknown(
+        Ranges(**{name: (each.low, each.high) for name, each in known.items()}),
+        Member(**{name: each.value for name, each in known.items()}),
+        damping,
+        question.situation.period,
+        question.velocity_samples,
+    )
+    return {
+        "virtual_damping": damping,
+        "guaranteed": costs.limit.stiffness,
+        "known": costs.known,
+        "lost": costs.lost,
+        "costs": [
+            {
+                "name": each.name,
+                "known_at": each.known_at,
+                "guaranteed": each.limit.stiffness,
+                "lost": each.lost,
+            }
+            for each in costs.unknowns
+            if each.name in open_
         ],
     }
 

@@ -40,6 +40,7 @@ def boundary_text(found: Mapping[str, Any]) -> str:
             *_points(found),
             "",
             *_design(found["design"], len(found["points"])),
+            *_unknown(found["unknown"]),
         ]
     )
 
@@ -124,6 +125,27 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
             )
             yield from textwrap.wrap(f"{what}: {listed}", _WIDTH, subsequent_indent="  ")
     yield from _not_counted(design)
+
+
+def _unknown(unknown: Mapping[str, Any] | None) -> Iterator[str]:
+    if unknown is None:
+        return
+    yield ""
+    yield (
+        f"Guaranteed for every servo within the ranges, two-sided: "
+        f"{unknown['guaranteed']:.4g} N·m/rad; {unknown['known']:.4g} if all were known"
+    )
+    rows = [["if it were known", "at", "guaranteed", "is lost now"]]
+    rows += [
+        [
+            each["name"].replace("_", " "),
+            f"{each['known_at']:.4g}",
+            f"{each['guaranteed']:.4g}",
+            f"{100 * each['lost']:.1f} %",
+        ]
+        for each in sorted(unknown["costs"], key=lambda each: -each["lost"])
+    ]
+    yield from _aligned(rows, left=(0,))
 
 
 def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:

@@ -29,6 +29,7 @@ COMMANDS = {
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
     "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
+    "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""

@@ -1,0 +1,119 @@
+"""How many periods of how many walls are simulated in a second, beside the servo run alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from controller.benchmarks.rows import Row, Section, interleaved
+from controller.experiments.many_walls import BLOCK, Loops, Walls
+from controller.theory.checks import FloatArray
+from hw.clock import SimulatedClock
+from hw.open import open_servo
+from hw.settings import SimulatedSettings, TrueServo
+
+_ROUNDS = 5
+_PERIODS, _PERIODS_ALONE = 1000, 5000
+_PERIOD_NS = 1_000_000
+_STIFFNESS, _VIRTUAL_DAMPING, _KICK = 10.0, 0.05, 0.05
+_LINEAR = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)
+_ROUGH = TrueServo(
+    inertia=0.012, damping=0.012, coulomb=0.02, counts_per_rev=4096, torque_limit=4.1
+)
+
+
+def measure() -> Section:
+    """Two-sided walls on smooth servos and on rough ones, as an array and one alone."""
+    work: dict[str, Callable[[], object]] = {
+        "linear": lambda: _array(_LINEAR),
+        "rough": lambda: _array(_ROUGH),
+        "linear alone": lambda: alone(_LINEAR, _PERIODS_ALONE),
+        "rough alone": lambda: alone(_ROUGH, _PERIODS_ALONE),
+    }
+    times = interleaved(work, _ROUNDS)
+    rows = []
+    for name, servo in (("linear", _LINEAR), ("rough", _ROUGH)):
+        what = "linear servo" if name == "linear" else "friction and encoder"
+        many = BLOCK * _PERIODS / times[name]
+        single = _PERIODS_ALONE / times[f"{name} alone"]
+        apart = float(np.max(np.abs(together(servo, 1, _PERIODS)[0] - alone(servo, _PERIODS))))
+        rows += [
+            Row(
+                f"array of {BLOCK}, {what}",
+                many,
+                "wall-periods/s",
+                "walls with backlash or long velocity differences, and the search around it",
+            ),
+            Row(
+                f"one alone, {what}",
+                single,
+                "wall-periods/s",
+                "the program's own loop, which also guards, watches and logs",
+            ),
+            Row(f"ratio, {what}", many / single, "1", "few walls: an array pays from some ten on"),
+            Row(
+                f"difference of position from one alone, {what}",
+                apart,
+                "rad",
+                "other settings than these, over one second",
+            ),
+        ]
+    return Section(tuple(rows))
+
+
+def _array(servo: TrueServo) -> object:
+    return together(servo, BLOCK, _PERIODS)
+
+
+def together(servo: TrueServo, count: int, periods: int) -> FloatArray:
+    """Last measured positions [rad] of that many walls, all alike, after some periods."""
+    one = np.ones(count)
+    period = 1e-9 * _PERIOD_NS
+    walls = Walls(
+        inertia=servo.inertia * one,
+        damping=servo.damping * one,
+        coulomb=servo.coulomb * one,
+        counts_per_radian=servo.counts_per_rev / math.tau * one,
+        backlash=0.0 * one,
+        torque_limit=servo.torque_limit * one,
+        torque_step=0.0 * one,
+        stiffness=_STIFFNESS * one,
+        virtual_damping=_VIRTUAL_DAMPING * one,
+        period=period * one,
+        whole=np.zeros(count, dtype=np.int64),
+        lag=0.0 * one,
+        rest=period * one,
+        velocity_samples=np.ones(count, dtype=np.int64),
+        one_sided=np.zeros(count, dtype=np.bool_),
+    )
+    loops = Loops(walls, _KICK * one)
+    loops.run(periods)
+    return loops.measured
+
+
+def alone(servo: TrueServo, periods: int) -> float:
+    """Last measured position [rad] of the simulated servo with that wall, run by itself."""
+    clock = SimulatedClock()
+    true = TrueServo(
+        servo.inertia,
+        servo.damping,
+        servo.coulomb,
+        servo.counts_per_rev,
+        torque_limit=servo.torque_limit,
+        position=_KICK,
+    )
+    body = open_servo(SimulatedSettings(true), clock)
+    body.start()
+    period = 1e-9 * _PERIOD_NS
+    before = math.nan
+    for k in range(periods):
+        body.request()
+        position = body.collect(clock.now_ns()).position
+        velocity = (position - before) / period if k else 0.0
+        body.write(-_STIFFNESS * position - _VIRTUAL_DAMPING * velocity)
+        before = position
+        clock.wait_until((k + 1) * _PERIOD_NS)
+    body.close()
+    return before
