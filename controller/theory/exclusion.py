@@ -76,6 +76,9 @@ class Outcome:
     """(x, delay in periods) of the member nearest to such a pole; None when proved"""
 
 
+_Corners = Callable[[Family, list[Jet], IntArray, FloatArray], list[Jet]]
+
+
 @dataclass(frozen=True, slots=True)
 class _Boxes:
     """Boxes in (omega, x, fraction), variables × boxes, of whole delays ``whole``."""
@@ -123,7 +126,7 @@ def exclude(family: Family, budget: int) -> Outcome:
         low, high = boxes.take(zero), boxes.take(~zero)
         bound_low, _, along_low = _distances(family, low, _at_zero)
         bound, here, along = _distances(family, high, _corners)
-        left_low, left = bound_low <= 0, bound <= 0
+        left_low, left = ~(bound_low > 0), ~(bound > 0)  # what is not a number is not proved
         rest = low.take(left_low).split(along_low[left_low])
         rest = rest.followed_by(high.take(left).split(along[left]))
         if rest.whole.size == 0:
@@ -170,7 +173,7 @@ def _highest_frequency(family: Family) -> float:
 def _distances(
     family: Family,
     boxes: _Boxes,
-    corners: Callable[[Family, list[Jet], IntArray, FloatArray], list[Jet]],
+    corners: _Corners,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """How far the point is from the triangle, along the best line of each box.
 
@@ -200,13 +203,22 @@ def _distances(
 
 
 def _lines(point: ComplexArray) -> ComplexArray:
-    """Unit normals of the lines that may separate 0 from a polygon; lines × boxes."""
-    if len(point) == 2:  # at w = 0: see _at_zero
+    """Unit normals of the lines that may separate 0 from a polygon; lines × boxes.
+
+    Args:
+        point: The polygon's corners × boxes; two corners are those of ``_at_zero``.
+    """
+    if len(point) == 2:
         return np.full((1, point.shape[1]), -1j)
     edges = point - np.roll(point, 1, axis=0)
-    normals = np.concatenate([point, 1j * edges, -1j * edges])
-    size = np.abs(normals)
-    result: ComplexArray = normals / np.where(size > 0, size, 1.0)
+    # halfway between A and an edge, as the edges turn with w
+    rays = _unit(point[:1]) + _unit(point[0] - point[1:])
+    return _unit(np.concatenate([point, 1j * edges, -1j * edges, 1j * rays, -1j * rays]))
+
+
+def _unit(z: ComplexArray) -> ComplexArray:
+    size = np.abs(z)
+    result: ComplexArray = z / np.where(size > 0, size, 1.0)
     return result
 
 
@@ -234,8 +246,9 @@ class _Parts:
         z_1 = turn_mean(w).scaled(1j)  # (z - 1)/w
         z_eps = omega * z_1 + (x * full_speed).scaled(family.delta)  # (z - eps)/sigma
         back = turned(w, -1.0)
-        p = sigma * z_eps * (new + (full_torque - new) * back) + full_speed * (
-            new_speed + (full_speed - new_speed) * back
+        change = w * z_1 * back  # 1 - 1/z, by which the new torque differs from the old
+        p = sigma * z_eps * (full_torque * back + new * change) + full_speed * (
+            full_speed * back + new_speed * change
         )
         difference = turn_mean(w.scaled(-float(family.samples))).scaled(1j)  # D/w
         return cls(

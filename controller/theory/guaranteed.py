@@ -126,7 +126,7 @@ def guaranteed_limit(
         period: T > 0 [s].
         velocity_samples: N of the velocity difference, >= 1.
         tolerance: Wanted gap between what is proved and what is unstable, as a share between 0
-            and 1. Where no proof is found so closely, it is doubled until one is.
+            and 1. Where no proof is found so closely, it is widened until one is.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.

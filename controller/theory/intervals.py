@@ -11,6 +11,7 @@ shrink with the square of the box.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ SLACK = 1e-15
 """Share of a disc's size that each operation adds to its radius, against rounding"""
 
 _SLACK_OF_SERIES = 1e-13  # fewer than 450 operations on positive terms
+_ASYMPTOTE_ABOVE = 60.0  # there what it leaves out is 1e-22
 _TAYLOR_BELOW = 0.01  # the next term is 1e-16; the closed form loses 1e-14 to cancellation
 
 
@@ -148,14 +150,17 @@ def _composed(
 
 def _moment(x: FloatArray, power: int) -> FloatArray:
     """Integral over 0 < s < 1 of s^power exp(-x s), by a series of positive terms."""
+    some = np.minimum(x, _ASYMPTOTE_ABOVE)
     term = np.full_like(x, 1.0 / (power + 1))
     total = term.copy()
     k = power + 1
     while np.any(term > SLACK * total):
         k += 1
-        term = term * x / k
+        term = term * some / k
         total += term
-    result: FloatArray = total * np.exp(-x)
+    far = x > _ASYMPTOTE_ABOVE
+    tail = factorial(power) / np.where(far, x, 1.0) ** (power + 1)
+    result: FloatArray = np.where(far, tail, total * np.exp(-some))
     return result
 
 

@@ -32,6 +32,11 @@ class Search:
     def of(
         cls, ranges: Ranges, virtual_damping: float, period: float, velocity_samples: int
     ) -> Search:
+        """The search for checked arguments.
+
+        Raises:
+            ValueError: An argument is outside of its domain; the message names it.
+        """
         return cls(
             ranges,
             scalar("virtual_damping", number("virtual_damping", virtual_damping)),
@@ -55,7 +60,7 @@ class Search:
                 delta=damping * self.period / inertia,
                 edge=(low * (1 - _ROUNDING), high * (1 + _ROUNDING)),
                 delay=(
-                    self.ranges.delay[0] / self.period,
+                    self.ranges.delay[0] / self.period * (1 - _ROUNDING),
                     self.ranges.delay[1] / self.period * (1 + _ROUNDING),
                 ),
                 stiffness=stiffness,
@@ -122,7 +127,16 @@ def closed_in(
     proof: Callable[[float], Outcome],
     tolerance: float,
 ) -> tuple[float, float, Member, int]:
-    """The greatest limit that is proved, the least that is found, where, and boxes looked at."""
+    """Lower what is to prove, by counterexamples or by doubt, until it is proved.
+
+    Args:
+        least: Finds the least limit of a member, everywhere or near a suspect.
+        proof: Tries a limit.
+        tolerance: Share below the least limit that is tried first.
+
+    Returns:
+        The limit proved (0: none), the least limit found, its member, and the boxes looked at.
+    """
     upper, worst = least(None)
     gap, boxes = tolerance, 0
     while upper > 0 and gap < 1:
@@ -134,11 +148,16 @@ def closed_in(
         if lower < upper * (1 - gap):
             upper, worst = lower, member
         else:
-            gap *= 2
+            gap *= 4
     return 0.0, upper, worst, boxes
 
 
 def scalar(name: str, value: FloatArray) -> float:
+    """``value`` as one number.
+
+    Raises:
+        ValueError: It is an array.
+    """
     if value.ndim:
         raise ValueError(f"{name} must be one number, got {value.size}")
     return float(value)
