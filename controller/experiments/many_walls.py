@@ -231,12 +231,12 @@ class Loops:
             np.multiply(walls.virtual_damping, estimate, estimate)
             np.subtract(torque, estimate, torque)
         if self._one_sided:
-            np.minimum(torque, 0.0, torque)
+            np.minimum(torque, 0.0, out=torque)
             np.less_equal(measured, 0.0, self._outside)
             np.copyto(torque, 0.0, where=self._outside)
         if self._limited:
-            np.maximum(torque, self._minus_limit, torque)
-            np.minimum(torque, walls.torque_limit, torque)
+            np.maximum(torque, self._minus_limit, out=torque)
+            np.minimum(torque, walls.torque_limit, out=torque)
         if self._stepped:
             np.divide(torque, walls.torque_step, torque)
             np.rint(torque, torque)
@@ -258,6 +258,6 @@ class Loops:
             half = self._half[index]
             followed[index] = np.minimum(np.maximum(followed[index], turn - half), turn + half)
         np.subtract(bodies.position, self._half, self._estimate)
-        np.maximum(followed, self._estimate, followed)
+        np.maximum(followed, self._estimate, out=followed)
         np.add(bodies.position, self._half, self._estimate)
-        np.minimum(followed, self._estimate, followed)
+        np.minimum(followed, self._estimate, out=followed)

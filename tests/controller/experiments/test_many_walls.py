@@ -1,0 +1,177 @@
+"""Many loops at once run to the last bit as each alone: built from parts, and as the program."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from controller.cli.main import main
+from controller.delay import DelayRing
+from controller.experiments.many_walls import Loops, Walls, blocks, split_delay
+from controller.logfile import read_log
+from controller.velocity import velocity_estimator
+from controller.wall import Wall
+from hw.plant import PlantParameters, State, step
+
+PERIOD = 1e-3
+
+
+def make(n: int, **given: object) -> Walls:
+    """Walls on a small servo; what is given replaces the plain ones."""
+    values: dict[str, object] = {
+        "inertia": 0.012,
+        "damping": 0.0117,
+        "coulomb": 0.0,
+        "counts_per_radian": 0.0,
+        "backlash": 0.0,
+        "torque_limit": math.inf,
+        "torque_step": 0.0,
+        "stiffness": np.linspace(4.0, 12.0, n),
+        "virtual_damping": 0.02,
+        "period": PERIOD,
+        "velocity_samples": 1,
+        "one_sided": False,
+        "delay": 0.0,
+    }
+    values.update(given)
+    arrays = {name: np.broadcast_to(np.asarray(value), (n,)) for name, value in values.items()}
+    delay = arrays.pop("delay")
+    whole, lag, rest = split_delay(delay, arrays["period"])
+    return Walls(**arrays, whole=whole, lag=lag, rest=rest)
+
+
+def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:
+    """The measured positions of one wall, from the program's own scalar parts."""
+    w = {name: getattr(walls, name)[i].item() for name in Walls.__dataclass_fields__}
+    body = PlantParameters(w["inertia"], w["damping"], w["coulomb"])
+    state, followed, half = State(start, velocity), start, 0.5 * w["backlash"]
+    wall = Wall(w["stiffness"], w["virtual_damping"], 0.0, "above" if w["one_sided"] else "both")
+    estimator = velocity_estimator(w["period"], w["velocity_samples"])
+    late, later = DelayRing(w["whole"]), DelayRing(w["whole"] + 1)
+    measured = []
+
+    def move(torque: float, duration: float) -> None:
+        nonlocal state, followed
+        turns: list[float] | None = [] if half else None
+        state = step(state, body, torque, duration, turns=turns)
+        for position in (*(turns or ()), state.position):
+            followed = min(max(followed, position - half), position + half)
+
+    for _ in range(periods):
+        position = followed
+        if w["counts_per_radian"]:
+            position = round(position * w["counts_per_radian"]) / w["counts_per_radian"]
+        measured.append(position)
+        torque = wall.torque(position, estimator.update(position, 1))
+        torque = min(max(torque, -w["torque_limit"]), w["torque_limit"])
+        if w["torque_step"]:
+            torque = round(torque / w["torque_step"]) * w["torque_step"]
+        before, now = later.push(torque), late.push(torque)
+        if w["lag"]:
+            move(before, w["lag"])
+        move(now, w["rest"])
+    return measured
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"delay": 3e-3, "velocity_samples": 4},
+        {"delay": 1.25e-3, "torque_limit": 0.3},
+        {"coulomb": 0.01, "counts_per_radian": 4096 / math.tau, "delay": 2e-3},
+        {"one_sided": True, "counts_per_radian": 4096 / math.tau, "torque_step": 0.0048},
+        {
+            "coulomb": 0.01,
+            "counts_per_radian": 4096 / math.tau,
+            "backlash": 0.003,
+            "delay": 0.4e-3,
+            "torque_limit": 0.3,
+            "one_sided": True,
+        },
+        {"backlash": 0.01, "delay": 1e-3 * np.arange(7), "coulomb": 0.002},
+    ],
+    ids=["plain", "delay-difference", "fraction-limit", "friction", "counts", "all", "play"],
+)
+def test_each_wall_moves_as_if_alone_to_the_last_bit(given):
+    walls = make(7, **given)
+    start = np.linspace(-0.02, 0.11, 7)
+    velocity = np.where(walls.one_sided, 0.5, 0.0)
+    loops = Loops(walls, start, velocity)
+    seen = []
+    loops.run(400, lambda: seen.append(loops.measured.copy()))
+    for i in range(7):
+        expected = alone(walls, i, float(start[i]), float(velocity[i]), 400)
+        np.testing.assert_array_equal(np.array(seen)[:, i], expected)
+
+
+@pytest.mark.parametrize(
+    ("sets", "given"),
+    [
+        ((), {"virtual_damping": 0.1, "stiffness": 300.0, "inertia": 1.0, "damping": 0.1}),
+        (
+            (
+                "servo.coulomb=0.05",
+                "servo.counts_per_rev=4096",
+                "servo.backlash=0.001",
+                "servo.torque_limit=2",
+                "servo.torque_step=0.01",
+                "servo.delay=0.0013",
+                "delay.steps=2",
+                "wall.velocity_samples=3",
+            ),
+            {
+                "virtual_damping": 0.1,
+                "stiffness": 300.0,
+                "inertia": 1.0,
+                "damping": 0.1,
+                "coulomb": 0.05,
+                "counts_per_radian": 4096 / math.tau,
+                "backlash": 0.001,
+                "torque_limit": 2.0,
+                "torque_step": 0.01,
+                "delay": 0.0033,
+                "velocity_samples": 3,
+            },
+        ),
+    ],
+    ids=["linear", "all"],
+)
+def test_it_is_what_the_program_does(tmp_path, sets, given):
+    log = tmp_path / "run.hwlog"
+    options = [part for each in ("guard.mode=off", *sets) for part in ("--set", each)]
+    arguments = ["run", "paper-table2", "--duration", "0.5", "--log", str(log), "--json"]
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--plot", str(tmp_path / "run.png"), *options])
+    assert ended.value.code == 0
+    _, rows = read_log(log)
+    loops = Loops(make(1, **given), np.array([0.01]))
+    seen = []
+    loops.run(rows.size, lambda: seen.append((loops.measured[0], loops.torque[0])))
+    # The first period comes before the first tick: the servo rests in it, as the arrays do.
+    np.testing.assert_allclose(rows["position"], [row[0] for row in seen], rtol=0, atol=1e-12)
+    assert np.ptp(rows["position"]) > 0.01
+
+
+def test_blocks_hold_every_wall_once_and_only_walls_that_are_alike():
+    walls = make(
+        60,
+        delay=1e-3 * (np.arange(60) % 5) + 0.3e-3 * (np.arange(60) % 2),
+        coulomb=0.01 * (np.arange(60) % 3),
+    )
+    found = list(blocks(walls, size=8))
+    assert sorted(np.concatenate(found).tolist()) == list(range(60))
+    for index in found:
+        assert index.size <= 8
+        assert len({(walls.lag[i] > 0, walls.coulomb[i] > 0) for i in index}) == 1
+
+
+def test_delays_near_whole_periods_are_whole():
+    delay = np.array([0.0, 0.003, 3 * 1e-3 * (1 - 1e-15), 0.0025])
+    whole, lag, rest = split_delay(delay, np.full(4, 1e-3))
+    assert whole.tolist() == [0, 3, 3, 2]
+    assert lag.tolist()[:3] == [0.0, 0.0, 0.0]
+    assert lag[3] == pytest.approx(0.0005)
+    np.testing.assert_allclose(lag + rest, 1e-3)
