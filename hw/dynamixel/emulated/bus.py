@@ -62,7 +62,7 @@ class EmulatedBus:
         self.servos = tuple(servos)
         self.host_baud = baud
         self._witness = witness
-        self._parser = Parser(report_crc=True)
+        self._parser = Parser(report_crc=True, unstuffed=True)
         self._coming: deque[_Piece] = deque()
         self._going: deque[tuple[int, Answer]] = deque()
         self._gone = bytearray()

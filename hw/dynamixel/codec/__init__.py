@@ -1,0 +1,45 @@
+"""Dynamixel Protocol 2.0 as pure functions: bytes to frames and back, no port and no clock.
+
+Shared by the driver and the emulated bus.
+
+Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
+"""
+
+from hw.dynamixel.codec.fast import (
+    FastReply,
+    decode_fast_bulk_status,
+    decode_fast_status,
+    encode_fast_status,
+)
+from hw.dynamixel.codec.frames import (
+    ALERT,
+    BROADCAST,
+    MAX_ID,
+    MAX_LENGTH,
+    ErrorCode,
+    Frame,
+    Instruction,
+    crc16,
+    encode,
+    encode_status,
+)
+from hw.dynamixel.codec.parser import ExpectedReply, Parser
+
+__all__ = [
+    "ALERT",
+    "BROADCAST",
+    "MAX_ID",
+    "MAX_LENGTH",
+    "ErrorCode",
+    "ExpectedReply",
+    "FastReply",
+    "Frame",
+    "Instruction",
+    "Parser",
+    "crc16",
+    "decode_fast_bulk_status",
+    "decode_fast_status",
+    "encode",
+    "encode_fast_status",
+    "encode_status",
+]

@@ -1,0 +1,91 @@
+"""The joint reply to a fast sync or bulk read: one frame to which every servo appends its share.
+
+It is never stuffed, and each share ends with the CRC of everything before it.
+
+Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", fast sync read and fast bulk read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from hw.dynamixel.codec.frames import BROADCAST, HEADER, MAX_LENGTH, Frame, Instruction, crc16
+
+
+class FastReply(NamedTuple):
+    """One servo's share of the joint reply."""
+
+    id: int
+    error: int
+    data: bytes
+
+
+def encode_fast_status(replies: Iterable[FastReply]) -> bytes:
+    """The joint reply, as if every servo had appended its share.
+
+    Raises:
+        ValueError: The replies do not fit in a frame.
+    """
+    items = list(replies)
+    length = 1 + sum(len(item.data) + 4 for item in items)
+    if length > MAX_LENGTH:
+        raise ValueError(f"a reply of {length} bytes does not fit in a frame of {MAX_LENGTH}")
+    frame = bytearray(HEADER)
+    frame += bytes((BROADCAST, length & 0xFF, length >> 8, Instruction.STATUS))
+    crc = crc16(frame)
+    for item in items:
+        share = bytes((item.error, item.id)) + item.data
+        crc = crc16(share, crc)
+        share += crc.to_bytes(2, "little")
+        frame += share
+        crc = crc16(share[-2:], crc)
+    return bytes(frame)
+
+
+def decode_fast_status(frame: Frame, size: int) -> list[FastReply]:
+    """Each servo's share of a fast sync read reply.
+
+    The frame's last CRC, which the parser has checked, covers all of them.
+
+    Args:
+        frame: A reply from the broadcast id.
+        size: Bytes asked of each servo.
+
+    Returns:
+        The shares in the order asked for; empty when this is not such a reply.
+    """
+    block = size + 4
+    count, rest = divmod(len(frame.params) + 3, block)
+    if frame.id != BROADCAST or frame.instruction != Instruction.STATUS or rest or not count:
+        return []
+    shares = bytes((frame.error,)) + frame.params
+    return [
+        FastReply(shares[at + 1], shares[at], shares[at + 2 : at + 2 + size])
+        for at in range(0, count * block, block)
+    ]
+
+
+def decode_fast_bulk_status(frame: Frame, sizes: Sequence[int]) -> list[FastReply]:
+    """Each servo's share of a fast bulk read reply.
+
+    The frame's last CRC, which the parser has checked, covers all of them.
+
+    Args:
+        frame: A reply from the broadcast id.
+        sizes: Bytes asked of each servo, in the order asked for.
+
+    Returns:
+        The shares in the order asked for; empty when this is not such a reply.
+    """
+    shares = bytes((frame.error,)) + frame.params
+    # The last share's CRC is the frame's own, which is not among its parameters.
+    whole = sum(sizes) + 4 * len(sizes) - 2
+    if frame.id != BROADCAST or frame.instruction != Instruction.STATUS or len(shares) != whole:
+        return []
+    replies = []
+    at = 0
+    for size in sizes:
+        replies.append(FastReply(shares[at + 1], shares[at], shares[at + 2 : at + 2 + size]))
+        at += size + 4
+    return replies

@@ -1,0 +1,173 @@
+"""Frames found in a stream of bytes, however it is cut, and whatever lies between them."""
+
+from __future__ import annotations
+
+from hw.dynamixel.codec.frames import (
+    BROADCAST,
+    HEADER,
+    MARK,
+    MAX_LENGTH,
+    PREAMBLE,
+    ErrorCode,
+    Frame,
+    Instruction,
+    crc16,
+    decode,
+)
+
+
+class ExpectedReply:
+    """Recognises the one reply that a cyclic request should get, in half the time of a search.
+
+    Args:
+        id: Of the servo asked.
+        size: Bytes of data asked for.
+    """
+
+    __slots__ = ("_crc", "_prefix", "_size")
+
+    def __init__(self, id: int, size: int) -> None:  # noqa: A002
+        length = size + 4
+        self._prefix = HEADER + bytes((id, length & 0xFF, length >> 8, Instruction.STATUS))
+        self._size = len(self._prefix) + length - 1
+        self._crc = crc16(self._prefix)
+
+    def match(self, data: bytes) -> Frame | None:
+        """The reply, if ``data`` is just that; None for whatever needs a ``Parser``."""
+        prefix = self._prefix
+        if len(data) != self._size or not data.startswith(prefix):
+            return None
+        body = data[8:-2]
+        if MARK in body or crc16(body, self._crc) != data[-2] | data[-1] << 8:
+            return None
+        return Frame(prefix[4], Instruction.STATUS, body[0], body[1:])
+
+
+class Parser:
+    """Finds frames in a stream of bytes, however it is cut, and whatever lies between them.
+
+    A broken frame costs itself alone: after a wrong CRC the search goes on right behind its
+    header, and a frame that is cut short is given up as soon as the next header is seen, or, where
+    headers may be data, as soon as a frame behind it is whole.
+    """
+
+    __slots__ = ("_buffer", "_report_crc", "_skipping", "_unstuffed", "corrupt")
+
+    def __init__(self, *, report_crc: bool = False, unstuffed: bool = False) -> None:
+        """Start with nothing received.
+
+        Args:
+            report_crc: Return a frame that fails its CRC too, with ``ErrorCode.CRC`` as its error
+                and no parameters (a servo answers those).
+            unstuffed: Take a header inside of a frame for data if that makes the frame's CRC right
+                (a servo counts bytes; some hosts do not stuff).
+        """
+        self._buffer = bytearray()
+        self._report_crc = report_crc
+        self._unstuffed = unstuffed
+        self._skipping = False
+        self.corrupt = 0
+        """Frames with a wrong CRC, frames cut short, and runs of bytes that belong to none."""
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing of a frame is waiting for its rest."""
+        return not self._buffer and not self._skipping
+
+    def reset(self) -> None:
+        """Forget a frame that has come in part only. Does not count as corrupt."""
+        self._buffer.clear()
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take in bytes; the frames they complete, in order."""
+        buffer = self._buffer
+        seen = len(buffer)
+        buffer += data
+        frames: list[Frame] = []
+        at = 0
+        size = len(buffer)
+        while True:
+            start = buffer.find(HEADER, at)
+            if start < 0:
+                start = size - _header_prefix(buffer, at)
+                self._skip(start - at)
+                at = start
+                break
+            self._skip(start - at)
+            at = start
+            if size - start < PREAMBLE:
+                break
+            length = buffer[start + 5] | buffer[start + 6] << 8
+            if not 3 <= length <= MAX_LENGTH or buffer[start + 4] > BROADCAST:
+                at = self._reject(start)
+                continue
+            end = start + PREAMBLE + length
+            if end > size:
+                if self._cut_short(start, seen):
+                    at = self._reject(start)
+                    continue
+                break
+            frame = bytes(buffer[start:end])
+            if crc16(frame[:-2]) != frame[-2] | frame[-1] << 8:
+                if self._report_crc:
+                    frames.append(Frame(frame[4], frame[7], ErrorCode.CRC, b""))
+                at = self._reject(start)
+                continue
+            decoded = decode(frame)
+            if decoded is None:
+                at = self._reject(start)
+                continue
+            frames.append(decoded)
+            self._skipping = False
+            at = end
+        del buffer[:at]
+        return frames
+
+    def _skip(self, count: int) -> None:
+        """Count a run of garbage once; what follows a rejected header was counted with it."""
+        if count and not self._skipping:
+            self.corrupt += 1
+            self._skipping = True
+
+    def _reject(self, start: int) -> int:
+        """Count the frame at ``start`` as broken; where to search on."""
+        self.corrupt += 1
+        self._skipping = True
+        return start + len(HEADER)
+
+    def _cut_short(self, start: int, seen: int) -> bool:
+        """Whether the incomplete frame at ``start`` will never be completed.
+
+        Stuffing keeps headers out of frames, so a further one means the sender began anew. A fast
+        read's reply is not stuffed and may hold one; so may anything where hosts do not stuff, and
+        then only a whole frame counts. Those that were whole at ``seen`` bytes have been found.
+        """
+        buffer = self._buffer
+        if self._unstuffed:
+            return self._whole_frame_behind(start, seen)
+        if len(buffer) > start + PREAMBLE and (
+            buffer[start + 4] == BROADCAST and buffer[start + 7] == Instruction.STATUS
+        ):
+            return False
+        return buffer.find(HEADER, start + len(HEADER)) >= 0
+
+    def _whole_frame_behind(self, start: int, seen: int) -> bool:
+        buffer = self._buffer
+        size = len(buffer)
+        at = start
+        while (at := buffer.find(HEADER, at + len(HEADER))) >= 0 and at + PREAMBLE <= size:
+            length = buffer[at + 5] | buffer[at + 6] << 8
+            end = at + PREAMBLE + length
+            believable = length >= 3 and seen < end <= size and buffer[at + 4] <= BROADCAST
+            if believable and crc16(buffer[at : end - 2]) == buffer[end - 2] | buffer[end - 1] << 8:
+                return True
+        return False
+
+
+def _header_prefix(buffer: bytearray, at: int) -> int:
+    """How many bytes at the end of ``buffer[at:]`` may be the beginning of a header."""
+    for count in (3, 2, 1):
+        if len(buffer) - at >= count and buffer.endswith(HEADER[:count]):
+            return count
+    return 0
