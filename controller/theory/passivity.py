@@ -73,7 +73,7 @@ def _kappa(ratio: float, delay: float, n_samples: int) -> float:
     # sixteen points per turn of the fastest angle, and the limit theta -> 0
     steps = 64 + 8 * int((delay + 2) + n_samples)
     theta = np.linspace(0.0, np.pi, steps + 1)
-    theta[0] = 1e-5
+    theta[0] = 1e-7
     values = _kappa_at(theta, ratio, delay, n_samples)
     # every low point of the scan may hide the least one
     lows = np.flatnonzero(
