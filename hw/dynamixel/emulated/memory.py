@@ -1,4 +1,8 @@
-"""The memory behind a control table: which bytes belong to which register, read and written."""
+"""The memory behind a control table: which bytes belong to which register, read and written.
+
+Indirect Data shows the bytes that Indirect Address names, and takes writes for them, so that
+scattered registers can be had in one piece.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ from collections.abc import Iterable, Mapping
 
 from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.tables import Register
+
+_DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 
 
 class Memory:
@@ -18,7 +24,7 @@ class Memory:
         measured: Addresses that ``overwrite`` fills.
     """
 
-    __slots__ = ("_at", "_bytes", "_measured", "_values", "registers")
+    __slots__ = ("_at", "_bytes", "_measured", "_names_of", "_values", "registers")
 
     def __init__(self, registers: Iterable[Register], measured: range) -> None:
         self._measured = measured
@@ -27,10 +33,13 @@ class Memory:
         end = max(r.address + r.size for r in self.registers.values())
         self._bytes = bytearray(end)
         self._at: list[Register | None] = [None] * end
+        self._names_of: dict[int, str] = {}  # of Indirect Data: the register with its address
         for register in self.registers.values():
             for byte in range(register.address, register.address + register.size):
                 self._at[byte] = register
             self[register.name] = register.default
+            if register.name.startswith(_DATA):
+                self._names_of[register.address] = _ADDRESS + register.name.removeprefix(_DATA)
 
     def __contains__(self, name: str) -> bool:
         return name in self.registers
@@ -48,15 +57,39 @@ class Memory:
         if register.address not in self._measured:
             self._values[name] = value
 
+    def get(self, name: str) -> int:
+        """The register's value; 0 where the model or its firmware has no such register."""
+        return self[name] if name in self.registers else 0
+
     def overwrite(self, data: bytes) -> None:
         """Put ``data`` where the measured registers are."""
         self._bytes[self._measured.start : self._measured.stop] = data
 
     def read(self, address: int, size: int) -> bytes | None:
         """The bytes there; None when they reach beyond the table."""
-        if address + size > len(self._bytes):
+        end = address + size
+        if end > len(self._bytes):
             return None
-        return bytes(self._bytes[address : address + size])
+        if end <= self._measured.stop:  # nothing indirect there
+            return bytes(self._bytes[address:end])
+        return bytes(self._bytes[self._target(at)] for at in range(address, end))
+
+    def shows_measured(self, address: int, size: int) -> bool:
+        """Whether a read of these bytes needs what the servo measures to be up to date."""
+        end = address + size
+        if address < self._measured.stop:
+            return end > self._measured.start
+        return any(self._target(at) in self._measured for at in range(address, end))
+
+    def chained(self, register: Register, value: int) -> bool:
+        """Whether ``value`` in ``register`` would have Indirect Data show other Indirect Data."""
+        own = self.registers.get(_DATA + register.name.removeprefix(_ADDRESS))
+        return (
+            register.name.startswith(_ADDRESS)
+            and own is not None
+            and value != own.address
+            and value in self._names_of
+        )
 
     def split(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
         """The registers ``data`` would be written to, with their values, or why it cannot be.
@@ -66,19 +99,26 @@ class Memory:
         """
         if not data:
             return ErrorCode.DATA_LENGTH
+        targets = [self._target(at) for at in range(address, address + len(data))]
         values = []
         done = 0
         while done < len(data):
-            at = address + done
+            at = targets[done]
             register = self._at[at] if at < len(self._at) else None
             if register is None or not register.writable:
                 return ErrorCode.ACCESS
-            part = data[done : done + register.size]
-            if at != register.address or len(part) < register.size:
+            end = done + register.size
+            whole = list(range(register.address, register.address + register.size))
+            if targets[done:end] != whole:
                 return ErrorCode.DATA_LENGTH
-            value = register.decode(part)
+            value = register.decode(data[done:end])
             if not register.minimum <= value <= register.maximum:
                 return ErrorCode.DATA_RANGE
             values.append((register, value))
-            done += register.size
+            done = end
         return values
+
+    def _target(self, address: int) -> int:
+        """Where the byte at ``address`` really is."""
+        name = self._names_of.get(address)
+        return address if name is None else self[name]

@@ -8,6 +8,8 @@ Source: ROBOTIS e-Manual, control table pages of the X series.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.emulated.memory import Memory
 from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
@@ -18,8 +20,8 @@ TEMPERATURE = 32
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
 _POSITION_MODE = 3
-_MODELLED_END = 168
-"""Indirect addressing, from here on, is not modelled"""
+_TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
+"""Bits of Startup Configuration"""
 MEASURED = range(120, 147)
 """Addresses of what the servo measures, Realtime Tick to Present Temperature"""
 _GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
@@ -39,6 +41,12 @@ _RESET_WITH_MODE = (
     "feedforward_2nd_gain",
     "feedforward_1st_gain",
 )
+_KEPT: Mapping[int, frozenset[str]] = {
+    0xFF: frozenset(),
+    0x01: frozenset({"id"}),
+    0x02: frozenset({"id", "baud_rate"}),
+}
+"""What each option of a factory reset leaves alone"""
 
 
 class ControlTable:
@@ -49,15 +57,15 @@ class ControlTable:
         firmware: Decides what it knows.
     """
 
-    __slots__ = ("_model", "_torque_on_by_goal_known", "memory")
+    __slots__ = ("_backup", "_model", "_torque_on_by_goal_known", "memory")
 
     def __init__(self, model: Model, firmware: int) -> None:
         """Every register at its default, not yet powered up."""
         self._model = model
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
-        registers = (r for r in model.registers.values() if r.address < _MODELLED_END)
-        self.memory = Memory(registers, MEASURED)
+        self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
+        self._backup: dict[str, int] | None = None
 
     @property
     def volts(self) -> int:
@@ -67,7 +75,7 @@ class ControlTable:
     @property
     def reversed(self) -> bool:
         """Position counts the other way."""
-        return bool(self.memory["drive_mode"] & _REVERSE)
+        return bool(self.memory.get("drive_mode") & _REVERSE)
 
     @property
     def inverts_current(self) -> bool:
@@ -77,7 +85,7 @@ class ControlTable:
     @property
     def tripped(self) -> bool:
         """The Bus Watchdog has tripped and was not cleared."""
-        return self.memory["bus_watchdog"] == WATCHDOG_TRIPPED
+        return self.memory.get("bus_watchdog") == WATCHDOG_TRIPPED
 
     @property
     def shut_down(self) -> bool:
@@ -94,27 +102,37 @@ class ControlTable:
         if (
             not memory["torque_enable"]
             or memory["operating_mode"] != CURRENT_MODE
-            or memory["bus_watchdog"] == WATCHDOG_TRIPPED
+            or memory.get("bus_watchdog") == WATCHDOG_TRIPPED
         ):
             return 0
         limit = memory["current_limit"]
         wanted = min(max(memory["goal_current"], -limit), limit)
         return -wanted if self.inverts_current else wanted
 
-    def check(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
-        """What a write would store, or why it is refused: all of it or nothing."""
+    def check(
+        self, address: int, data: bytes, *, ram_only: bool = False
+    ) -> list[tuple[Register, int]] | ErrorCode:
+        """What a write would store, or why it is refused: all of it or nothing.
+
+        Args:
+            address: Of the first byte.
+            data: The bytes.
+            ram_only: EEPROM is out of reach, as for instructions to the Secondary ID.
+        """
         values = self.memory.split(address, data)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:
+            if ram_only and register.eeprom:
+                return ErrorCode.ACCESS
             error = self._refusal(register, value)
             if error:
                 return error
         return values
 
-    def write(self, address: int, data: bytes) -> ErrorCode:
+    def write(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
         """Store, with what it entails for other registers."""
-        values = self.check(address, data)
+        values = self.check(address, data, ram_only=ram_only)
         if isinstance(values, ErrorCode):
             return values
         for register, value in values:
@@ -138,19 +156,70 @@ class ControlTable:
             if not register.eeprom:
                 memory[register.name] = register.default
         self._reset_with_mode()
+        startup = memory.get("startup_configuration")
+        if self._backup is not None:
+            memory["backup_ready"] = 1
+            if startup & _RESTORE_RAM:
+                self._restore(self._backup, eeprom=False)
         self._check_health()
-        if memory["startup_configuration"] & 1 and not self.shut_down:
+        if startup & _TORQUE_ON and not self.shut_down:
             memory["torque_enable"] = 1
+
+    def reset(self, option: int) -> ErrorCode:
+        """EEPROM as from the factory, but for what the option keeps; to be powered up after it.
+
+        Open in the manual: an option that is none is answered "data range"; a backup stays.
+        """
+        if option not in _KEPT:
+            return ErrorCode.DATA_RANGE
+        memory = self.memory
+        for register in memory.registers.values():
+            if register.eeprom and register.writable and register.name not in _KEPT[option]:
+                memory[register.name] = register.default
+        return ErrorCode.NONE
+
+    def store_backup(self) -> ErrorCode:
+        """Put aside EEPROM, gains, profile and indirect addresses; not while torque is on."""
+        memory = self.memory
+        if memory["torque_enable"]:
+            return ErrorCode.RESULT_FAIL
+        self._backup = {
+            name: memory[name]
+            for name, register in memory.registers.items()
+            if (register.eeprom and register.writable)
+            or name in _RESET_WITH_MODE
+            or name.startswith("indirect_address_")
+        }
+        memory["backup_ready"] = 1
+        return ErrorCode.NONE
+
+    def restore_backup(self) -> ErrorCode:
+        """EEPROM as it was put aside; to be powered up after it.
+
+        Open in the manual: without a backup the answer is "result fail".
+        """
+        if self._backup is None or self.memory["torque_enable"]:
+            return ErrorCode.RESULT_FAIL
+        self._restore(self._backup, eeprom=True)
+        return ErrorCode.NONE
+
+    def _restore(self, backup: Mapping[str, int], *, eeprom: bool) -> None:
+        for name, value in backup.items():
+            if self.memory.registers[name].eeprom == eeprom:
+                self.memory[name] = value
 
     def _refusal(self, register: Register, value: int) -> ErrorCode:
         """Why this value must not be stored now, beyond the register's own range.
 
         Open in the manual: enabling torque while shut down is answered "result fail"; a tripped
-        watchdog takes nothing but 0.
+        watchdog takes nothing but 0; Indirect Data that would show other Indirect Data is out of
+        range.
         """
         memory, name = self.memory, register.name
         if register.eeprom and memory["torque_enable"]:
             return ErrorCode.ACCESS
+        if memory.chained(register, value):
+            return ErrorCode.DATA_RANGE
         if (name in _GOALS or (name == "bus_watchdog" and value)) and self.tripped:
             return ErrorCode.DATA_RANGE
         if name == "operating_mode" and value not in self._model.modes:
@@ -175,7 +244,7 @@ class ControlTable:
         elif (
             name in _GOALS
             and self._torque_on_by_goal_known
-            and memory["drive_mode"] & _TORQUE_ON_BY_GOAL
+            and memory.get("drive_mode") & _TORQUE_ON_BY_GOAL
             and not self.shut_down
         ):
             memory["torque_enable"] = 1

@@ -8,8 +8,8 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from hw.dynamixel.codec import ALERT, ErrorCode
-from hw.dynamixel.emulated.rules import MEASURED, TEMPERATURE, ControlTable
+from hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from hw.dynamixel.emulated.rules import TEMPERATURE, ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
@@ -109,6 +109,12 @@ class EmulatedServo:
         return self.memory["id"]
 
     @property
+    def secondary_id(self) -> int | None:
+        """The id it obeys without an answer; None where it has none or it is its own id."""
+        value = self.memory["secondary_id"]
+        return None if value > MAX_ID or value == self.memory["id"] else value
+
+    @property
     def baud(self) -> int:
         """The speed it listens at [bit/s]."""
         return BAUD_RATES[self.memory["baud_rate"]]
@@ -126,12 +132,12 @@ class EmulatedServo:
     @property
     def knows_fast_sync_read(self) -> bool:
         """Whether its firmware does."""
-        return self.firmware >= self.model.fast_sync_read_firmware
+        return self.model.knows_fast_reads(self.firmware)
 
     @property
     def watchdog_ns(self) -> int | None:
         """When the Bus Watchdog will trip if nothing is heard [ns]; None: not at all."""
-        value = self.memory["bus_watchdog"]
+        value = self.memory.get("bus_watchdog")
         if not value or not self.memory["torque_enable"] or self.table.tripped:
             return None
         return self._heard_ns + value * WATCHDOG_UNIT_NS
@@ -160,13 +166,13 @@ class EmulatedServo:
 
     def read(self, address: int, size: int, now_ns: int) -> bytes | None:
         """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
-        if address < MEASURED.stop and address + size > MEASURED.start:
+        if self.memory.shows_measured(address, size):
             self._refresh(now_ns)
         return self.memory.read(address, size)
 
-    def write(self, address: int, data: bytes, now_ns: int) -> ErrorCode:
+    def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
-        error = self.table.write(address, data)
+        error = self.table.write(address, data, ram_only=ram_only)
         if error == ErrorCode.NONE:
             if self.memory["torque_enable"] and not self._held:
                 # The scripted hand belongs to whoever tries the wall: it waits for the torque,
@@ -176,9 +182,9 @@ class EmulatedServo:
             self._drive(now_ns)
         return error
 
-    def register(self, address: int, data: bytes) -> ErrorCode:
+    def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
         """Put a write aside for the next ``act``."""
-        checked = self.table.check(address, data)
+        checked = self.table.check(address, data, ram_only=ram_only)
         if isinstance(checked, ErrorCode):
             return checked
         self.registered = (address, data)
@@ -193,13 +199,38 @@ class EmulatedServo:
         self.memory["registered_instruction"] = 0
         return self.write(address, data, now_ns)
 
+    def clear_turns(self, now_ns: int) -> ErrorCode:
+        """Present Position back within one turn; "result fail" while it moves."""
+        self._refresh(now_ns)
+        if self.memory["moving"]:
+            return ErrorCode.RESULT_FAIL
+        self._forget_turns()
+        return ErrorCode.NONE
+
+    def reset(self, option: int, now_ns: int) -> ErrorCode:
+        """The factory's settings, but for what the option keeps, and a reboot."""
+        error = self.table.reset(option)
+        if error == ErrorCode.NONE:
+            self.reboot(now_ns)
+        return error
+
+    def restore_backup(self, now_ns: int) -> ErrorCode:
+        """EEPROM from the backup, and a reboot."""
+        error = self.table.restore_backup()
+        if error == ErrorCode.NONE:
+            self.reboot(now_ns)
+        return error
+
     def reboot(self, now_ns: int) -> None:
         """RAM back to its defaults, errors cleared, turns forgotten; silent until it is up."""
         self.registered = None
         self.mechanism.advance(now_ns)
-        self._lost_turns = self._counts() // COUNTS_PER_REV * COUNTS_PER_REV
+        self._forget_turns()
         self._power_up(now_ns)
         self.answers_from_ns = now_ns + BOOT_NS
+
+    def _forget_turns(self) -> None:
+        self._lost_turns = self._counts() // COUNTS_PER_REV * COUNTS_PER_REV
 
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns

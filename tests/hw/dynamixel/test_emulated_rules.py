@@ -146,7 +146,7 @@ def test_a_write_over_several_registers_is_all_or_nothing():
         ("84 00 04", ErrorCode.DATA_LENGTH),
         ("84 00 00 00", ErrorCode.DATA_LENGTH),
         ("00 10 04 00", ErrorCode.ACCESS),
-        ("90 00 FF 00", ErrorCode.ACCESS),
+        ("50 02 FF 00", ErrorCode.ACCESS),
     ],
 )
 def test_a_read_that_cannot_be_carries_an_error_and_no_data(params, error):

@@ -1,0 +1,55 @@
+"""Several servos with one id answer at once: what is left of their bytes on the wire.
+
+A simple picture: every servo starts after its own return delay, in whole byte times, and where two
+send at once a bit is 0 if one of them pulls it low. So two of a kind that say the same, as to a
+ping, cannot be told from one; all else becomes a frame with a wrong CRC or none at all. On a real
+bus the edges differ within a bit and the levels depend on the transceivers: the bytes would be
+others, as useless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from hw.dynamixel.codec import Frame
+
+_BIT_TIMES_NS = 10_000_000_000
+"""Ten bits at one bit per second [ns]"""
+
+
+class Sending(NamedTuple):
+    """What one servo begins to send when its return delay has passed."""
+
+    delay_ns: int
+    baud: int
+    frame: Frame
+    wire: bytes
+
+
+def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
+    """What is heard: delay behind what came before [ns], the first one's frame, the bytes."""
+    waiting = sorted(sendings, key=lambda sending: sending.delay_ns)
+    over_ns = 0
+    while waiting:
+        first = waiting[0]
+        byte_ns = _BIT_TIMES_NS // first.baud
+        end_ns = first.delay_ns + len(first.wire) * byte_ns
+        together = []
+        while waiting and waiting[0].delay_ns < end_ns:
+            sending = waiting.pop(0)
+            lead = b"\xff" * round((sending.delay_ns - first.delay_ns) / byte_ns)
+            together.append(lead + sending.wire)
+            end_ns = max(end_ns, first.delay_ns + len(together[-1]) * byte_ns)
+        yield max(0, first.delay_ns - over_ns), first.frame, pull_low(together)
+        over_ns = end_ns
+
+
+def pull_low(sent: Sequence[bytes]) -> bytes:
+    """Bytes sent at once: every bit is 0 that one of them pulls low; an idle line is high."""
+    longest = max(len(data) for data in sent)
+    heard = bytearray(b"\xff" * longest)
+    for data in sent:
+        for at, byte in enumerate(data):
+            heard[at] &= byte
+    return bytes(heard)
