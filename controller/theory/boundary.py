@@ -30,6 +30,7 @@ __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 
 # settings solved at once: what fits the processor's cache, and what bounds the scan's memory
 _LIGHT_CHUNK, _SCAN_CHUNK = 2048, 512
+_AT_CEILING = 1e-9
 _PEAK_POINTS, _PEAK_ROUNDS = 17, 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
 
 
@@ -72,10 +73,12 @@ def critical(
         w_max, top = first_branch.ceiling(loop)
         below = beta[part] < top
         a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
-        alpha[part], w[part] = np.where(below, a, 0.0), np.where(below, at, 0.0)
+        alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
+        w[part] = np.where(below, at, 0.0)
     for part in _parts(some & ~light, _SCAN_CHUNK):
         plant = _loop(delta[part], delay[part], samples[part]).column()
-        below = beta[part] < all_branches.ceiling(plant)
+        # so near the ceiling the lowest crossing can round to below zero, and be taken for none
+        below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)
         scanned = HeldLoop.of(delta[part], delay[part], samples[part]).column()
         a, at = all_branches.crossing(scanned, np.where(below, beta[part], 0.0))
         alpha[part], w[part] = np.where(below, a, 0.0), np.where(below, at, 0.0)

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
 
+_MOST_DAMPING, _LONGEST = 1e100, 1e12
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -74,16 +76,33 @@ def settings(
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
     m, b, big_b, t, t_d, n = (np.ravel(array) for array in arrays)
-    return Settings(
-        delta=b * t / m,
-        beta=big_b * t / m,
-        delay=t_d / t,
-        samples=n,
-        stiffness_unit=m / t**2,
-        damping_unit=m / t,
-        period=t,
-        shape=arrays[0].shape,
-    )
+    with np.errstate(over="ignore", divide="ignore", under="ignore", invalid="ignore"):
+        result = Settings(
+            delta=b * t / m,
+            beta=big_b * t / m,
+            delay=t_d / t,
+            samples=n,
+            stiffness_unit=m / t / t,
+            damping_unit=m / t,
+            period=t,
+            shape=arrays[0].shape,
+        )
+    _computable(result)
+    return result
+
+
+def _computable(s: Settings) -> None:
+    """Refuse what double precision has no numbers for."""
+    largest = np.finfo(np.float64).max
+    for good, message in (
+        (s.delta <= _MOST_DAMPING, "inertia is too small: b T / m must be at most 1e100"),
+        (np.abs(s.beta) <= largest, "inertia is too small: B T / m must be a finite number"),
+        (s.delay <= _LONGEST, "period is too small: t_d / T must be at most 1e12"),
+        (s.stiffness_unit <= largest, "period is too small: m / T² must be a finite number"),
+        (s.stiffness_unit > 0, "period is too large: m / T² must be above 0"),
+    ):
+        if not np.all(good):
+            raise ValueError(message)
 
 
 class Dimensionless(NamedTuple):

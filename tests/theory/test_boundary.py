@@ -1,0 +1,196 @@
+"""The boundary held against poles in extended precision, its two ways of solving, its domain."""
+
+from __future__ import annotations
+
+import cmath
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.theory import (
+    all_branches,
+    critical_point,
+    critical_stiffness,
+    first_branch,
+    linear_limit,
+    max_virtual_damping,
+    peak,
+)
+from controller.theory.boundary import critical, highest, max_beta
+from controller.theory.loop import HeldLoop
+from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
+
+
+def light_settings(count: int, seed: int, heaviest: float = 0.1) -> tuple[np.ndarray, ...]:
+    """Delta from 1e-6, d to 60 (often whole), beta from -delta/2 to .95 of the ceiling."""
+    random = np.random.default_rng(seed)
+    delta = 10 ** random.uniform(-6, np.log10(heaviest), count)
+    delay = np.where(
+        random.random(count) < 0.3, random.integers(0, 61, count), random.uniform(0, 60, count)
+    )
+    top = 0.95 * max_virtual_damping(1.0, delta, 1.0, delay)
+    small = np.where(random.random(count) < 0.5, -0.5 * delta, 0.0)
+    share = np.where(small < 0, random.random(count) ** 4, random.random(count))
+    return delta, small + (top - small) * share, delay
+
+
+def test_poles_in_extended_precision_leave_the_circle_within_a_billionth(thorough: bool) -> None:
+    delta, beta, delay = light_settings(10_000 if thorough else 1_000, seed=1)
+    found = critical_point(1.0, delta, beta, 1.0, delay)
+    part = mpmath.mpf(10) ** -9
+    with mpmath.workdps(DIGITS):
+        rows = zip(delta, beta, delay, found.stiffness, found.frequency, strict=True)
+        for *wall, alpha, frequency in rows:
+            setting = Wall(*map(float, wall))
+            below = characteristic(setting, mpmath.mpf(float(alpha)) * (1 - part))
+            above = characteristic(setting, mpmath.mpf(float(alpha)) * (1 + part))
+            on_circle = cmath.exp(2j * np.pi * float(frequency))
+            inside, outside = pole_near(below, on_circle), pole_near(above, on_circle)
+            assert abs(inside) < 1 < abs(outside), setting
+            # it is the pole at this frequency that leaves, and before it does all are inside
+            nearness = 1e-8 * 2 * np.pi * float(frequency)
+            assert abs(inside - on_circle) < nearness, setting
+            assert abs(outside - on_circle) < nearness, setting
+            assert all_inside(below), setting
+            assert not all_inside(above), setting
+
+
+def test_long_differences_and_heavy_damping_do_too(thorough: bool) -> None:
+    count = 1_000 if thorough else 60
+    random = np.random.default_rng(2)
+    samples = random.choice([1, 2, 3, 5, 8, 20], count)
+    delta = 10 ** random.uniform(-5, np.where(samples == 1, 1.5, -0.5))
+    delay = random.uniform(0, 20, count)
+    top = max_virtual_damping(1.0, delta, 1.0, delay, samples)
+    beta = -0.5 * delta + (0.95 * top + 0.5 * delta) * random.random(count) ** 2
+    alpha = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
+    part = mpmath.mpf(10) ** -9
+    with mpmath.workdps(DIGITS):
+        for *wall, limit in zip(delta, beta, delay, samples, alpha, strict=True):
+            setting = Wall(*map(float, wall[:3]), samples=int(wall[3]))
+            exact = mpmath.mpf(float(limit))
+            assert all_inside(characteristic(setting, exact * (1 - part))), setting
+            assert not all_inside(characteristic(setting, exact * (1 + part))), setting
+
+
+def test_the_extended_precision_is_enough() -> None:
+    # the same verdicts with more than twice the bits and digits, a part in 10^12 from the limit
+    delta, beta, delay = light_settings(40, seed=3)
+    alpha = critical_stiffness(1.0, delta, beta, 1.0, delay)
+    for side in (-1, 1):
+        for *wall, limit in zip(delta, beta, delay, alpha, strict=True):
+            verdicts = []
+            for digits, bits in ((DIGITS, 640), (150, 1600)):
+                with mpmath.workdps(digits):
+                    exact = mpmath.mpf(float(limit)) * (1 + side * mpmath.mpf(10) ** -12)
+                    polynomial = characteristic(Wall(*map(float, wall)), exact)
+                    verdicts.append(all_inside(polynomial, bits))
+            assert verdicts == [side < 0, side < 0]
+
+
+def test_the_first_branch_is_all_there_is_for_light_damping(thorough: bool) -> None:
+    delta, beta, delay = light_settings(
+        20_000 if thorough else 2_000, seed=4, heaviest=first_branch.LIGHT
+    )
+    one = np.ones_like(delta)
+    alpha, w = critical(delta, beta, delay, one)
+    column = HeldLoop.of(delta, delay, one).column()
+    lowest, at = np.empty_like(alpha), np.empty_like(w)
+    ceiling = np.empty_like(alpha)
+    for i in range(0, delta.size, 500):
+        part = HeldLoop.of(delta[i : i + 500], delay[i : i + 500], one[i : i + 500]).column()
+        lowest[i : i + 500], at[i : i + 500] = all_branches.crossing(part, beta[i : i + 500])
+        ceiling[i : i + 500] = all_branches.ceiling(part)
+    np.testing.assert_allclose(alpha, lowest, rtol=1e-11)
+    np.testing.assert_allclose(w, at, rtol=1e-11)
+    np.testing.assert_allclose(max_beta(delta, delay, one), ceiling, rtol=1e-11)
+    # it rises all the way to the ceiling, so that it passes each damping once
+    w_max, _ = first_branch.ceiling(column)
+    curve = column.curve(w_max * np.linspace(0.02, 1.0, 60))
+    assert np.all(np.diff(curve.q / (curve.c * curve.m), axis=1) > 0)
+
+
+@pytest.mark.parametrize(("delta", "delay"), [(0.0, 0.0), (1e-6, 60.0), (0.1, 2.5), (0.02, 1.0)])
+def test_a_whole_boundary_of_one_plant_is_the_same_as_its_points(
+    delta: float, delay: float
+) -> None:
+    top = max_virtual_damping(1.0, delta, 1.0, delay)
+    beta = np.linspace(-1.1 * delta, 1.1 * top, 1000)
+    together = critical_point(1.0, delta, beta, 1.0, delay)
+    for i in range(0, 1000, 37):
+        alone = critical_point(1.0, delta, beta[i], 1.0, delay)
+        assert together.stiffness[i] == pytest.approx(alone.stiffness, rel=1e-11)
+        assert together.frequency[i] == pytest.approx(alone.frequency, rel=1e-9)
+    n = critical_stiffness(1.0, delta, beta, 1.0, delay, velocity_samples=2)
+    assert n[400] == pytest.approx(
+        critical_stiffness(1.0, delta, beta[400], 1.0, delay, velocity_samples=2), rel=1e-12
+    )
+
+
+def test_nothing_is_higher_than_the_peak() -> None:
+    random = np.random.default_rng(5)
+    delta, delay = 10 ** random.uniform(-6, 0.5, 60), random.uniform(0, 30, 60)
+    samples = random.choice([1.0, 1.0, 1.0, 3.0], 60)
+    alpha, beta, w = highest(delta, delay, samples)
+    at_peak, frequency = critical(delta, beta, delay, samples)
+    np.testing.assert_allclose(alpha, at_peak, rtol=1e-9)
+    np.testing.assert_allclose(w, frequency, rtol=1e-6)
+    top = max_beta(delta, delay, samples)
+    for share in np.linspace(0.0, 1.0, 41)[1:-1]:
+        other, _ = critical(delta, -delta + share * (top + delta), delay, samples)
+        assert np.all(other <= alpha * (1 + 1e-9))
+
+
+extreme = st.one_of(st.just(0.0), st.floats(1e-12, 100.0), st.floats(1e-3, 1.0))
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    delta=extreme,
+    beta=st.one_of(st.floats(-200.0, 200.0), st.floats(-1e-3, 1.0), st.floats(-1e250, 1e250)),
+    delay=st.one_of(st.floats(0.0, 1000.0), st.integers(0, 1000).map(float)),
+    samples=st.integers(1, 50),
+    inertia=st.floats(1e-30, 1e30),
+    period=st.floats(1e-9, 1e3),
+)
+def test_extreme_settings_give_numbers_and_zero_outside_of_the_damping_range(
+    delta: float, beta: float, delay: float, samples: int, inertia: float, period: float
+) -> None:
+    damping, virtual = delta * inertia / period, beta * inertia / period
+    device = (inertia, damping, period, delay * period, samples)
+    limit = critical_point(inertia, damping, virtual, period, delay * period, samples)
+    top = max_virtual_damping(*device)
+    best = peak(*device)
+    for value in (limit.stiffness, limit.frequency, top, best.stiffness, best.frequency):
+        assert np.isfinite(value)
+        assert value >= 0
+    if virtual <= -damping or virtual >= top:
+        assert limit.stiffness == 0
+        assert limit.frequency == 0
+    assert limit.stiffness <= best.stiffness * (1 + 1e-6)
+    assert limit.frequency <= 0.5 / period * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"inertia": 1e-300, "damping": 1e10}, "inertia .* too small"),
+        ({"period": 1e-300, "delay": 1e10}, "period .* too small"),
+    ],
+)
+def test_numbers_beyond_all_bounds_are_refused_by_name(
+    change: dict[str, float], message: str
+) -> None:
+    good = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0, "period": 1e-3, "delay": 0.0}
+    with pytest.raises(ValueError, match=message):
+        critical_stiffness(**{**good, **change})
+
+
+def test_light_damping_by_the_linear_condition_to_the_last_digits() -> None:
+    # both dampings of the order 1e-9: the exact limit is the line, to that order times the delay
+    delta = np.array([1e-9, 1e-12, 1e-100, 1e-300])
+    ratio = critical_stiffness(1.0, delta, delta, 1.0, 3.0) / linear_limit(delta, delta, 1.0, 3.0)
+    np.testing.assert_allclose(ratio, 1.0, atol=1e-7)
