@@ -17,7 +17,6 @@ from controller.paper.style import (
     INK,
     ORANGE,
     PAGE,
-    RED,
     STIFFNESS,
     VIRTUAL_DAMPING,
     grid,
@@ -32,7 +31,7 @@ _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
 """Of the range that is drawn, where a curve has points: at its very ends all limits are 0."""
 _SMALL = 0.08
 """Where the servo's own damping is a smaller share of the ceiling, the origin gets an inset."""
-_ONE_SIDED_FILL = "#c5dcc9"
+_ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"
 
 
 def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> None:
@@ -93,7 +92,7 @@ def _plane(ax: Axes, across: Curve) -> None:
     if limits.quantisation is not None:
         shown = _above_zero(limits.quantisation)
         label = "encoder (quantisation)"
-        ax.plot(damping[shown], limits.quantisation[shown], ":", color=RED, label=label)
+        ax.plot(damping[shown], limits.quantisation[shown], ":", color=_ENCODER, label=label)
 
 
 def _above_zero(values: FloatArray) -> slice:

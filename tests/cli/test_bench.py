@@ -1,0 +1,83 @@
+"""``haptic-wall bench``: sections, figures with their limits, and what is not installed.
+
+Nothing is asserted about speed; the work is cut down so that the test is quick.
+"""
+
+import json
+
+import pytest
+
+from controller.benchmarks import array_simulation, boundary
+from controller.benchmarks.rows import interleaved
+from controller.cli import main as cli
+from controller.cli.bench import SECTIONS
+
+
+@pytest.fixture(autouse=True)
+def little_work(monkeypatch):
+    monkeypatch.setattr(boundary, "_ROUNDS", 1)
+    monkeypatch.setattr(boundary, "_MIXED", 500)
+    monkeypatch.setattr(boundary, "_COMPARED", 3)
+    monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
+    monkeypatch.setattr(array_simulation, "BLOCK", 4)
+    monkeypatch.setattr(array_simulation, "_PERIODS", 200)
+    monkeypatch.setattr(array_simulation, "_PERIODS_ALONE", 200)
+
+
+def call(capsys, *arguments):
+    status = cli.main(["bench", *arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_the_json_holds_machine_versions_and_every_section(capsys):
+    status, out, _ = call(capsys, "--json")
+    assert status == 0
+    report = json.loads(out, parse_constant=pytest.fail)
+    assert set(report["sections"]) == set(SECTIONS)
+    assert {"processor", "cores", "system"} == set(report["machine"])
+    assert {"haptic-wall", "python", "numpy", "control"} == set(report["versions"])
+    rows = [row for section in report["sections"].values() for row in section["rows"]]
+    assert len({row["name"] for row in rows}) == len(rows)
+    assert all(row["value"] >= 0 and row["shows_not"] for row in rows)
+
+
+def test_a_section_can_be_asked_for_alone(capsys):
+    status, out, err = call(capsys, "--section", "array_simulation")
+    assert status == 0
+    assert "array simulation" in out
+    assert "python-control" not in out
+    assert err == "measuring array_simulation ...\n"
+    assert call(capsys, "--section", "loops")[0] == 2
+
+
+def test_arrays_move_as_one_alone_does():
+    rows = {row.name: row.value for row in array_simulation.measure().rows}
+    apart = [value for name, value in rows.items() if name.startswith("difference of position")]
+    assert apart == [0.0, 0.0]
+
+
+def test_both_programs_find_the_same_margins():
+    pytest.importorskip("control")
+    section = boundary.measure()
+    (apart,) = (row.value for row in section.rows if "relative difference" in row.name)
+    assert apart < 1e-6
+    assert section.notes == ()
+
+
+def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(monkeypatch, capsys):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(boundary.importlib, "import_module", missing)
+    section = boundary.measure()
+    assert [row.unit for row in section.rows] == ["ms", "settings/s"]
+    (note,) = section.notes
+    assert "haptic-wall[bench]" in note
+
+
+def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted():
+    order = []
+    times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
+    assert order == ["a", "b"] * 3
+    assert set(times) == {"a", "b"}

@@ -1,0 +1,235 @@
+"""``haptic-wall boundary``: the promised JSON, table and picture, and what wrong input gets."""
+
+import json
+
+import numpy as np
+import pytest
+
+from controller.cli import main as cli
+from controller.theory import (
+    critical_point,
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    one_sided_limit,
+    passive_limit,
+    peak,
+)
+from controller.theory.servos import servo
+
+LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--delay", "0.002"]
+POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
+
+
+def call(capsys, *arguments):
+    status = cli.main(["boundary", *arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def asked(capsys, *arguments):
+    """The JSON answer."""
+    status, out, err = call(capsys, *arguments, "--json")
+    assert (status, err) == (0, "")
+    return json.loads(out, parse_constant=pytest.fail)
+
+
+def test_the_points_are_those_of_the_theory_in_the_order_asked(capsys):
+    found = asked(capsys, *LOOP, "--virtual-damping=0.2,-0.01,0,7")
+    dampings = [0.2, -0.01, 0.0, 7.0]
+    assert [point["virtual_damping"] for point in found["points"]] == dampings
+    m, b, t, t_d = 0.012, 0.0117, 1e-3, 2e-3
+    columns = {
+        "linear": linear_limit(b, dampings, t, t_d),
+        "exact": critical_stiffness(m, b, dampings, t, t_d),
+        "one_sided": one_sided_limit(m, b, dampings, t, t_d),
+        "passive": passive_limit(b, dampings, t, t_d),
+        "frequency_hz": critical_point(m, b, dampings, t, t_d).frequency,
+    }
+    assert {*columns, "virtual_damping"} == POINT
+    for name, values in columns.items():
+        assert [point[name] for point in found["points"]] == pytest.approx(values), name
+    assert found["max_virtual_damping"] == pytest.approx(max_virtual_damping(m, b, t, t_d))
+    # above the ceiling no stiffness is stable
+    assert found["max_virtual_damping"] < 7
+    assert found["points"][3]["exact"] == 0
+    top = peak(m, b, t, t_d)
+    assert found["peak"] == pytest.approx(
+        {
+            "stiffness": top.stiffness,
+            "virtual_damping": top.virtual_damping,
+            "frequency_hz": top.frequency,
+        }
+    )
+
+
+def test_a_rate_and_a_servo_stand_for_numbers(capsys):
+    facts = servo("MX-64")
+    plain = ["--inertia", f"{facts.inertia}", "--damping", f"{facts.damping}"]
+    there = ["--delay", "0.001", "--virtual-damping", "0.1"]
+    named = asked(capsys, "--servo", "mx-64", "--rate", "1000", *there)
+    assert named == asked(capsys, *plain, "--period", "0.001", *there)
+    heavier = asked(capsys, "--servo", "MX-64", "--inertia", "0.02", "--rate", "1000", *there)
+    assert heavier["max_virtual_damping"] > named["max_virtual_damping"]
+
+
+def test_without_a_list_the_points_reach_from_nothing_to_near_the_ceiling(capsys):
+    found = asked(capsys, *LOOP)
+    dampings = [point["virtual_damping"] for point in found["points"]]
+    assert dampings[0] == 0
+    assert dampings == sorted(dampings)
+    assert 0.8 < dampings[-1] / found["max_virtual_damping"] < 1
+    assert all(point["exact"] > 0 for point in found["points"])
+
+
+def test_the_design_is_told_for_the_stiffest_wall_asked_for(capsys):
+    found = asked(capsys, *LOOP, "--virtual-damping=0.05,0.2,0.1")
+    stiffest = max(found["points"], key=lambda point: point["one_sided"])
+    design = found["design"]
+    assert design["virtual_damping"] == stiffest["virtual_damping"] == 0.2
+    assert (design["binding"], design["stiffness"]) == ("one_sided", stiffest["one_sided"])
+    assert sum(part["share"] for part in design["delay_parts"]) == pytest.approx(1)
+    gains = {each["change"]: each for each in design["improvements"]}
+    faster = asked(capsys, *LOOP[:-1], "0.001", "--virtual-damping=0.2")
+    assert gains["delay"]["stiffness"] == pytest.approx(faster["design"]["stiffness"], rel=1e-3)
+    assert gains["delay"]["factor"] == pytest.approx(
+        gains["delay"]["stiffness"] / design["stiffness"]
+    )
+    both = asked(capsys, *LOOP, "--virtual-damping=0.2", "--side", "both")["design"]
+    assert gains["two_sided"]["stiffness"] == pytest.approx(both["stiffness"])
+    assert both["binding"] == "exact"
+    assert "two_sided" not in {each["change"] for each in both["improvements"]}
+
+
+def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(capsys):
+    more = ["--baud", "1e6", "--latency-timer", "16", "--torque-limit", "4.1"]
+    words = ["--servo", "MX-64", "--rate", "1000", "--delay", "0.0168", *more]
+    found = asked(capsys, *words, "--virtual-damping=0.2")
+    changes = {each["change"]: each for each in found["design"]["improvements"]}
+    assert {"baud", "latency_timer", "encoder"} <= set(changes)
+    quick = asked(capsys, *words[:5], "0.0018", "--torque-limit", "4.1", "--virtual-damping=0.2")
+    assert changes["latency_timer"]["stiffness"] == pytest.approx(quick["design"]["stiffness"])
+    assert found["points"][0]["quantisation"] > 0
+    parts = {part["name"]: part["seconds"] for part in found["design"]["delay_parts"]}
+    assert parts == pytest.approx(
+        {"adapter": 0.016, "wire": 550e-6, "rest": 250e-6, "hold": 500e-6}
+    )
+
+
+def test_ranges_give_the_least_safe_corner_what_is_guaranteed_and_what_each_costs(capsys):
+    ranges = ["--inertia", "0.010:0.014", "--damping", "0.008:0.02", "--delay", "0.001:0.002"]
+    words = [*ranges, "--torque-gain", "0.9:1.2", "--rate", "1000", "--virtual-damping=0.1"]
+    found = asked(capsys, *words)
+    (point,) = found["points"]
+    corner = critical_stiffness(0.010, 0.008, 1.2 * 0.1, 1e-3, 2e-3) / 1.2
+    assert point["exact"] == pytest.approx(corner)
+    unknown = found["unknown"]
+    # guaranteed over the range means no more than at any member of it, and within the search's
+    # tolerance of 0.1 % no less than at the worst
+    assert 0.99 * corner < unknown["guaranteed"] <= corner * (1 + 1e-9)
+    assert {each["name"] for each in unknown["costs"]} == {
+        "inertia", "damping", "delay", "torque_gain",
+    }  # fmt: skip
+    assert all(0 <= each["lost"] < 1 for each in unknown["costs"])
+    assert unknown["known"] > unknown["guaranteed"]
+    improvements = {each["change"]: each["stiffness"] for each in found["design"]["improvements"]}
+    known = one_sided_limit(0.012, 0.014, 1.05 * 0.1, 1e-3, 1.5e-3) / 1.05
+    assert improvements["belief"] == pytest.approx(known, rel=1e-3)
+    assert asked(capsys, *LOOP, "--virtual-damping=0.1")["unknown"] is None
+
+
+def test_the_text_names_units_ceiling_peak_limit_and_what_helps(capsys):
+    status, out, err = call(capsys, *LOOP, "--virtual-damping=0,0.1")
+    assert (status, err) == (0, "")
+    for words in (
+        "N·m·s/rad", "N·m/rad", "one-sided", "passive", "oscillation", "ceiling", "peak",
+        "What limits the one-sided wall at a virtual damping of 0.1, the stiffest of these:",
+        "limit    one-sided", "half the delay, 1 ms instead of 2 ms", "twice the rate",
+        "not looked at",
+    ):  # fmt: skip
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 100
+    assert "nan" not in out
+
+
+def test_what_buys_nothing_is_said_in_one_line(capsys):
+    words = ["--inertia", "1", "--damping", "1e-6", "--period", "1e-3", "--delay", "0"]
+    _, out, _ = call(capsys, *words, "--virtual-damping=10")
+    line = next(line for line in out.splitlines() if line.startswith("buys nothing here"))
+    assert "twice the viscous damping" in line
+
+
+@pytest.mark.parametrize("damping", ["9", "-0.0117", "-1"])
+def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
+    status, out, _ = call(capsys, *LOOP, f"--virtual-damping={damping}")
+    assert status == 0
+    assert "from 0" in out
+    found = asked(capsys, *LOOP, f"--virtual-damping={damping}")
+    assert found["points"][0]["exact"] == found["design"]["stiffness"] == 0
+    assert {each["factor"] for each in found["design"]["improvements"]} == {None}
+
+
+@pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
+def test_the_picture_is_drawn(capsys, tmp_path, more):
+    from matplotlib.image import imread
+
+    plot = tmp_path / "plane.png"
+    assert call(capsys, *LOOP, *more, "--plot", str(plot))[0] == 0
+    picture = imread(plot)
+    assert picture.shape[0] > 1000
+    assert np.ptp(picture) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--delay", "2"], "--delay 2: wanted 0 to 1 s; it is in seconds"),
+        (["--delay", "-0.001"], "--delay -0.001: wanted 0 to 1 s"),
+        (["--delay", "0.9"], "900 periods"),
+        (["--delay", "x"], "--delay"),
+        (["--period", "1"], "--period 1: wanted a period above 0 and up to 0.5 s"),
+        (["--period", "0"], "--period 0: wanted"),
+        (["--period", "nan"], "--period nan: wanted"),
+        (["--rate", "1000"], "--period and --rate: found both"),
+        (["--inertia", "0"], "--inertia 0: wanted more than 0"),
+        (["--inertia", "-1"], "--inertia -1: wanted more than 0"),
+        (["--inertia", "0.014:0.010"], "wanted the lower end first: 0.01:0.014"),
+        (["--damping", "-0.1"], "--damping -0.1: wanted 0 or more"),
+        (["--damping", "nan"], "--damping"),
+        (["--torque-gain", "0:1"], "--torque-gain 0:1: wanted more than 0"),
+        (["--virtual-damping", "0.1,,2"], "wanted numbers with commas between"),
+        (["--virtual-damping", "inf"], "wanted numbers with commas between"),
+        (["--velocity-samples", "0"], "--velocity-samples"),
+        (["--servo", "MX-46"], "did you mean MX-64?"),
+        (["--counts-per-rev", "4096"], "give --torque-limit too"),
+        (["--torque-limit", "4"], "give --counts-per-rev too"),
+        (["--torque-limit", "-4"], "--torque-limit -4: wanted more than 0"),
+        (["--baud", "0"], "--baud 0: wanted bits per second"),
+        (["--baud", "57600"], "give the whole delay"),
+        (["--latency-timer", "-1"], "--latency-timer -1: wanted milliseconds"),
+        (["--plot", "plane.pdf"], "pictures are PNG"),
+        (["--plot", "/nowhere/plane.png"], "cannot be written"),
+    ],
+)
+def test_wrong_input_is_exit_status_2_and_names_the_option(capsys, arguments, message):
+    status, out, err = call(capsys, *LOOP, *arguments)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--damping", "0", "--period", "1e-3", "--delay", "0"], "--inertia: missing"),
+        (["--inertia", "1", "--period", "1e-3", "--delay", "0"], "--damping: missing"),
+        (["--inertia", "1", "--damping", "0", "--delay", "0"], "found neither"),
+        (["--inertia", "1", "--damping", "0", "--rate", "1000"], "--delay"),
+        (["--servo", "MX-64", "--rate", "1e-3", "--delay", "0"], "--rate 0.001: wanted at least"),
+    ],
+)
+def test_what_is_missing_is_named(capsys, arguments, message):
+    status, _, err = call(capsys, *arguments)
+    assert status == 2
+    assert message in err

@@ -1,0 +1,195 @@
+"""What each improvement buys, against the limits of the theory evaluated directly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controller.belief import Belief, Bounded
+from controller.design import (
+    ADAPTER,
+    HOLD,
+    WIRE,
+    Change,
+    DelayParts,
+    Improvement,
+    improvements,
+    wire_time,
+)
+from controller.guard_limits import Plants, evaluate
+from controller.guard_types import GuardSettings, Request, Side, Situation
+from controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    one_sided_limit,
+)
+from hw.dynamixel.codec import Instruction, encode, encode_status
+
+M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
+COUNT = math.tau / 4096
+TORQUE = 4.1
+EVERY = GuardSettings(mode="off")
+ALL: tuple[Change, ...] = (
+    "virtual_damping", "largest_part", "delay", "rate", "damping", "baud", "latency_timer",
+    "encoder", "two_sided", "belief",
+)  # fmt: skip
+
+
+def situation(position_step: float = 0.0, **changes: Bounded) -> Situation:
+    belief = Belief(
+        inertia=Bounded.exactly(M),
+        damping=Bounded.exactly(B_VISCOUS),
+        coulomb=Bounded.exactly(0.0),
+        delay=Bounded.exactly(0.0),
+        torque_gain=Bounded.exactly(1.0),
+    )
+    return Situation(replace(belief, **changes), T, TORQUE, position_step)
+
+
+def bought(
+    where: Situation,
+    delay: dict[str, float],
+    damping: float,
+    side: Side = "above",
+    changes: tuple[Change, ...] = ALL,
+) -> tuple[float, dict[str, Improvement]]:
+    """The stiffness as it is, and what each change makes of it."""
+    parts = DelayParts(where.period, delay)
+    request = Request(0.0, damping, side)
+    rest = np.array([parts.delay - where.belief.delay.high])
+    found = evaluate(request, EVERY, where, Plants.at_corner(where, rest))
+    (answer,) = improvements(request, EVERY, where, [parts], found, changes, thorough=True)
+    assert [each.stiffness for each in answer] == sorted(
+        (each.stiffness for each in answer), reverse=True
+    )
+    return float(found.smallest()[0]), {each.change: each for each in answer}
+
+
+def limit(
+    m: float = M, b: float = B_VISCOUS, damping: float = 0.1, t: float = T, t_d: float = 2e-3
+) -> float:
+    """The smallest limit of a one-sided wall without an encoder, by the theory's own functions."""
+    return float(
+        min(
+            linear_limit(b, damping, t, t_d),
+            critical_stiffness(m, b, damping, t, t_d),
+            one_sided_limit(m, b, damping, t, t_d),
+        )
+    )
+
+
+def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
+    where = situation(inertia=Bounded(M, 0.01, 0.014), damping=Bounded(B_VISCOUS, 0.006, 0.02))
+    delay = {WIRE: wire_time(1e6), ADAPTER: 1.2e-3, "rest": 2e-3 - 1.2e-3 - wire_time(1e6)}
+    now, found = bought(where, delay, 0.1)
+    corner = {"m": 0.01, "b": 0.006}
+    assert now == pytest.approx(limit(**corner))
+    expected = {
+        "delay": limit(**corner, t_d=1e-3),
+        "rate": limit(**corner, t=T / 2),
+        "damping": limit(0.01, 0.012),
+        "largest_part": limit(**corner, t_d=1.4e-3),
+        "baud": limit(**corner, t_d=2e-3 - 0.75 * wire_time(1e6)),
+        "latency_timer": limit(**corner, t_d=1.8e-3),
+        "belief": limit(),
+        "two_sided": min(
+            linear_limit(0.006, 0.1, T, 2e-3), critical_stiffness(0.01, 0.006, 0.1, T, 2e-3)
+        ),
+    }
+    for change, stiffness in expected.items():
+        # the one-sided limit is found to a few 1e-4
+        assert found[change].stiffness == pytest.approx(stiffness, rel=1e-3), change
+    assert "encoder" not in found
+
+
+def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top() -> None:
+    """With an encoder the top is a corner, where the limits cross; without it is smooth."""
+    for step, delay in ((0.0, 2e-3), (COUNT, 2e-3), (COUNT, 0.0)):
+        where = situation(step)
+        _, found = bought(where, {"delay": delay}, 0.05, changes=("virtual_damping",))
+        ceiling = float(max_virtual_damping(M, B_VISCOUS, T, delay))
+        tried = np.geomspace(1e-3, 0.999, 400) * ceiling
+        request = Request(0.0, 0.0, "above")
+        plants = Plants.at_corner(where, np.full(tried.size, delay))
+        best = np.max(evaluate(request, EVERY, where, plants, asked=tried).smallest())
+        assert found["virtual_damping"].stiffness >= 0.995 * best
+        assert found["virtual_damping"].stiffness <= 1.02 * best
+
+
+def test_the_quick_choice_of_a_virtual_damping_is_not_far_from_the_best() -> None:
+    """The guard's: what it claims is allowed there, and is most of what could be had."""
+    for side in ("above", "both"):
+        for delay in (0.0, 0.3e-3, 2e-3, 10e-3):
+            where = situation(COUNT if delay < 2e-3 else 0.0)
+            request = Request(0.0, 0.02, side)
+            parts = [DelayParts(T, {"delay": delay})]
+            found = evaluate(request, EVERY, where, Plants.at_corner(where, np.array([delay])))
+            quick, thorough = (
+                improvements(request, EVERY, where, parts, found, ["virtual_damping"], how)[0][0]
+                for how in (False, True)
+            )
+            assert quick.stiffness >= 0.85 * thorough.stiffness
+            plants = Plants.at_corner(where, np.array([delay]))
+            there = evaluate(request, EVERY, where, plants, asked=np.array([quick.damping]))
+            assert quick.stiffness == pytest.approx(there.smallest()[0], rel=0.03)
+
+
+def test_a_finer_encoder_helps_where_the_encoder_binds_and_only_there() -> None:
+    now, found = bought(situation(COUNT), {"delay": 0.5e-3}, 0.2, "both", ("encoder",))
+    assert now == pytest.approx((0.1 * TORQUE - 0.2 * COUNT / T) / COUNT)
+    finer = found["encoder"]
+    assert finer.stiffness == pytest.approx(critical_stiffness(M, B_VISCOUS, 0.2, T, 0.5e-3))
+    assert finer.binding == "exact"
+    assert finer.buys(now)
+    now, found = bought(situation(COUNT), {"delay": 2e-3}, 0.02, "both", ("encoder",))
+    assert not found["encoder"].buys(now)
+
+
+def test_only_what_applies_is_answered() -> None:
+    where = situation(damping=Bounded.exactly(0.0))
+    _, found = bought(where, {"delay": 0.0}, 0.1, "both")
+    assert set(found) == {"virtual_damping", "largest_part", "rate"}
+
+
+def test_several_delays_at_once_give_what_each_gives_alone() -> None:
+    where, request = situation(COUNT), Request(0.0, 0.05, "above")
+    delays = [0.0, 1e-3, 5e-3]
+    parts = [DelayParts(T, {"delay": delay}) for delay in delays]
+    found = evaluate(request, EVERY, where, Plants.at_corner(where, np.array(delays)))
+    together = improvements(request, EVERY, where, parts, found, ALL)
+    for i, each in enumerate(parts):
+        alone = improvements(request, EVERY, where, [each], found.take(np.array([i])), ALL)[0]
+        several = {x.change: x.stiffness for x in together[i]}
+        for x in alone:
+            # half of no delay is no improvement alone, and none beside others
+            assert several[x.change] == pytest.approx(x.stiffness, rel=1e-9)
+
+
+def test_a_stiffness_of_nothing_has_no_factor() -> None:
+    improvement = Improvement("delay", 3.0, "exact", 0.1)
+    assert improvement.factor(2.0) == pytest.approx(1.5)
+    assert improvement.factor(0.0) is None
+    assert improvement.buys(0.0)
+    assert not Improvement("delay", 0.0, "exact", 0.1).buys(0.0)
+
+
+def test_the_parts_of_a_delay_make_the_whole() -> None:
+    parts = DelayParts(T, {"sample_age": 1.5e-3, "device": 0.25e-3})
+    assert parts.delay == pytest.approx(1.75e-3)
+    assert parts.total == pytest.approx(2.25e-3)
+    assert list(parts.sizes()) == ["sample_age", HOLD, "device"]
+    assert sum(parts.sizes().values()) == pytest.approx(parts.total)
+    assert parts.with_part(HOLD, 0.25e-3).period == pytest.approx(0.5e-3)
+    assert parts.largest() == ("sample_age", 1.5e-3)
+
+
+def test_wire_time_is_ten_bits_for_each_byte_of_the_drivers_cycle() -> None:
+    read = encode(1, Instruction.READ, bytes(4))
+    reply = encode_status(1, 0, bytes(16))
+    write = encode(1, Instruction.WRITE, bytes(4))
+    for baud in (1e6, 4e6):
+        assert wire_time(baud) == pytest.approx(10 * len(read + reply + write) / baud)
