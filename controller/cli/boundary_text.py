@@ -52,7 +52,7 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
         f"inertia {_span(settings['inertia'])} kg·m²",
         f"viscous damping {_span(settings['damping'])} N·m·s/rad",
         f"period {1e3 * period:.4g} ms ({1 / period:.4g} Hz)",
-        f"delay {_span(settings['delay'], 1e3)} ms ({delay / period:.3g} periods)",
+        f"delay {_span(settings['delay'], 1e3)} ms ({_periods(delay / period)})",
     ]
     if settings["torque_gain"] != {"low": 1.0, "high": 1.0}:
         parts.append(f"torque gain {_span(settings['torque_gain'])}")
@@ -185,6 +185,11 @@ def _name(limit: str) -> str:
 def _span(ends: Mapping[str, float], scale: float = 1.0) -> str:
     low, high = scale * ends["low"], scale * ends["high"]
     return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
+
+def _periods(count: float) -> str:
+    number = f"{count:.3g}"
+    return f"{number} period{'' if number == '1' else 's'}"
 
 
 def _ms(seconds: float) -> str:
