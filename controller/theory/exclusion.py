@@ -42,6 +42,7 @@ from controller.theory.intervals import (
 
 _FREQUENCY, _EDGE, _FRACTION = range(3)
 _FIRST_SPLIT = 8  # of the frequencies, geometrically
+_FEW = 500  # boxes that cost hardly more than one: then quarters instead of halves
 _HAIR = 1e-9  # by which each box overlaps its neighbours, since its edges are rounded
 
 
@@ -131,6 +132,9 @@ def exclude(family: Family, budget: int) -> Outcome:
         rest = rest.followed_by(high.take(left).split(along[left]))
         if rest.whole.size == 0:
             return Outcome(True, looked_at, None)
+        if rest.whole.size < _FEW:
+            along = np.concatenate([np.tile(along_low[left_low], 2), np.tile(along[left], 2)])
+            rest = rest.split(along)
         if np.any(here <= 0) or looked_at + rest.whole.size > budget:
             nearest = high if np.any(left) else low
             worst = int(np.argmin(np.where(left, here, np.inf))) if np.any(left) else 0
