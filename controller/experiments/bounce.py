@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from controller.experiments.kicks import unsaturated
 from controller.experiments.many_walls import Loops, Walls, blocks
 from controller.theory.checks import FloatArray
 from controller.theory.response import held_response
@@ -27,7 +28,8 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
 
     Args:
         walls: One-sided walls with stiffness > 0.
-        kick: Penetration at which the undamped spring would stop the servo, > 0 [rad].
+        kick: Penetration at which the undamped spring would stop the servo, > 0 [rad]; where it
+            would saturate, ``kicks.unsaturated`` replaces it.
 
     Returns:
         The worst over the instants of entry between two samples; -1 where
@@ -35,7 +37,7 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
     """
     middle, reach = np.full((walls.size, 1), 0.5), 0.5
     worst = np.full(walls.size, -np.inf)
-    speed = kick * np.sqrt(walls.stiffness / walls.inertia)
+    speed = unsaturated(walls, kick) * np.sqrt(walls.stiffness / walls.inertia)
     for points in _PHASES:
         phase = np.clip(middle + reach * np.linspace(-1.0, 1.0, points), _JUST, 1.0 - _JUST)
         each = walls.take(np.repeat(np.arange(walls.size), points))

@@ -7,7 +7,9 @@ the motion has become large or small.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from controller.experiments.kicks import unsaturated
 from controller.experiments.many_walls import Loops, Walls, blocks
 from controller.theory.checks import FloatArray, IntArray
 
@@ -25,8 +27,8 @@ _DEAD = 1e-12
 _LATE = 0.4
 """Share of the time after which the growth without friction is fitted: what dies quickly has died.
 With friction the growth depends on the amplitude, and the kick's own is asked for."""
-_UNSATURATED = 0.5
-"""Share of the torque limit that the spring commands at most at the start."""
+_FADING = 0.01
+"""A saturating motion that loses less than this share per oscillation late in its run goes on."""
 _SETTLING = 2
 """Turning points left out at the start: what the release excites beside the oscillation."""
 
@@ -35,9 +37,9 @@ def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
     """Growth of the motion after a kick, per oscillation; where it is > 0 the motion grows.
 
     The servo is let go at rest, at a distance from the wall at which it was held for long: at a
-    turning point, with no speed in the velocity estimate. From a kick at which the spring would
-    saturate, motion cannot grow: it comes down to what the torque limit sustains. There the wall
-    is started at half of the limit in place of the kick, and asked the same.
+    turning point, with no speed in the velocity estimate. Motion that saturates the torque cannot
+    grow from there: it comes down to what the torque limit sustains, if anything. So no kick is
+    larger than ``kicks.unsaturated`` says, and what still saturates late without fading grows.
 
     Args:
         walls: Two-sided walls with stiffness > 0.
@@ -49,7 +51,7 @@ def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
         for motion that ends within a few turning points, or that friction has stopped.
     """
     result = np.empty(walls.size)
-    start = np.minimum(kick, _UNSATURATED * walls.torque_limit / walls.stiffness)
+    start = unsaturated(walls, kick)
     with np.errstate(over="ignore", invalid="ignore"):  # what has grown out of all bounds
         for index in blocks(walls):
             result[index] = _growth(walls.take(index), start[index], cycles)
@@ -58,7 +60,7 @@ def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
 
 def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     loops = Loops(walls, start)
-    turnings = Turnings(loops, walls.period)
+    turnings = Turnings(loops, walls)
     cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
     length = float(np.max(cycles * cycle)) + _LEAST_PERIODS
     length += float(np.max(walls.whole)) + float(np.max(walls.velocity_samples))
@@ -82,6 +84,9 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     if walls.counts_per_radian[0] > 0.0 or walls.backlash[0] > 0.0:
         # Counts and play can keep up a small motion that goes on for ever and does not grow.
         slope = np.where(turnings.slope_error() * cycle * _SURE < slope, slope, -np.abs(slope))
+    if turnings.saturating is not None:
+        sustained = turnings.saturating & ~(slope < -_FADING)
+        slope = np.where(sustained, np.maximum(np.abs(slope), _FADING), slope)
     # Without turning points it creeps: away from the wall, or toward it.
     creeps = np.where(np.abs(position) > start, 1.0, -1.0)
     slope = np.where(np.isnan(slope), creeps, slope)
@@ -97,14 +102,20 @@ class Turnings:
 
     Attributes:
         begin: First period from which turning points are fitted.
+        saturating: Whether the torque was limited since the last time they were gathered; None:
+            there is no limit.
         count: Turning points seen.
         least, greatest: Amplitudes, those left out at the start aside [rad]; inf and 0 before.
     """
 
-    def __init__(self, loops: Loops, period: FloatArray) -> None:
-        n = period.size
+    def __init__(self, loops: Loops, walls: Walls) -> None:
+        n = walls.size
         self._loops = loops
-        self._period = period
+        self._period = walls.period
+        self._full = walls.torque_limit - walls.torque_step  # from here on the limit has cut
+        limited = bool(np.isfinite(walls.torque_limit[0]))
+        self._limited = np.zeros(n, dtype=np.bool_) if limited else None
+        self.saturating: NDArray[np.bool_] | None = None
         self._before = loops.bodies.velocity.copy()
         self._position = loops.bodies.position.copy()
         self._turned = np.empty(n, dtype=np.bool_)
@@ -127,6 +138,10 @@ class Turnings:
         if index.size:
             self._seen.append((index, before[index], velocity[index], self._position[index]))
             self._when.append(loops.k)
+        if self._limited is not None:
+            np.absolute(loops.torque, self._product)
+            np.greater_equal(self._product, self._full, self._turned)
+            np.logical_or(self._limited, self._turned, self._limited)
         # A body at rest between two moves keeps the velocity with which it came.
         np.not_equal(velocity, 0.0, self._turned)
         np.copyto(before, velocity, where=self._turned)
@@ -134,6 +149,9 @@ class Turnings:
 
     def gather(self) -> None:
         """Take the turning points seen since the last time into account."""
+        if self._limited is not None:
+            self.saturating = self._limited.copy()
+            self._limited[:] = False
         if not self._seen:
             return
         index, before, after, position = (
