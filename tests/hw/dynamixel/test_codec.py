@@ -14,6 +14,7 @@ from hw.dynamixel.codec import (
     Instruction,
     Parser,
     crc16,
+    decode_fast_bulk_status,
     decode_fast_status,
     encode,
     encode_fast_status,
@@ -45,6 +46,34 @@ PUBLISHED_INSTRUCTIONS = [
         "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
     ),
     (1, Instruction.REBOOT, "", "FF FF FD 00 01 03 00 08 2F 4E"),
+    (BROADCAST, Instruction.PING, "", "FF FF FD 00 FE 03 00 01 31 42"),
+    (
+        1,
+        Instruction.REG_WRITE,
+        "68 00 C8 00 00 00",
+        "FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E",
+    ),
+    (1, Instruction.ACTION, "", "FF FF FD 00 01 03 00 05 02 CE"),
+    (1, Instruction.FACTORY_RESET, "01", "FF FF FD 00 01 04 00 06 01 A1 E6"),
+    (1, Instruction.CLEAR, "01 44 58 4C 22", "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC"),
+    (
+        1,
+        Instruction.CONTROL_TABLE_BACKUP,
+        "01 43 54 52 4C",
+        "FF FF FD 00 01 08 00 20 01 43 54 52 4C 16 F5",
+    ),
+    (
+        BROADCAST,
+        Instruction.BULK_READ,
+        "01 90 00 02 00 02 92 00 01 00",
+        "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
+    ),
+    (
+        BROADCAST,
+        Instruction.BULK_WRITE,
+        "01 20 00 02 00 A0 00 02 1F 00 01 00 50",
+        "FF FF FD 00 FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68",
+    ),
     (
         BROADCAST,
         Instruction.FAST_SYNC_READ,
@@ -69,6 +98,16 @@ FAST_SHARES = [
 ]
 
 
+FAST_BULK_REPLY = bytes.fromhex(
+    "FF FF FD 00 FE 14 00 55 00 03 A6 00 00 00 67 A4 00 07 A5 01 24 74 00 04 1F D9 C1"
+)
+FAST_BULK_SHARES = [
+    FastReply(3, 0, bytes.fromhex("A6 00 00 00")),
+    FastReply(7, 0, bytes.fromhex("A5 01")),
+    FastReply(4, 0, bytes.fromhex("1F")),
+]
+
+
 @pytest.mark.parametrize(("id_", "instruction", "params", "wire"), PUBLISHED_INSTRUCTIONS)
 def test_published_instruction(id_, instruction, params, wire):
     assert encode(id_, instruction, bytes.fromhex(params)) == bytes.fromhex(wire)
@@ -90,6 +129,15 @@ def test_published_fast_sync_reply():
     # Every servo's CRC covers everything before it, so each prefix checks on its own.
     for end in (14, 22, 30):
         assert crc16(FAST_REPLY[:end]) == int.from_bytes(FAST_REPLY[end : end + 2], "little")
+
+
+def test_published_fast_bulk_reply():
+    assert encode_fast_status(FAST_BULK_SHARES) == FAST_BULK_REPLY
+    (frame,) = Parser().feed(FAST_BULK_REPLY)
+    assert decode_fast_bulk_status(frame, [4, 2, 1]) == FAST_BULK_SHARES
+    for end in (14, 20, 25):
+        crc = int.from_bytes(FAST_BULK_REPLY[end : end + 2], "little")
+        assert crc16(FAST_BULK_REPLY[:end]) == crc
 
 
 def test_crc_continues_where_it_stopped():
@@ -285,3 +333,74 @@ def test_a_fast_reply_that_holds_a_header_arrives_in_pieces() -> None:
         b"\xff\xff\xfd\x00",
         bytes(4),
     ]
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 252), st.integers(0, 255), st.one_of(tricky, st.binary())),
+        min_size=1,
+        max_size=6,
+    ),
+    st.integers(1, 40),
+)
+def test_fast_bulk_reply_round_trip_however_it_is_cut(items, cut):
+    shares = [FastReply(id_, error, data) for id_, error, data in items]
+    wire = encode_fast_status(shares)
+    parser = Parser()
+    frames = [f for at in range(0, len(wire), cut) for f in parser.feed(wire[at : at + cut])]
+    sizes = [len(share.data) for share in shares]
+    assert [decode_fast_bulk_status(frame, sizes) for frame in frames] == [shares]
+    if len(set(sizes)) == 1:
+        assert decode_fast_status(frames[0], sizes[0]) == shares
+
+
+def test_fast_bulk_reply_of_other_sizes_is_refused():
+    (frame,) = Parser().feed(FAST_BULK_REPLY)
+    for sizes in ([4, 2], [4, 2, 2], [], [4, 2, 1, 0]):
+        assert decode_fast_bulk_status(frame, sizes) == []
+    (other,) = Parser().feed(encode_status(1, 0, bytes(14)))
+    assert decode_fast_bulk_status(other, [4, 2, 1]) == []
+
+
+@given(st.integers(0, 255), st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=6).map(bytes))
+def test_what_is_stuffed_across_the_error_byte_survives(error, params):
+    (frame,) = Parser().feed(encode_status(1, error, params))
+    assert frame == Frame(1, Instruction.STATUS, error, params)
+
+
+def raw_instruction(id_: int, params: bytes) -> bytes:
+    """A write as a host sends it that does not stuff."""
+    body = bytes([Instruction.WRITE]) + params
+    frame = b"\xff\xff\xfd\x00" + bytes([id_]) + (len(body) + 2).to_bytes(2, "little") + body
+    return frame + crc16(frame).to_bytes(2, "little")
+
+
+header_rich = st.lists(
+    st.sampled_from([b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\x09\x00", b"\xff", b"\x00\x07"]),
+    max_size=12,
+).map(b"".join)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 252), header_rich), min_size=1, max_size=4),
+    st.integers(1, 30),
+)
+def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(messages, cut):
+    stream = b"".join(raw_instruction(id_, params) for id_, params in messages)
+    parser = Parser(report_crc=True, unstuffed=True)
+    found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
+    assert found == [Frame(i, Instruction.WRITE, 0, p) for i, p in messages]
+    assert parser.idle
+
+
+@given(payloads, st.data(), st.integers(1, 30))
+def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(params, data, cut):
+    first = encode(9, Instruction.WRITE, params)
+    first = first[: data.draw(st.integers(7, len(first) - 1))]
+    second = encode(5, Instruction.WRITE, b"abcd")
+    assume(not (first + second).startswith(encode(9, Instruction.WRITE, params)))
+    parser = Parser(unstuffed=True)
+    stream = first + second
+    found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
+    assert found == [Frame(5, Instruction.WRITE, 0, b"abcd")]
+    assert parser.idle

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from hw.dynamixel.codec import ALERT, ErrorCode, Instruction
+from hw.dynamixel.tables import MODELS
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, US, Client
 
 ID, RETURN_DELAY, DRIVE_MODE, OPERATING_MODE, HOMING = 7, 9, 10, 11, 20
@@ -383,3 +384,35 @@ def test_a_servo_without_published_stall_data_needs_a_torque_constant():
     with pytest.raises(ValueError, match="XD540-T270"):
         Client(("XD540-T270", 1))
     Client(("XD540-T270", 1), true=replace(FREE, torque_constant=2.0))
+
+
+def test_firmware_before_38_has_no_watchdog_and_no_drive_mode():
+    client = Client(firmware=37)
+    assert client.write(1, WATCHDOG, 1, 1) == ErrorCode.ACCESS
+    assert client.write(1, DRIVE_MODE, 0, 1) == ErrorCode.ACCESS
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 20, 2)
+    client.pass_time(3000 * MS)
+    assert client.torque() == pytest.approx(20 * TORQUE_UNIT)
+
+
+def test_torque_on_by_goal_update_of_the_x330_needs_firmware_46():
+    for firmware, error in ((45, ErrorCode.DATA_RANGE), (46, 0)):
+        client = Client(("XL330-M288", 1), firmware=firmware)
+        assert client.write(1, DRIVE_MODE, 8, 1) == error
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_can_be_emulated_at_every_firmware(name):
+    constant = replace(FREE, torque_constant=1.0)
+    for firmware in (36, 38, 44, 46, 53):
+        client = Client((name, 1), true=constant, firmware=firmware)
+        reply = client.ask(1, Instruction.PING)
+        assert reply.params == MODELS[name].number.to_bytes(2, "little") + bytes([firmware])
+        size = max(r.address + r.size for r in MODELS[name].registers_at(firmware).values())
+        table = client.ask(1, Instruction.READ, bytes(2) + size.to_bytes(2, "little")).params
+        for register in MODELS[name].registers_at(firmware).values():
+            if register.eeprom and register.name not in ("id", "baud_rate", "return_delay_time"):
+                value = register.decode(table[register.address : register.address + register.size])
+                expected = {"firmware_version": firmware}.get(register.name, register.default)
+                assert value == expected, register

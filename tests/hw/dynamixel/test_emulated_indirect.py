@@ -1,0 +1,137 @@
+"""Indirect addresses: scattered registers read and written in one piece."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hw.dynamixel.codec import ErrorCode, Instruction
+from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
+
+LED, HOMING, WATCHDOG, GOAL_CURRENT, GOAL_POSITION = 65, 20, 98, 102, 116
+TICK, CURRENT, POSITION = 120, 126, 132
+ADDRESS_1, DATA_1, ADDRESS_29, DATA_29 = 168, 224, 578, 634
+
+
+def words(*values: int) -> bytes:
+    return b"".join(value.to_bytes(2, "little") for value in values)
+
+
+def show(client: Client, *addresses: int, first: int = ADDRESS_1) -> None:
+    """Have Indirect Data show these bytes, in this order."""
+    reply = client.ask(1, Instruction.WRITE, words(first, *addresses))
+    assert reply is not None
+    assert reply.error == 0
+
+
+def test_the_manuals_first_example():
+    client = Client()
+    show(client, LED)
+    assert client.write(1, DATA_1, 1, 1) == 0
+    assert client.read(1, LED, 1) == 1
+    assert client.write(1, LED, 0, 1) == 0
+    assert client.read(1, DATA_1, 1) == 0
+
+
+def test_the_manuals_second_example():
+    client = Client()
+    show(client, *range(GOAL_POSITION, GOAL_POSITION + 4), first=ADDRESS_1 + 2)
+    assert client.write(1, DATA_1 + 1, 1024, 4) == 0
+    assert client.read(1, GOAL_POSITION, 4) == 1024
+
+
+def test_factory_addresses_are_plain_memory():
+    client = Client()
+    data = bytes(range(1, 29))
+    assert client.ask(1, Instruction.WRITE, words(DATA_1) + data).error == 0
+    assert client.ask(1, Instruction.READ, words(DATA_1, 28)).params == data
+    assert client.ask(1, Instruction.WRITE, words(DATA_29) + data).error == 0
+    assert client.ask(1, Instruction.READ, words(DATA_29, 28)).params == data
+
+
+def test_what_is_measured_is_of_the_instant_through_indirect_data_too():
+    client = Client()
+    client.enable_current_mode()
+    show(client, TICK, TICK + 1, *range(POSITION, POSITION + 4), CURRENT, CURRENT + 1, LED)
+    client.write(1, GOAL_CURRENT, 100, 2)
+    client.pass_time(30 * MS)
+    reply = client.ask(1, Instruction.READ, words(DATA_1, 9))
+    sampled = client.clock.now_ns() - (11 + 9) * 2_500
+    assert int.from_bytes(reply.params[:2], "little") == (sampled - 5 * MS) // MS
+    direct = client.read(1, POSITION, 4, signed=True)
+    assert abs(int.from_bytes(reply.params[2:6], "little") - direct) <= 2  # 100 µs later
+    assert int.from_bytes(reply.params[6:8], "little") == 100
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
+
+
+def test_several_registers_in_one_write_all_or_nothing():
+    client = Client()
+    client.enable_current_mode()
+    show(client, LED, GOAL_CURRENT, GOAL_CURRENT + 1)
+    assert client.write(1, DATA_1, 1 | 50 << 8, 3) == 0
+    assert client.torque() == pytest.approx(50 * TORQUE_UNIT)
+    assert client.write(1, DATA_1, 0 | 5000 << 8, 3) == ErrorCode.DATA_LIMIT
+    assert client.read(1, LED, 1) == 1
+
+
+def test_rules_of_the_register_shown_are_inherited():
+    client = Client()
+    show(client, POSITION, LED, GOAL_CURRENT, 66)
+    assert client.write(1, DATA_1, 1, 1) == ErrorCode.ACCESS  # read only
+    assert client.write(1, DATA_1 + 1, 2, 1) == ErrorCode.DATA_RANGE
+    assert client.write(1, DATA_1 + 2, 1, 1) == ErrorCode.DATA_LENGTH  # half of a register
+    assert client.write(1, DATA_1 + 3, 1, 1) == ErrorCode.ACCESS  # no register
+    assert client.read(1, DATA_1 + 3, 1) == 0
+
+
+@pytest.mark.parametrize(
+    ("address", "error"),
+    [
+        (DATA_1, 0),  # its own, as from the factory
+        (DATA_1 + 1, ErrorCode.DATA_RANGE),  # would be a chain
+        (DATA_29, ErrorCode.DATA_RANGE),
+        (HOMING, ErrorCode.DATA_RANGE),  # EEPROM
+        (662, ErrorCode.DATA_RANGE),
+        (64, 0),
+        (661 - 84, 0),  # between registers
+        (ADDRESS_29, 0),
+    ],
+)
+def test_what_may_be_shown(address, error):
+    assert Client().write(1, ADDRESS_1, address, 2) == error
+
+
+def test_addresses_are_of_ram_and_a_reboot_forgets_them():
+    client = Client()
+    client.enable_current_mode()
+    show(client, LED)  # not locked by torque
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, ADDRESS_1, 2) == DATA_1
+
+
+@pytest.mark.parametrize(("firmware", "data", "entries"), [(52, 208, 20), (53, 224, 28)])
+def test_the_x330_has_fewer_and_moved_them(firmware, data, entries):
+    client = Client(("XL330-M288", 1), firmware=firmware)
+    last = ADDRESS_1 + 2 * (entries - 1)
+    assert client.write(1, last, LED, 2) == 0
+    assert client.write(1, data + entries - 1, 1, 1) == 0
+    assert client.read(1, LED, 1) == 1
+    assert client.ask(1, Instruction.READ, words(data + entries, 1)).error == ErrorCode.ACCESS
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_a_read_through_any_addresses_is_the_bytes_they_name(data):
+    """Against one read of the whole table, which knows nothing of indirection."""
+    client = Client()
+    client.ask(1, Instruction.WRITE, words(DATA_1 + 20) + bytes(range(8)))  # stay as they are
+    # Neither what moves on by itself nor Indirect Data nor the addresses that are being set.
+    plain = st.one_of(st.integers(64, 119), st.integers(128, 167), st.integers(578, 633))
+    wanted = data.draw(st.lists(plain, min_size=1, max_size=20))
+    show(client, *wanted)
+    first = data.draw(st.integers(0, len(wanted) - 1))
+    last = data.draw(st.integers(first, len(wanted) - 1))
+    table = client.ask(1, Instruction.READ, words(0, 662)).params
+    got = client.ask(1, Instruction.READ, words(DATA_1 + first, last - first + 1)).params
+    assert got == bytes(table[address] for address in wanted[first : last + 1])
+    assert table[DATA_1 : DATA_1 + len(wanted)] == bytes(table[address] for address in wanted)
