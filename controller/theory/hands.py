@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.theory.arcs import least_reach
 from controller.theory.checks import FloatArray, not_negative, number, positive, samples
 from controller.theory.coupled import Hand, coupled_limit, is_stable
 from controller.theory.passivity import passive_limit
@@ -141,11 +142,12 @@ def stable_hands(
     waiting = deque([box])
     for _ in range(effort):
         part = waiting.popleft()
-        if not _shown(wall, part):
+        doubt = _doubt(wall, part)
+        if doubt is not None:
             hand = _hand(wall, *(_middle(wall, part)))
             if not is_stable(*wall[:6], hand, wall.samples):
                 return HandVerdict(False, hand, _limit(wall, hand))
-            halves = _halves(wall, part)
+            halves = _halves(wall, part, doubt)
             if halves is None:
                 return HandVerdict(None, worst, limit)
             waiting.extend(halves)
@@ -183,21 +185,16 @@ def _middle(wall: _Wall, box: _Box) -> tuple[float, float, float]:
     return _at(wall, box, np.full(3, 0.5))
 
 
-def _halves(wall: _Wall, box: _Box) -> tuple[_Box, _Box] | None:
-    """The box cut across its longest side; None where it is a point."""
+def _halves(wall: _Wall, box: _Box, w: float) -> tuple[_Box, _Box] | None:
+    """The box cut across the side that spreads the impedance most at ``w``; None for a point."""
     (m0, m1), (b0, b1), (k0, k1) = box
-    unit = wall.stiffness
-    sides = (
-        math.log(m1 / m0),
-        math.log(b1 / b0),
-        math.asinh(k1 / unit) - math.asinh(k0 / unit),
-    )
-    longest = int(np.argmax(sides))
-    if sides[longest] < 1e-6:
+    spread = ((m1 - m0) * w, b1 - b0, (k1 - k0) / w)
+    widest = int(np.argmax(spread))
+    if spread[widest] <= 1e-9 * b0:
         return None
-    cut = _middle(wall, box)[longest]
+    cut = _middle(wall, box)[widest]
     first, second = list(box), list(box)
-    first[longest], second[longest] = (box[longest][0], cut), (cut, box[longest][1])
+    first[widest], second[widest] = (box[widest][0], cut), (cut, box[widest][1])
     return _Box(*first), _Box(*second)
 
 
@@ -228,8 +225,11 @@ def _worst(wall: _Wall, box: _Box) -> tuple[Hand, float]:
     return _hand(wall, *_at(wall, box, best)), limit(best)
 
 
-def _shown(wall: _Wall, box: _Box) -> bool:
-    """Whether no hand of the box has 1 + L = 0 at any of the angles."""
+def _doubt(wall: _Wall, box: _Box) -> float | None:
+    """The frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
+
+    None where none can have it, at any of the angles.
+    """
     theta, half_cell = _angles(wall, box)
     r = box.damping
     at, width = theta[:, None] / wall.period, half_cell[:, None] / wall.period
@@ -237,7 +237,7 @@ def _shown(wall: _Wall, box: _Box) -> bool:
     near, far = at + turns * _NEAR, at + turns * _FAR
     low, high = _reactance(box, near, width)
     # what no hand can reach, in every direction: angles × aliases × directions
-    extent = _least(
+    extent = least_reach(
         _weights(wall, theta, near)[:, :, None] * np.conj(_DIRECTIONS),
         r,
         low[:, :, None],
@@ -249,7 +249,9 @@ def _shown(wall: _Wall, box: _Box) -> bool:
     # beyond the last alias the terms fall at least with its square: their sum is below n × the last
     rest = bound.sum(axis=1) + (_FAR.max() + 1) * (bound[:, 0] + bound[:, -1])
     reach = np.real(_DIRECTIONS) + extent - rest[:, None]
-    return bool(np.all(np.max(reach, axis=1) > 0))
+    clear = np.max(reach, axis=1)
+    worst = int(np.argmin(clear))
+    return None if clear[worst] > 0 else float(at[worst, 0])
 
 
 def _angles(wall: _Wall, box: _Box) -> tuple[FloatArray, FloatArray]:
@@ -290,34 +292,3 @@ def _reactance(box: _Box, w: FloatArray, width: FloatArray) -> tuple[FloatArray,
     low = box.mass[0] * slow - box.spring[1] / slow
     high = box.mass[1] * fast - box.spring[0] / fast
     return np.where(w > 0, low, -high), np.where(w > 0, high, -low)
-
-
-def _least(
-    a: ComplexArray, r: tuple[float, float], low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Least Re(a / (R + j X)) over R in ``r`` and X in low to high: on an arc, or at a corner."""
-    size = np.abs(a)
-    least = np.full(np.broadcast_shapes(a.shape, low.shape), np.inf)
-    for resistance in r:
-        for x in (low, high):
-            least = np.minimum(least, np.real(a / (resistance + 1j * x)))
-        at = -resistance * _cotangent(a)
-        touched = (low < at) & (at < high)
-        least = np.where(touched, np.minimum(least, (np.real(a) - size) / (2 * resistance)), least)
-    for x in (low, high):
-        sign = np.where(x < 0, -1.0, 1.0)
-        turned = -1j * sign * a
-        divisor = np.maximum(np.abs(x), 1e-300)
-        at = sign * divisor * _cotangent(turned)
-        touched = (r[0] < at) & (at < r[1])
-        least = np.where(
-            touched, np.minimum(least, (np.real(turned) - size) / (2 * divisor)), least
-        )
-    return least
-
-
-def _cotangent(a: ComplexArray) -> FloatArray:
-    """cot(arg(a) / 2) = (|a| + Re a) / Im a."""
-    half = np.tan(np.angle(a) / 2)
-    result: FloatArray = 1 / np.where(half == 0, 1e-300, half)
-    return result

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+from controller.theory.arcs import least_reach
 from controller.theory.coupled import Hand, coupled_limit, is_stable
 from controller.theory.hands import HandRange, stable_hands
 from tests.theory.oracles import Loop, radius
@@ -26,7 +27,7 @@ def loop_with(
 def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool) -> None:
     random = np.random.default_rng(1)
     found = 0
-    for _ in range(3000 if thorough else 150):
+    for _ in range(3000 if thorough else 80):
         m = 10 ** random.uniform(-3, 0)
         b, delay = m * 10 ** random.uniform(-2, 1.5), random.uniform(0, 6) * PERIOD
         n = int(random.integers(1, 4))
@@ -45,7 +46,7 @@ def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool) -> None:
         assert radius(loop._replace(stiffness=k * (1 + 1e-6))) > 1
         for share in (0.02, 0.3, 0.6, 0.9, 1 - 1e-6):
             assert radius(loop._replace(stiffness=k * share)) < 1
-    assert found > 80
+    assert found > 40
 
 
 def test_without_a_hand_it_is_the_critical_stiffness() -> None:
@@ -82,7 +83,7 @@ def test_an_undamped_spring_destabilises_a_stable_wall() -> None:
 
 def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
     random = np.random.default_rng(2)
-    for _ in range(40 if thorough else 5):
+    for _ in range(40 if thorough else 3):
         m, b, delay = 10 ** random.uniform(-3, -1), 0.01, random.uniform(0, 5) * PERIOD
         big_b = random.uniform(-0.7, 0.7) * b
         k = 0.999 * float(passive_limit(b, big_b, PERIOD, delay))
@@ -102,7 +103,7 @@ def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
 def test_a_verdict_holds_for_every_hand_of_the_range(thorough: bool) -> None:
     random = np.random.default_rng(3)
     verdicts = []
-    for _ in range(60 if thorough else 8):
+    for _ in range(60 if thorough else 6):
         m, b = 10 ** random.uniform(-2.5, -1), 10 ** random.uniform(-2.3, -1.5)
         delay = random.uniform(0, 4) * PERIOD
         big_b = random.uniform(0, 0.3) * float(max_virtual_damping(m, b, PERIOD, delay))
@@ -121,10 +122,10 @@ def test_a_verdict_holds_for_every_hand_of_the_range(thorough: bool) -> None:
             )
             if verdict.stable:
                 assert radius(loop_with(hand, m, b, (k, big_b), delay)) < 1
-            if verdict.stable is not False and i < 12:
+            if verdict.stable is not False and i < 4:
                 worst = verdict.limit * (1 - 1e-3)
                 assert coupled_limit(m, b, big_b, PERIOD, delay, hand) > min(worst, k)
-    assert verdicts.count(True) >= 3
+    assert verdicts.count(True) >= 2
     assert verdicts.count(False) >= 1
 
 
@@ -134,6 +135,18 @@ def test_more_damping_of_the_hand_helps_where_a_spring_alone_destabilises() -> N
     k = 0.5 * float(critical_stiffness(m, b, big_b, PERIOD, delay))
     damped = HandRange(damping=(6.0, 20.0), stiffness=(0.0, 4e3))
     assert stable_hands(m, b, k, big_b, PERIOD, delay, damped).stable
+
+
+def test_no_admittance_of_a_range_reaches_farther() -> None:
+    random = np.random.default_rng(4)
+    for _ in range(100):
+        a = np.array([complex(*random.normal(size=2))])
+        r = np.sort(random.uniform(0.1, 2, 2))
+        x = np.sort(random.normal(0, 2, 2))
+        each = np.real(a / (np.linspace(*r, 300)[:, None] + 1j * np.linspace(*x, 300)))
+        least = float(least_reach(a, (r[0], r[1]), x[:1], x[1:])[0])
+        assert least <= each.min() + 1e-12
+        assert least == pytest.approx(each.min(), rel=5e-3, abs=5e-3)
 
 
 def test_errors_name_the_argument() -> None:
