@@ -28,6 +28,7 @@ COMMANDS = {
     "presets": ("controller.cli.presets", "The configurations that come with the program."),
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
     "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
+    "map": ("controller.cli.map", "Critical stiffness of a simulated servo, many walls at once."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),

@@ -69,10 +69,16 @@ class Setting:
         """Sampling period [s]."""
         return self.period_ns * 1e-9
 
+    @property
+    def kick_matters(self) -> bool:
+        """Whether anything but the torque limit makes the result depend on the kick."""
+        servo = self.servo
+        return servo.coulomb > 0.0 or servo.counts_per_rev > 0 or servo.backlash > 0.0
+
     def delay(self, steps: IntArray) -> FloatArray:
         """Total delay [s] with this many inserted periods."""
-        total: FloatArray = (steps * self.period_ns + round(self.servo.delay * 1e9)) * 1e-9
-        return total
+        total_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
+        return total_ns.astype(np.float64) * 1e-9
 
     def walls(self, virtual_damping: FloatArray, steps: int) -> Walls:
         """Walls of these virtual dampings, whose delay has that many inserted periods."""

@@ -1,0 +1,223 @@
+"""``haptic-wall map``: the simulated critical stiffness over virtual damping, delay and kick."""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from controller.cli.numbers import numbers
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    set_option,
+    writing,
+)
+from controller.config_load import load_config
+from controller.errors import UserError
+
+if TYPE_CHECKING:
+    from controller.experiments.maps import CriticalMap, Setting
+
+_STEPS = (0, 1, 2, 3, 4, 5)
+_KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
+_KICK = 0.01
+"""Of a servo without friction, encoder and play, to which the kick does not matter [rad]."""
+_DAMPINGS = 12
+_INTERRUPTED = 130
+
+
+@click.command()
+@config_argument()
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", required=True,
+              help="Where map.csv, map.json and map.png go; those there are replaced.")  # fmt: skip
+@click.option(
+    "--virtual-damping",
+    "dampings",
+    callback=numbers,
+    metavar="B[,B...]",
+    help="[N·m·s/rad]; default: 12 from 0 to the ceiling at the longest delay.",
+)
+@click.option(
+    "--delay-steps",
+    "steps",
+    callback=numbers,
+    metavar="n[,n...]",
+    help="Whole periods inserted, on top of servo.delay; default: 0 to 5.",
+)
+@click.option(
+    "--kick",
+    "kicks",
+    callback=numbers,
+    metavar="RAD[,RAD...]",
+    help="Size of the motion at the start [rad]; default: 0.003 to 0.3.",
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes (all cores).")
+@set_option
+@json_option
+def command(
+    config: str,
+    out: Path,
+    dampings: list[float] | None,
+    steps: list[float] | None,
+    kicks: list[float] | None,
+    workers: int | None,
+    sets: tuple[str, ...],
+    as_json_wanted: bool,
+) -> None:
+    """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
+
+    The servo is what servo.* says it is (friction, encoder, play, torque limit, own delay); guard,
+    safety and the believed model take no part. A two-sided wall is kicked; a servo comes against a
+    one-sided wall and is returned.
+    """
+    from controller.experiments.maps import MapInterruptedError, Setting, critical_map
+
+    loaded = load_config(config, sets)
+    setting = Setting.of(loaded.config)
+    chosen_steps = _whole(_STEPS if steps is None else steps)
+    chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
+    if min(chosen_kicks) <= 0.0:
+        raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
+    chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
+    if out.exists() and not out.is_dir():
+        raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+    with writing("--out", out):
+        out.mkdir(parents=True, exist_ok=True)
+    total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
+    interrupted = False
+    bar = click.progressbar(length=total, label=f"{loaded.name}: {total} walls", file=sys.stderr)
+    with bar:
+        try:
+            found = critical_map(
+                setting,
+                chosen_dampings,
+                chosen_steps,
+                chosen_kicks,
+                workers=workers,
+                progress=lambda done, _: bar.update(done - bar.pos),
+            )
+        except MapInterruptedError as stopped:
+            found, interrupted = stopped.partial, True
+    files = _write(found, loaded.name, out)
+    report = {**_report(found, loaded.name), "files": files}
+    answer(as_json(report) if as_json_wanted else _text(found, files))
+    if interrupted:
+        click.echo("interrupted: what was done until then is kept, the rest is empty", err=True)
+        sys.exit(_INTERRUPTED)
+
+
+def _whole(values: list[float] | tuple[int, ...]) -> list[int]:
+    for value in values:
+        if value != int(value) or not 0 <= value <= 1000:
+            raise UserError(f"--delay-steps: found {value:g}, wanted whole periods from 0 to 1000")
+    return [int(value) for value in values]
+
+
+def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:
+    import numpy as np
+
+    from controller.theory import max_virtual_damping
+
+    servo = setting.servo
+    delay = setting.delay(np.array(max(steps)))
+    ceiling = max_virtual_damping(
+        servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
+    )
+    return [float(f"{value:.4g}") for value in np.linspace(0.0, float(ceiling), _DAMPINGS)]
+
+
+def _points(found: CriticalMap) -> list[dict[str, Any]]:
+    points = []
+    for i, steps in enumerate(found.delay_steps.tolist()):
+        for j, damping in enumerate(found.virtual_damping.tolist()):
+            for k, kick in enumerate(found.kick.tolist()):
+                simulated = float(found.stiffness[i, j, k])
+                points.append(
+                    {
+                        "virtual_damping": damping,
+                        "delay_steps": steps,
+                        "delay_s": float(found.delay[i]),
+                        "kick_rad": kick,
+                        "simulated": simulated if math.isfinite(simulated) else None,
+                        "outcome": _outcome(simulated),
+                        "exact": float(found.exact[i, j]),
+                        "linear": float(found.linear[i, j]),
+                        "one_sided": float(found.one_sided[i, j]),
+                    }
+                )
+    return points
+
+
+def _outcome(simulated: float) -> str:
+    """What the search came to."""
+    if math.isnan(simulated):
+        return "not computed"
+    if math.isinf(simulated):
+        return "never grows"
+    return "grows above" if simulated > 0.0 else "always grows"
+
+
+def _report(found: CriticalMap, name: str) -> dict[str, Any]:
+    servo = found.setting.servo
+    return {
+        "name": name,
+        "side": "one" if found.setting.one_sided else "both",
+        "period_s": found.setting.period,
+        "velocity_samples": found.setting.velocity_samples,
+        "servo": {
+            "inertia": servo.inertia,
+            "damping": servo.damping,
+            "coulomb": servo.coulomb,
+            "counts_per_rev": servo.counts_per_rev,
+            "delay": servo.delay,
+            "torque_limit": servo.torque_limit,
+            "torque_step": servo.torque_step,
+            "backlash": servo.backlash,
+        },
+        "complete": found.complete,
+        "points": _points(found),
+    }
+
+
+def _write(found: CriticalMap, name: str, out: Path) -> list[Path]:
+    from controller.map_plot import plot_map
+
+    files = [out / "map.csv", out / "map.json", out / "map.png"]
+    points = _points(found)
+    with writing("--out", out):
+        with files[0].open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, list(points[0]))
+            writer.writeheader()
+            writer.writerows(points)
+        files[1].write_text(as_json(_report(found, name)) + "\n", encoding="utf-8")
+        plot_map(found, name, files[2])
+    return files
+
+
+def _text(found: CriticalMap, files: list[Path]) -> str:
+    """A table of the largest kick, and where the rest is."""
+    import numpy as np
+
+    k = int(np.argmax(found.kick))
+    lines = [
+        f"critical stiffness [N·m/rad], simulated, kick {found.kick[k]:g} rad",
+        f"{'B [N·m·s/rad]':>14}  "
+        + "".join(f"{f'{1e3 * delay:.4g} ms':>10}" for delay in found.delay),
+    ]
+    for j, damping in enumerate(found.virtual_damping):
+        cells = "".join(f"{_cell(value):>10}" for value in found.stiffness[:, j, k].tolist())
+        lines.append(f"{damping:>14.4g}  {cells}")
+    return "\n".join([*lines, "", "written", *(f"  {path}" for path in files)])
+
+
+def _cell(value: float) -> str:
+    if math.isfinite(value):
+        return f"{value:.4g}"
+    return "-" if math.isnan(value) else "none"
