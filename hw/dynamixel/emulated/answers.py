@@ -165,15 +165,16 @@ def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answe
     return [Answer(first.return_delay_ns, frame, wire)]
 
 
-def _share(entry: Entry, servos: Iterable[EmulatedServo], now_ns: int) -> FastReply:
+def _share(entry: Entry, servos: Sequence[EmulatedServo], now_ns: int) -> FastReply:
     """What is appended for one id; several servos with it pull each other's bits low."""
     address, size = int.from_bytes(entry.params[:2], "little"), entry.size
-    data, errors = [], []
+    shares = []
     for servo in servos:
-        found = servo.read(address, size, now_ns) if size else None
-        errors.append((ErrorCode.ACCESS if found is None else ErrorCode.NONE) | servo.alert)
-        data.append(bytes(size) if found is None else found)
-    return FastReply(entry.id, pull_low([bytes([e]) for e in errors])[0], pull_low(data))
+        data = servo.read(address, size, now_ns) if size else None
+        error = (ErrorCode.ACCESS if data is None else ErrorCode.NONE) | servo.alert
+        shares.append(bytes([error]) + (bytes(size) if data is None else data))
+    share = shares[0] if len(shares) == 1 else pull_low(shares)
+    return FastReply(entry.id, share[0], share[1:])
 
 
 def _status(

@@ -47,8 +47,7 @@ def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
 
 def pull_low(sent: Sequence[bytes]) -> bytes:
     """Bytes sent at once: every bit is 0 that one of them pulls low; an idle line is high."""
-    longest = max(len(data) for data in sent)
-    heard = bytearray(b"\xff" * longest)
+    heard = bytearray(max(sent, key=len))
     for data in sent:
         for at, byte in enumerate(data):
             heard[at] &= byte
