@@ -16,10 +16,10 @@ from controller.theory import (
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
-    one_sided_limit,
     passive_limit,
 )
 from controller.theory.checks import FloatArray, IntArray
+from controller.theory.one_sided_table import one_sided_limit_tabulated
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +135,13 @@ def evaluate(
         settings: How cautious to be; in mode ``off`` the damping is as asked.
         situation: The torque limit and the encoder step.
         plants: What to evaluate.
-        tolerance: Wanted relative accuracy of the one-sided limit.
+        tolerance: Wanted relative accuracy of the one-sided limit where it is not tabulated.
         asked: Virtual damping asked of each plant, where not the request's of all [N·m·s/rad].
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
-    ceiling = max_virtual_damping(m, b, t, t_d, n) / g
+    nothing_stable = max_virtual_damping(m, b, t, t_d, n)
+    ceiling = nothing_stable / g
     if settings.mode == "passive":
         # beyond it not even the damper alone is passive, for whole delays
         ceiling = np.minimum(ceiling, b / g)
@@ -149,13 +150,18 @@ def evaluate(
         damping = np.minimum(damping, settings.damping_cap * ceiling)
         damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping) + 0.0
     acting = g * damping
-    two_sided = request.side == "both"
+    exact = critical_stiffness(m, b, acting, t, t_d, n)
+    one_sided = None
+    if request.side != "both":
+        one_sided = one_sided_limit_tabulated(
+            m, b, acting, t, t_d, n, tolerance, exact=exact, ceiling=nothing_stable
+        )
     return Found(
         ceiling=ceiling,
         damping=damping,
         linear=linear_limit(b, acting, t, t_d, n) / g,
-        exact=critical_stiffness(m, b, acting, t, t_d, n) / g,
-        one_sided=None if two_sided else one_sided_limit(m, b, acting, t, t_d, n, tolerance) / g,
+        exact=exact / g,
+        one_sided=None if one_sided is None else one_sided / g,
         quantisation=quantisation_limit(request, settings, situation, damping, t),
         passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from controller.theory import (
     one_sided_limit,
     restitution,
 )
-from tests.theory.oracles import Loop, bounce
+from controller.theory.one_sided_table import one_sided_limit_tabulated
+from tests.theory.oracles import Loop, bounce, radius
 
 
 @pytest.mark.parametrize(
@@ -84,6 +87,32 @@ def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
     lower = limit < exact * (1 - 1e-6)
     assert np.count_nonzero(lower) > 75
     assert np.all(above[lower] > 1 - 1e-6)
+
+
+@pytest.mark.parametrize("limit", [one_sided_limit, one_sided_limit_tabulated])
+def test_at_the_limit_no_device_comes_back_faster_and_a_tenth_above_it_some_do(
+    limit: Callable[..., np.ndarray], thorough: bool
+) -> None:
+    m, b, virtual, t, delay, n = random_walls(1000 if thorough else 250, seed=3)
+    stiffness = limit(m, b, virtual, t, delay, n)
+    assert np.all(stiffness > 0)
+
+    def loops(factor: float) -> list[Loop]:
+        rows = zip(m, b, factor * stiffness, virtual, t, delay, n, strict=True)
+        return [Loop(*map(float, row[:6]), samples=int(row[6])) for row in rows]
+
+    phases = np.array([1e-9, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0])
+    # the computed limit is within 1e-4, and a ratio grows less than its stiffness does
+    assert np.max(bounce(loops(1.0), phases)) <= 1 + 2e-4
+    above = loops(1.1)
+    returned = np.max(bounce(above, phases), axis=1)
+    # where it is the exact limit that binds, a stiffer wall need not throw: it is unstable
+    unstable = np.array([radius(loop) for loop in above]) > 1
+    # the oracle sees the speed up to a period late, and the device has slowed down since
+    assert np.all((returned * np.exp(b * t / m) > 1) | unstable)
+    throws = stiffness < 0.95 * critical_stiffness(m, b, virtual, t, delay, n)
+    assert np.count_nonzero(throws) > 0.5 * throws.size
+    assert np.mean(returned[throws] > 1) > 0.98
 
 
 def test_virtual_damping_makes_it_much_lower_than_the_exact_limit() -> None:

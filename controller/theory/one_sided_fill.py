@@ -1,0 +1,170 @@
+"""Filling the table of the one-sided limit: from computed limits to shares that are safe between.
+
+The nodes are computed; then every cell is looked into at random places, and its nodes are lowered
+until the interpolation lies below what is computed there. Cells where the interpolation would
+then be far too low, or that reach to where no stiffness will do, are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.boundary import critical
+from controller.theory.checks import FloatArray, IntArray
+from controller.theory.one_sided import one_sided_limit
+from controller.theory.one_sided_table import (
+    GRIDS,
+    MAX_DELTA,
+    MAX_OF_CEILING,
+    SAMPLES,
+    UNIT,
+    Grid,
+    grid_of,
+)
+
+_Array = NDArray[np.uint8] | NDArray[np.uint16]
+
+_BATCH = 300  # settings computed by one task
+# Nodes are computed a little beyond what is looked up, for whole cells at the edge.
+_NODE_OF_CEILING, _NODE_DELTA = 0.978, 0.16
+_LOOKS = 5  # places looked at in each cell, its middle among them
+_BELOW = 2e-3  # how far below the computed share the interpolation is brought
+# What makes a cell unusable: the interpolation stays below this part of what is computed; it has
+# to be lowered by more than this part; the least share at a node over the greatest is less than
+# this.
+_LOWEST, _MOST_LOWERED, _STEEP = 0.96, 0.04, 0.7
+_LEAST = 0.03  # share at a node below which a cell is left out: soon no wall will do
+
+
+def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: int) -> FloatArray:
+    """The computed one-sided limit over the exact one; NaN where nothing is stable."""
+    exact, _ = critical(delta, beta, delay, np.full_like(delta, n))
+    limit = one_sided_limit(1.0, delta, beta, 1.0, delay, n)
+    share: FloatArray = np.where(exact > 0, limit / np.where(exact > 0, exact, 1.0), np.nan)
+    return share
+
+
+def parts(executor: Executor) -> Iterator[tuple[str, dict[str, _Array]]]:
+    """The table part by part: what was filled, and its arrays as they are stored.
+
+    Args:
+        executor: Where the limits are computed.
+    """
+    for n, name in product(SAMPLES, GRIDS):
+        nodes, good = _filled(name, n, executor)
+        said = f"N = {n}, {name}: {nodes.size} nodes, {np.count_nonzero(good)} cells usable"
+        yield said, {f"{name}_{n}": nodes, f"{name}_{n}_good": np.packbits(good)}
+
+
+class _Look(NamedTuple):
+    """One place in each of many cells, and the share computed there."""
+
+    cell: IntArray
+    place: FloatArray
+    share: FloatArray
+
+
+def _filled(name: str, n: int, executor: Executor) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+    """A grid's nodes as they are stored (flat), and which of its cells are good."""
+    grid = GRIDS[name]
+    mesh = np.meshgrid(*(axis.values() for axis in grid.axes), indexing="ij")
+    nodes = _shares(name, np.stack([m.ravel() for m in mesh]), n, True, executor)
+    # a cell with a node that is not a number has no least either
+    corners = nodes.reshape(grid.shape)
+    least, most = _of_corners(np.minimum, corners), _of_corners(np.maximum, corners)
+    good: NDArray[np.bool_] = (least > _LEAST) & (least > _STEEP * most)
+    failed = np.zeros_like(good)
+    nodes = np.nan_to_num(nodes)
+    random = np.random.default_rng(n)
+    looks = [_look(name, good, n, random if i else None, executor) for i in range(_LOOKS)]
+    for look in looks:
+        excess = grid.interpolate(nodes, look.cell, look.place) - (1 - _BELOW) * look.share
+        excess[look.share == 1] = 0.0
+        low = excess > _MOST_LOWERED * look.share
+        failed[tuple(look.cell[:, low])] = True
+        nodes = _lowered(grid, nodes, look.cell[:, ~low], excess[~low])
+    stored = np.floor(np.clip(nodes, 0.0, 1.0) * UNIT).astype(np.uint16)
+    for look in looks:
+        found = grid.interpolate(stored / UNIT, look.cell, look.place)
+        failed[tuple(look.cell[:, found < _LOWEST * look.share])] = True
+    # a few looks miss some of what is wrong: where one cell failed, the next ones are doubtful
+    return stored, good & ~_beside(failed)
+
+
+def _shares(
+    name: str, coordinates: FloatArray, n: int, at_nodes: bool, executor: Executor
+) -> FloatArray:
+    """Computed shares at coordinates of a grid (axes × points); see ``_task``."""
+    # contacts of like length together, since a batch takes as long as its longest
+    order = np.argsort(coordinates[0], kind="stable")
+    parts = np.array_split(order, order.size // _BATCH + 1)
+    result = np.empty(order.size)
+    tasks = [executor.submit(_task, name, coordinates[:, part], n, at_nodes) for part in parts]
+    for part, task in zip(parts, tasks, strict=True):
+        result[part] = task.result()
+    return result
+
+
+def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatArray:
+    """Computed shares at coordinates of a grid; NaN outside of what the grid is for.
+
+    ``at_nodes`` reaches a little further; there it is 1 without virtual damping, even where
+    without any damping nothing is stable.
+    """
+    p = GRIDS[name].settings(coordinates, n)
+    if at_nodes:
+        wanted = (p.of_ceiling < _NODE_OF_CEILING) & (p.delta < _NODE_DELTA) & (p.of_ceiling > 0)
+    else:
+        wanted = (p.of_ceiling <= MAX_OF_CEILING) & (p.delta <= MAX_DELTA)
+        wanted &= grid_of(p.of_ceiling, p.delay)[name]
+    result = np.where(at_nodes & (p.of_ceiling <= 0), 1.0, np.nan)
+    delta, of_ceiling, delay, ceiling = (a[wanted] for a in p)
+    result[wanted] = computed_share(delta, of_ceiling * ceiling, delay, n)
+    return result
+
+
+def _look(
+    name: str,
+    good: NDArray[np.bool_],
+    n: int,
+    random: np.random.Generator | None,
+    executor: Executor,
+) -> _Look:
+    """A place in each good cell, random or the middle; what is not looked up is left out."""
+    cell = np.stack(np.nonzero(good))
+    place = np.full(cell.shape, 0.5) if random is None else random.random(cell.shape)
+    share = _shares(name, GRIDS[name].between(cell, place), n, False, executor)
+    wanted = np.isfinite(share)
+    return _Look(cell[:, wanted], place[:, wanted], share[wanted])
+
+
+def _beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """These cells and the ones next to them along each axis."""
+    result = cells.copy()
+    for axis in range(cells.ndim):
+        along, source = np.moveaxis(result, axis, 0), np.moveaxis(cells, axis, 0)
+        along[1:] |= source[:-1]
+        along[:-1] |= source[1:]
+    return result
+
+
+def _of_corners(ufunc: np.ufunc, nodes: FloatArray) -> FloatArray:
+    """``ufunc`` over the eight nodes of each cell."""
+    for axis in range(nodes.ndim):
+        along = np.moveaxis(nodes, axis, 0)
+        nodes = np.moveaxis(ufunc(along[:-1], along[1:]), 0, axis)
+    return nodes
+
+
+def _lowered(grid: Grid, nodes: FloatArray, cell: IntArray, excess: FloatArray) -> FloatArray:
+    """Each node lowered by the greatest excess of the cells around it."""
+    down = np.zeros(grid.shape)
+    for corner in product((0, 1), repeat=3):
+        np.maximum.at(down, tuple(cell + np.array(corner)[:, None]), excess)
+    return nodes - down.ravel()

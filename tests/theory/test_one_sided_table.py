@@ -1,0 +1,170 @@
+"""The looked-up limit of a wall that never pulls: safe, tight, quick, and where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from controller.belief import Belief, Bounded
+from controller.guard_limits import Plants, evaluate
+from controller.guard_types import GuardSettings, Request, Situation
+from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
+from controller.theory import one_sided_table as tables
+from controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
+
+Array = np.ndarray
+COMPUTED = "controller.theory.one_sided_table.one_sided_limit"
+
+
+def random_settings(count: int, seed: int, n: int = 1) -> tuple[Array, ...]:
+    """delta, beta, d, N as of the settings of a testbed and far beyond, and the ceiling."""
+    random = np.random.default_rng(seed)
+    half = random.random(count) < 0.5
+    delta = np.where(half, 10 ** random.uniform(-6, -1, count), 0.1 * random.random(count))
+    which = random.random(count)
+    late = np.where(which < 0.6, 6 * random.random(count), 60 * random.random(count) ** 1.5)
+    late = np.where(which < 0.3, np.floor(late), late)
+    samples = np.full(count, float(n))
+    ceiling = max_virtual_damping(1.0, delta, 1.0, late, n)
+    return delta, 0.95 * random.random(count) * ceiling, late, samples, ceiling
+
+
+@pytest.mark.parametrize("n", tables.SAMPLES)
+def test_looked_up_is_not_above_what_is_computed_and_hardly_below(n: int, thorough: bool) -> None:
+    delta, beta, late, samples, ceiling = random_settings(10_000 if thorough else 700, 31, n)
+    share = tabulated_share(delta, beta, late, samples, ceiling)
+    known = np.isfinite(share)
+    # up to the share of the ceiling that the guard allows, nearly everything is in the table
+    assert np.mean(known[beta < 0.7 * ceiling]) > 0.97
+    delta, beta, late, share = delta[known], beta[known], late[known], share[known]
+    exact = critical_stiffness(1.0, delta, beta, 1.0, late, n)
+    ratio = share * exact / one_sided_limit(1.0, delta, beta, 1.0, late, n)
+    assert np.max(ratio) <= 1.005
+    assert np.min(ratio) >= 0.95
+    assert np.median(ratio) > 0.995
+    assert np.quantile(ratio, 0.05) > 0.98
+
+
+def test_it_is_looked_up_and_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> Array:
+        raise AssertionError("a contact was simulated")
+
+    monkeypatch.setattr(COMPUTED, none)
+    late = np.linspace(0.0, 60.0, 41)
+    damping = np.array([[1e-5], [1e-3], [0.02], [0.1]])
+    for of_ceiling in (0.0, 0.01, 0.1, 0.3, 0.5):
+        virtual = of_ceiling * max_virtual_damping(1.0, damping, 1.0, late)
+        limit = one_sided_limit_tabulated(1.0, damping, virtual, 1.0, late)
+        assert np.all(limit > 0)
+        assert np.all(limit <= critical_stiffness(1.0, damping, virtual, 1.0, late))
+
+
+@pytest.mark.parametrize(
+    ("damping", "of_ceiling", "late", "n"),
+    [
+        (0.5, 0.3, 1.0, 1),
+        (0.01, -0.002, 1.0, 1),
+        (0.01, 0.97, 1.0, 1),
+        (0.001, 0.3, 70.0, 1),
+        (0.01, 0.3, 1.0, 3),
+    ],
+    ids=["damping", "negative", "ceiling", "delay", "samples"],
+)
+def test_outside_of_the_table_it_is_computed(
+    damping: float, of_ceiling: float, late: float, n: int
+) -> None:
+    virtual = of_ceiling * max_virtual_damping(1.0, damping, 1.0, late, n)
+    computed = one_sided_limit(1.0, damping, virtual, 1.0, late, n)
+    assert one_sided_limit_tabulated(1.0, damping, virtual, 1.0, late, n) == computed
+
+
+def test_units_and_what_is_known_already_change_nothing() -> None:
+    delta, beta, late, n, ceiling = random_settings(50, 32)
+    inertia, period = 0.012, 5e-4
+    arguments = (
+        inertia,
+        delta * inertia / period,
+        beta * inertia / period,
+        period,
+        late * period,
+        n,
+    )
+    limit = one_sided_limit_tabulated(*arguments)
+    known = one_sided_limit_tabulated(
+        *arguments,
+        exact=critical_stiffness(*arguments),
+        ceiling=ceiling * inertia / period,
+    )
+    np.testing.assert_allclose(known, limit, rtol=1e-9)
+    pure = one_sided_limit_tabulated(1.0, delta, beta, 1.0, late, n)
+    np.testing.assert_allclose(limit, pure * inertia / period**2, rtol=1e-9)
+
+
+def test_more_virtual_damping_never_makes_the_share_jump() -> None:
+    # between cells the interpolation is continuous; where two grids meet they agree
+    of_ceiling = np.linspace(0.0, 0.7, 2001)
+    for late in (0.3, 1.0, 4.7, 6.99, 7.01, 30.0):
+        ceiling = max_virtual_damping(1.0, 0.003, 1.0, late)
+        ones = np.ones_like(of_ceiling)
+        share = tabulated_share(
+            0.003 * ones, of_ceiling * ceiling, late * ones, ones, ceiling * ones
+        )
+        known = np.isfinite(share[1:]) & np.isfinite(share[:-1])
+        assert np.mean(known) > 0.95
+        assert np.max(np.abs(np.diff(share)[known])) < 0.02
+
+
+def test_zero_where_nothing_is_stable() -> None:
+    assert one_sided_limit_tabulated(1.0, 0.0, 0.0, 1.0, 1.0) == 0
+    assert one_sided_limit_tabulated(1.0, 0.01, 5.0, 1.0, 1.0) == 0
+
+
+def test_shapes_broadcast() -> None:
+    assert one_sided_limit_tabulated(1.0, 0.1, np.zeros((2, 1)), 1.0, np.ones(3)).shape == (2, 3)
+    assert one_sided_limit_tabulated(1.0, 0.01, 0.1, 1.0, 1.0).shape == ()
+
+
+def test_errors_name_the_argument() -> None:
+    with pytest.raises(ValueError, match="inertia must be > 0, got -1"):
+        one_sided_limit_tabulated(-1.0, 0.1, 0.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="exact must be finite, got nan"):
+        one_sided_limit_tabulated(1.0, 0.1, 0.0, 1.0, 0.0, exact=np.nan)
+    with pytest.raises(ValueError, match="ceiling must be > 0, got 0"):
+        one_sided_limit_tabulated(1.0, 0.1, 0.0, 1.0, 0.0, ceiling=0.0)
+
+
+@pytest.mark.parametrize("name", tables.GRIDS)
+def test_coordinates_lead_back_to_the_settings(name: str) -> None:
+    grid = tables.GRIDS[name]
+    random = np.random.default_rng(33)
+    cell = np.stack([random.integers(0, axis.nodes - 1, 300) for axis in grid.axes])
+    place = random.random(cell.shape)
+    point = grid.settings(grid.between(cell, place), 1)
+    used = (point.of_ceiling < 0.95) & (point.delta < 0.1)
+    assert np.count_nonzero(used) > 100
+    found, where = grid.locate(grid.coordinates(point))
+    np.testing.assert_allclose((found + where)[:, used], (cell + place)[:, used], atol=1e-3)
+
+
+def test_the_table_is_small() -> None:
+    assert tables.TABLE.stat().st_size < 500e3
+
+
+def test_a_decision_simulates_no_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> Array:
+        raise AssertionError("a contact was simulated")
+
+    monkeypatch.setattr(COMPUTED, none)
+    belief = Belief(
+        inertia=Bounded(0.012, 0.008, 0.018),
+        damping=Bounded(0.0117, 0.006, 0.023),
+        coulomb=Bounded.exactly(0.09),
+        delay=Bounded(0.5e-3, 0.0, 1e-3),
+        torque_gain=Bounded(1.0, 0.75, 1.33),
+    )
+    situation = Situation(belief, 1e-3, 4.1, 0.0)
+    corner = Plants.at_corner(situation, np.linspace(0.0, 20e-3, 64))
+    for asked in (0.0, 0.02, 0.3, 1e6):
+        found = evaluate(Request(1e6, asked, "above"), GuardSettings(), situation, corner)
+        assert found.one_sided is not None
+        assert np.all(found.one_sided > 0)
