@@ -1,5 +1,10 @@
 """Options of the whole test suite."""
 
+import os
+
+# Before NumPy is imported: pole searches over small matrices are slower on many threads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 
 
