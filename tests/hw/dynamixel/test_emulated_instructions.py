@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from hw.dynamixel.codec import ALERT, BROADCAST, ErrorCode, Frame, Instruction, crc16, encode
+from hw.dynamixel.emulated.collision import Sending, collide
 from hw.dynamixel.emulated.instructions import BACKUP_KEY, CLEAR_KEY
 from hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
@@ -459,3 +460,31 @@ def test_the_alert_is_in_every_answer_while_an_error_is_latched():
     client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1) + b"\x02" + words(LED, 1))
     assert [r.error for r in client.replies()] == [ALERT, 0]
     assert client.ask(1, 0x77).error == ALERT | ErrorCode.INSTRUCTION
+
+
+@pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
+def test_fast_bulk_read_breaks_off_at_a_missing_servo(ids, shares):
+    client = Client((X, 1), (X, 2), (X, 3))
+    sizes = (4, 2, 1)
+    asked = [
+        bytes([i]) + words(address, size)
+        for i, address, size in zip(ids, (POSITION, 144, LED), sizes, strict=True)
+    ]
+    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"".join(asked))
+    client.line.wait(client.clock.now_ns() + 3 * MS)
+    wire = client.line.read()
+    assert len(wire) == (8 + sum(sizes[:shares]) + 4 * shares if shares else 0)
+    if shares:
+        assert int.from_bytes(wire[5:7], "little") == 1 + sum(sizes) + 4 * 3  # as if all would come
+        assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
+
+
+def test_bytes_that_collide_are_pulled_low_in_whole_byte_times():
+    frame = Frame(1, Instruction.STATUS, 0, b"")
+    first = Sending(0, 1_000_000, frame, b"\xf0\x0f\xff\x55")
+    second = Sending(20_000, 1_000_000, frame, b"\x3c\xf5\x01")  # two bytes later
+    apart = Sending(60_000, 1_000_000, frame, b"\x07")  # 10 µs behind the end of both
+    assert list(collide([apart, second, first])) == [
+        (0, frame, b"\xf0\x0f\x3c\x55\x01"),
+        (10_000, frame, b"\x07"),
+    ]
