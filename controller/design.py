@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from controller.guard_limits import Found, Plants, evaluate, quantisation_limit
+from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate, quantisation_limit
 from controller.guard_types import GuardSettings, Request, Situation
 from controller.theory import linear_limit, max_virtual_damping
 from controller.theory.checks import FloatArray
@@ -137,7 +137,7 @@ def improvements(
         found: The limits as they are, at the belief's corner, one per delay.
         changes: What to try. What does not apply (an encoder where none is, a two-sided wall in
             place of one, a baud rate without a part ``wire``) is left out of the answer.
-        thorough: Find the limits to 1e-4, and the best virtual damping; else to 2 %, and a good
+        thorough: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good
             one, in a fraction of the time.
 
     Returns:
@@ -161,7 +161,7 @@ def improvements(
         asked.append(damping)
         tried.append(change)
     if tried:
-        tolerance = 1e-4 if thorough else 0.02
+        tolerance = 1e-4 if thorough else LOOKED_UP
         together = plants[0].followed_by(*plants[1:])
         after = evaluate(
             request, settings, situation, together, tolerance, asked=np.concatenate(asked)

@@ -14,7 +14,7 @@ import numpy as np
 
 from controller import guard_reasons
 from controller.design import DelayParts, Improvement, improvements
-from controller.guard_limits import Found, Plants, evaluate, unstable_nominally
+from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate, unstable_nominally
 from controller.guard_types import (
     Decision,
     GuardSettings,
@@ -64,7 +64,7 @@ def decide(
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
     corner = Plants.at_corner(situation, before_device)
-    found = evaluate(request, settings, situation, corner)
+    found = evaluate(request, settings, situation, corner, LOOKED_UP)
     alone = (
         unstable_nominally(request, situation, before_device)
         if settings.mode == "off"

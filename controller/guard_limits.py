@@ -16,10 +16,14 @@ from controller.theory import (
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
+    one_sided_limit,
     passive_limit,
 )
 from controller.theory.checks import FloatArray, IntArray
 from controller.theory.one_sided_table import one_sided_limit_tabulated
+
+LOOKED_UP = 0.05
+"""How far below what is computed the table of the one-sided limit may lie"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +139,8 @@ def evaluate(
         settings: How cautious to be; in mode ``off`` the damping is as asked.
         situation: The torque limit and the encoder step.
         plants: What to evaluate.
-        tolerance: Wanted relative accuracy of the one-sided limit where it is not tabulated.
+        tolerance: Wanted relative accuracy of the one-sided limit. With ``LOOKED_UP`` or more it
+            is taken from the table, on the safe side; with less, contacts are simulated.
         asked: Virtual damping asked of each plant, where not the request's of all [N·m·s/rad].
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
@@ -153,8 +158,12 @@ def evaluate(
     exact = critical_stiffness(m, b, acting, t, t_d, n)
     one_sided = None
     if request.side != "both":
-        one_sided = one_sided_limit_tabulated(
-            m, b, acting, t, t_d, n, tolerance, exact=exact, ceiling=nothing_stable
+        one_sided = (
+            one_sided_limit(m, b, acting, t, t_d, n, tolerance)
+            if tolerance < LOOKED_UP
+            else one_sided_limit_tabulated(
+                m, b, acting, t, t_d, n, exact=exact, ceiling=nothing_stable
+            )
         )
     return Found(
         ceiling=ceiling,

@@ -233,7 +233,6 @@ def one_sided_limit_tabulated(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
-    tolerance: float = 1e-4,
     *,
     exact: ArrayLike | None = None,
     ceiling: ArrayLike | None = None,
@@ -250,7 +249,6 @@ def one_sided_limit_tabulated(
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
         velocity_samples: N of the velocity difference, >= 1.
-        tolerance: Wanted relative accuracy of what has to be computed.
         exact: ``critical_stiffness`` of the same settings where it is known already [N·m/rad];
             with it and the ceiling the look-up takes microseconds.
         ceiling: ``max_virtual_damping`` of the same settings where it is known [N·m·s/rad].
@@ -277,5 +275,5 @@ def one_sided_limit_tabulated(
     result = np.where(alpha > 0, share * alpha, 0.0)
     if left.size:
         delta, beta, late, n = (a[left] for a in (s.delta, s.beta, s.delay, s.samples))
-        result[left] = one_sided_limit(1.0, delta, beta, 1.0, late, n, tolerance)
+        result[left] = one_sided_limit(1.0, delta, beta, 1.0, late, n)
     return s.shaped(result * s.stiffness_unit)
