@@ -26,8 +26,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _POINTS = 120
-_MOST_DELAYS = 6
-"""More are thinned out: their curves could not be told apart."""
+_SHARE = 0.5
+"""Of the torque limit, to which the theory of unlimited motion is drawn."""
+_MOST_DELAYS = 3
+"""More are thinned out: their curves could not be told apart. The table holds them all."""
+_LARGE = 1e3
+"""A torque limit [N·m] from which on it is as good as none."""
 
 
 def plot_map(found: CriticalMap, name: str, path: Path) -> None:
@@ -65,7 +69,8 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
 def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
     setting, servo = found.setting, found.setting.servo
     low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
-    across = np.linspace(low, high, _POINTS)
+    ends = _signed_root(np.array([low, high]))
+    across = _signed_square(np.linspace(ends[0], ends[1], _POINTS))
     for i, colour in colours.items():
         delay = float(found.delay[i])
         ceiling = float(
@@ -91,7 +96,19 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
             ax.plot(damping, _drawn(limit), color=colour, linewidth=0.9, linestyle="--")
         for k, style in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **style)
-    ax.set_xlabel(VIRTUAL_DAMPING)
+    # Near zero the limits rise steeply, and there walls are used: it gets more room.
+    ax.set_xscale("function", functions=(_signed_root, _signed_square))
+    ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
+
+
+def _signed_root(value: FloatArray) -> FloatArray:
+    root: FloatArray = np.sign(value) * np.sqrt(np.abs(value))
+    return root
+
+
+def _signed_square(value: FloatArray) -> FloatArray:
+    square: FloatArray = np.sign(value) * np.square(value)
+    return square
 
 
 def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
@@ -119,7 +136,14 @@ def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
             float(found.delay[i]),
             setting.velocity_samples,
         )
-        ax.plot(onset.amplitude, stiffness, color=colour, linewidth=0.8, linestyle="-.")
+        reached = _SHARE * servo.torque_limit > stiffness * onset.amplitude
+        ax.plot(
+            onset.amplitude[reached],
+            stiffness[reached],
+            color=colour,
+            linewidth=0.8,
+            linestyle="-.",
+        )
     ax.set_xscale("log")
     spread = (found.kick.max() / found.kick.min()) ** 0.06
     ax.set_xlim(found.kick.min() / spread, found.kick.max() * spread)
@@ -171,9 +195,11 @@ def _title(found: CriticalMap, name: str) -> str:
         parts.append(f"{servo.counts_per_rev} counts/rev")
     if servo.backlash:
         parts.append(f"play {servo.backlash:.3g} rad")
-    parts += [f"limit {servo.torque_limit:.3g} N·m", f"{1.0 / found.setting.period:.4g} Hz"]
+    if servo.torque_limit < _LARGE:
+        parts.append(f"torque limit {servo.torque_limit:.3g} N·m")
+    parts.append(f"{1.0 / found.setting.period:.4g} Hz")
     unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
-    return f"Critical stiffness of {name}, simulated: {wall}{unfinished}\n" + "   ".join(parts)
+    return f"{name}: simulated critical stiffness, {wall}{unfinished}\n" + "   ".join(parts)
 
 
 def _drawn(stiffness: FloatArray) -> FloatArray:
@@ -183,10 +209,10 @@ def _drawn(stiffness: FloatArray) -> FloatArray:
 
 
 def _range(found: CriticalMap) -> tuple[float, float]:
-    values = np.concatenate([found.stiffness.ravel(), found.exact.ravel()])
-    if found.setting.one_sided:
-        values = np.concatenate([values, found.one_sided.ravel()])
-    good = values[np.isfinite(values) & (values > 0.0)]
-    if not good.size:
-        return 0.1, 1.0
-    return 0.7 * float(good.min()), 1.5 * float(good.max())
+    """From below what was simulated; the exact limit goes down to zero at the ceiling."""
+    shown = found.stiffness[:, :, list(_shown_kicks(found))]
+    good = shown[np.isfinite(shown) & (shown > 0.0)]
+    limit = found.one_sided if found.setting.one_sided else found.exact
+    first = limit[:, :1]
+    values = np.concatenate([good, first[first > 0.0], [limit.max(initial=0.1)]])
+    return 0.6 * float(values.min()), 1.6 * float(values.max())

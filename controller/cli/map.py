@@ -130,7 +130,9 @@ def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:
     ceiling = max_virtual_damping(
         servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
     )
-    return [float(f"{value:.4g}") for value in np.linspace(0.0, float(ceiling), _DAMPINGS)]
+    # Closer together where they are small: there the limits rise steeply, and there walls are used.
+    shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
+    return [float(f"{value:.4g}") for value in shares * float(ceiling)]
 
 
 def _points(found: CriticalMap) -> list[dict[str, Any]]:

@@ -1,0 +1,122 @@
+"""``haptic-wall map`` writes a table, a report and a picture, and says what it cannot map."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.cli.main import main
+from controller.theory import critical_stiffness
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def run(capsys, *arguments):
+    try:
+        status = main(["map", *map(str, arguments)])
+    except SystemExit as ended:
+        status = ended.code
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_the_files_and_the_report_hold_every_point(capsys, tmp_path):
+    (tmp_path / "map.csv").write_text("from before")
+    (tmp_path / "mine.txt").write_text("kept")
+    status, out, err = run(
+        capsys, "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
+        "--delay-steps", "0,2", "--workers", 1, "--json",
+    )  # fmt: skip
+    assert status == 0
+    assert "paper-table2" in err
+    report = json.loads(out)
+    points = report["points"]
+    assert report["complete"]
+    assert report["side"] == "both"
+    assert [(p["delay_steps"], p["virtual_damping"]) for p in points] == [
+        (0, -0.05), (0, 0.1), (0, 0.4), (2, -0.05), (2, 0.1), (2, 0.4)
+    ]  # fmt: skip
+    for point in points:
+        exact = critical_stiffness(1.0, 0.1, point["virtual_damping"], 1e-3, point["delay_s"])
+        assert point["exact"] == pytest.approx(float(exact))
+        assert point["simulated"] == pytest.approx(float(exact), rel=1e-3)
+        assert point["outcome"] == "grows above"
+    written = json.loads((tmp_path / "map.json").read_text())
+    assert written["points"] == points
+    with (tmp_path / "map.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["simulated"]) for row in rows] == [p["simulated"] for p in points]
+    assert (tmp_path / "map.png").read_bytes().startswith(PNG)
+    assert (tmp_path / "mine.txt").read_text() == "kept"
+    assert sorted(Path(name).name for name in report["files"]) == [
+        "map.csv", "map.json", "map.png"
+    ]  # fmt: skip
+
+
+def test_without_json_there_is_a_table_and_the_names_of_the_files(capsys, tmp_path):
+    status, out, _ = run(
+        capsys, "simulated", "--out", tmp_path / "new", "--virtual-damping", "0,0.02",
+        "--delay-steps", "1", "--kick", "0.02,0.2", "--workers", 1,
+    )  # fmt: skip
+    assert status == 0
+    assert "kick 0.2 rad" in out
+    assert "1 ms" in out
+    assert str(tmp_path / "new" / "map.png") in out
+    assert "from servo" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["xm430-w350"], "CONFIG: found a real servo at"),
+        (["simulated", "--kick", "0"], "--kick: found 0, wanted above 0"),
+        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted whole periods"),
+        (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
+        (["simulated", "--virtual-damping", "a"], "wanted numbers with commas between"),
+    ],
+)
+def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
+    capsys, tmp_path, arguments, message
+):
+    status, _, err = run(capsys, *arguments, "--out", tmp_path / "out")
+    assert status == 2
+    assert message in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
+    (tmp_path / "out").write_text("")
+    status, _, err = run(capsys, "simulated", "--out", tmp_path / "out")
+    assert status == 2
+    assert "found a file, wanted a folder" in err
+
+
+@pytest.mark.realtime
+def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path):
+    arguments = ["-m", "controller.cli.main", "map", "simulated", "--out", str(tmp_path), "--json"]
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as command:
+        assert command.stderr is not None
+        first = command.stderr.readline() if os.name == "posix" else ""
+        time.sleep(1.5)  # nothing is lost if the pool is not up yet
+        os.killpg(command.pid, signal.SIGINT)  # as a terminal does: to all of them
+        out, err = command.communicate(timeout=60)
+    assert command.returncode == 130, first + err
+    assert "Traceback" not in first + err
+    assert "interrupted" in err
+    assert not json.loads(out)["complete"]
+    assert (tmp_path / "map.png").read_bytes().startswith(PNG)

@@ -1,0 +1,153 @@
+"""A map is the same whoever computes it, and what was done is kept when it is interrupted."""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from controller.config_load import load_config
+from controller.errors import UserError
+from controller.experiments.maps import MapInterruptedError, Setting, critical_map
+from controller.experiments.onset import simulated_critical_stiffness
+
+DAMPINGS, STEPS, KICKS = [0.0, 0.02, 0.05], [0, 2], [0.01, 0.1]
+
+
+class AtOnce(Executor):
+    """The least there can be: each task is pickled there and back, and done when submitted."""
+
+    def __init__(self, most: int | None = None) -> None:
+        self.most = most
+        self.tasks = 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        future: Future = Future()
+        if self.most is not None and self.tasks >= self.most:
+            return future  # somebody will do it some day
+        self.tasks += 1
+        fn, args, kwargs = pickle.loads(pickle.dumps((fn, args, kwargs)))
+        future.set_result(pickle.loads(pickle.dumps(fn(*args, **kwargs))))
+        return future
+
+
+@pytest.fixture(scope="module")
+def setting():
+    sets = ("wall.side=both", "servo.coulomb=0.02", "servo.torque_step=0")
+    return Setting.of(load_config("simulated", sets).config)
+
+
+@pytest.fixture(scope="module")
+def found(setting):
+    return critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.01)
+
+
+def test_the_result_does_not_depend_on_the_executor(setting, found):
+    with ThreadPoolExecutor(3) as threads:
+        other = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=threads, tolerance=0.01)
+        assert threads.submit(int).result() == 0  # the caller's executor stays open
+    own = critical_map(setting, DAMPINGS, STEPS, KICKS, workers=2, tolerance=0.01)
+    np.testing.assert_array_equal(found.stiffness, other.stiffness)
+    np.testing.assert_array_equal(found.stiffness, own.stiffness)
+    assert found.complete
+
+
+def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting, found):
+    servo = setting.servo
+    for i, steps in enumerate(STEPS):
+        expected = simulated_critical_stiffness(
+            servo.inertia,
+            servo.damping,
+            np.array(DAMPINGS)[:, None],
+            setting.period,
+            steps * setting.period,
+            coulomb=servo.coulomb,
+            position_step=2 * np.pi / servo.counts_per_rev,
+            torque_limit=servo.torque_limit,
+            kick=np.array(KICKS),
+            tolerance=0.01,
+        )
+        np.testing.assert_allclose(found.stiffness[i], expected, rtol=0.02)
+    assert found.delay.tolist() == [0.0, 0.002]
+
+
+def test_progress_goes_up_to_the_number_of_points(setting):
+    seen = []
+    critical_map(
+        setting,
+        DAMPINGS,
+        STEPS,
+        KICKS,
+        executor=AtOnce(),
+        tolerance=0.1,
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert [total for _, total in seen] == [12] * len(seen)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert seen[-1] == (12, 12)
+
+
+def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting):
+    class Interrupted(AtOnce):
+        def __init__(self):
+            super().__init__(most=1)
+            self.futures = []
+
+        def submit(self, fn, /, *args, **kwargs):
+            self.futures.append(super().submit(fn, *args, **kwargs))
+            return self.futures[-1]
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    executor = Interrupted()
+    with pytest.raises(MapInterruptedError) as stopped:
+        critical_map(
+            setting, DAMPINGS, STEPS, KICKS, executor=executor, tolerance=0.1, progress=interrupt
+        )
+    partial = stopped.value.partial
+    assert not partial.complete
+    assert np.isfinite(partial.stiffness[0]).all()
+    assert np.isnan(partial.stiffness[1]).all()
+    assert [future.cancelled() for future in executor.futures] == [False, True]
+
+
+def test_a_failing_task_is_not_hidden(setting):
+    class Broken(Executor):
+        def submit(self, *_, **__):
+            future: Future = Future()
+            future.set_exception(RuntimeError("the cluster is gone"))
+            return future
+
+    with pytest.raises(RuntimeError, match="the cluster is gone"):
+        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Broken())
+
+
+def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction():
+    sets = ("servo.delay=0.00125", "wall.velocity_samples=2")
+    setting = Setting.of(load_config("paper-table2", sets).config)
+    found = critical_map(setting, [0.1], [0, 1], [0.01], executor=AtOnce())
+    np.testing.assert_allclose(found.delay, [0.00125, 0.00225])
+    np.testing.assert_allclose(found.stiffness[:, :, 0], found.exact, rtol=1e-3)
+    assert not setting.kick_matters
+
+
+def test_a_real_servo_has_no_known_truth():
+    with pytest.raises(UserError, match="wanted a simulated or an emulated one"):
+        Setting.of(load_config("xm430-w350", ()).config)
+
+
+@pytest.mark.parametrize(
+    ("dampings", "steps", "kicks", "name"),
+    [
+        ([], [0], [0.1], "virtual_dampings"),
+        ([float("nan")], [0], [0.1], "virtual_dampings"),
+        ([0.0], [-1], [0.1], "delay_steps"),
+        ([0.0], [0], [0.0], "kicks"),
+    ],
+)
+def test_what_cannot_be_mapped_is_refused(setting, dampings, steps, kicks, name):
+    with pytest.raises(ValueError, match=name):
+        critical_map(setting, dampings, steps, kicks, executor=AtOnce())
