@@ -4,10 +4,10 @@ To a sinusoid of amplitude A a nonlinearity in the loop is a gain N(A), complex 
 oscillation keeps itself up where ``1 + N(A) L(e^{j w}) = 0``. The loop L is the exact one, sampled
 and delayed; only the harmonics of the oscillation are neglected, which the inertia filters.
 
-How far that goes, in amplitude, against simulation of small servos at 1 kHz: play 10 %, most of
-them 3 %; saturation 25 % without a damper, but with one the true cycle is up to 1.7 times as large
+How far that goes, in amplitude, against simulation of small servos at 1 kHz: play 7 %, most of
+them 2 %; saturation 15 % without a damper, but with one the true cycle is up to 1.7 times as large
 and a quarter slower (the torque becomes a square wave, and a little more lag is much more energy);
-cycles of about a count by quantisation 35 %, since the samples fall where they fall; friction 5 %.
+cycles of about a count by quantisation 40 %, since the samples fall where they fall; friction 5 %.
 
 Where the nonlinearity sits decides what it multiplies. A quantised position, a play before the
 encoder and a saturated torque all multiply the whole wall, K and B together; Coulomb friction is an

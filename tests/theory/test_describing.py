@@ -162,16 +162,16 @@ def predicted(
 # be far away. Cycles of about a count are rough, because the samples fall where they fall.
 SPRINGS, DAMPERS = 0.0, 0.2  # of the ceiling
 CASES = {
-    "saturation": (Saturation(1.0), (1.05, 3.0), SPRINGS, (0.99, 1.25), (0.88, 1.01)),
+    "saturation": (Saturation(1.0), (1.05, 3.0), SPRINGS, (0.99, 1.15), (0.92, 1.01)),
     "saturation and damper": (Saturation(1.0), (1.05, 3.0), DAMPERS, (0.99, 1.7), (0.75, 1.01)),
-    "backlash": (Backlash(4e-3), (0.3, 0.9), SPRINGS, (0.93, 1.01), (0.97, 1.01)),
+    "backlash": (Backlash(4e-3), (0.3, 0.9), SPRINGS, (0.95, 1.05), (0.97, 1.01)),
     "backlash and damper": (Backlash(4e-3), (0.3, 0.9), DAMPERS, (0.9, 1.02), (0.96, 1.02)),
-    "middle of a count": (Quantisation(1.5e-3), (0.82, 0.95), SPRINGS, (0.8, 1.35), (0.9, 1.07)),
+    "middle of a count": (Quantisation(1.5e-3), (0.82, 0.95), SPRINGS, (0.6, 1.4), (0.9, 1.07)),
     "edge of a count": (
         Quantisation(1.5e-3, at_edge=True),
         (0.3, 0.8),
         SPRINGS,
-        (0.9, 1.35),
+        (0.9, 1.4),
         (0.85, 1.05),
     ),
 }
