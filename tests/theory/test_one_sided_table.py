@@ -9,6 +9,7 @@ from controller.belief import Belief, Bounded
 from controller.guard import GuardSettings, Request, Situation, decide
 from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from controller.theory import one_sided_table as tables
+from controller.theory.one_sided_fill import computed_share
 from controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
 
 Array = np.ndarray
@@ -143,6 +144,23 @@ def test_coordinates_lead_back_to_the_settings(name: str) -> None:
     assert np.count_nonzero(used) > 100
     found, where = grid.locate(grid.coordinates(point))
     np.testing.assert_allclose((found + where)[:, used], (cell + place)[:, used], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", tables.GRIDS)
+def test_what_is_stored_was_computed_and_lowered(name: str) -> None:
+    # the script that makes the table would make this one
+    grid = tables.GRIDS[name]
+    shape = np.array(grid.shape)[:, None]
+    node = np.random.default_rng(34).integers(0, shape, (3, 200))
+    point = grid.settings(grid.between(node, np.zeros(node.shape)), 1)
+    used = (point.of_ceiling < 0.7) & (point.delta < 0.1) & (point.of_ceiling > 0)
+    beta = point.of_ceiling * point.ceiling
+    computed = computed_share(point.delta[used], beta[used], point.delay[used], 1)
+    with np.load(tables.TABLE) as file:
+        stored = file[f"{name}_1"].reshape(grid.shape)[tuple(node)][used] / tables.UNIT
+    assert stored.size > 40
+    assert np.all(stored <= computed + 1e-9)
+    assert np.quantile(computed - stored, 0.9) < 0.02
 
 
 def test_the_table_is_small() -> None:
