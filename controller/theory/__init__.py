@@ -1,4 +1,4 @@
-"""The stability theory of sampled virtual walls. Needs numpy only, knows nothing of servos."""
+"""The stability theory of sampled virtual walls. Needs numpy only, knows no bus and no hardware."""
 
 from controller.theory.exact import (
     CriticalPoint,
