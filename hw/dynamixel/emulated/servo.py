@@ -9,11 +9,11 @@ import struct
 from typing import NamedTuple
 
 from hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from hw.dynamixel.emulated.encoder import Encoder
 from hw.dynamixel.emulated.rules import TEMPERATURE, ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
-    POSITION_UNIT,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     VELOCITY_UNIT,
@@ -30,6 +30,8 @@ _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """The measured registers, in the order of their addresses"""
 _INT16 = (-0x8000, 0x7FFF)
 _INT32 = (-0x8000_0000, 0x7FFF_FFFF)
+_NEVER_NS = 1 << 62
+"""Answers of a servo that is off the cable [ns]"""
 
 
 class State(NamedTuple):
@@ -92,7 +94,8 @@ class EmulatedServo:
         self.answers_from_ns = start_ns
         """It is still booting before [ns]"""
         self._torque_unit = constant * model.current_unit_ma * 1e-3
-        self._quantised = true.counts_per_rev == COUNTS_PER_REV
+        quantised = true.counts_per_rev == COUNTS_PER_REV
+        self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
         self._lost_turns = 0
@@ -229,8 +232,27 @@ class EmulatedServo:
         self._power_up(now_ns)
         self.answers_from_ns = now_ns + BOOT_NS
 
+    @property
+    def unplugged(self) -> bool:
+        """It is off the cable: no data, no power."""
+        return self.answers_from_ns == _NEVER_NS
+
+    def unplug(self, now_ns: int) -> None:
+        """Take it off the cable: limp and silent, and RAM is lost."""
+        self.reboot(now_ns)
+        self.memory["torque_enable"] = 0  # whatever Startup Configuration says
+        self._drive(now_ns)
+        self.answers_from_ns = _NEVER_NS
+
+    def latch_errors(self, bits: int, now_ns: int) -> None:
+        """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""
+        self.memory["hardware_error_status"] |= bits
+        if self.table.shut_down:
+            self.memory["torque_enable"] = 0
+        self._drive(now_ns)
+
     def _forget_turns(self) -> None:
-        self._lost_turns = self._counts() // COUNTS_PER_REV * COUNTS_PER_REV
+        self._lost_turns = self.encoder.counts() // COUNTS_PER_REV * COUNTS_PER_REV
 
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns
@@ -253,11 +275,6 @@ class EmulatedServo:
             self._current = current
             self.mechanism.command(current * self._torque_unit, now_ns)
 
-    def _counts(self) -> int:
-        if self._quantised:
-            return self.mechanism.encoder()
-        return round(self.mechanism.measured_position() / POSITION_UNIT)
-
     def _refresh(self, now_ns: int) -> None:
         """Put what is measured at ``now_ns`` into the registers.
 
@@ -265,11 +282,11 @@ class EmulatedServo:
         """
         memory, mechanism = self.memory, self.mechanism
         mechanism.advance(now_ns)
-        counts = self._counts() - self._lost_turns
+        counts = self.encoder.counts() - self._lost_turns
         if self.table.reversed:
             counts = -counts
         counts = _clamp(counts + memory["homing_offset"], _INT32)
-        velocity = round(mechanism.velocity / VELOCITY_UNIT)
+        velocity = 0 if self.encoder.stuck else round(mechanism.velocity / VELOCITY_UNIT)
         current = round(mechanism.torque / self._torque_unit) if self._torque_unit else 0
         if self.table.inverts_current:
             velocity, current = -velocity, -current

@@ -6,6 +6,8 @@ that writing never delays a reply.
 - ``rx``: an instruction has fully arrived and has taken effect.
 - ``tx``: the last byte of a reply has left.
 - ``state``: every millisecond, for every servo.
+- ``fault``: something goes wrong on request; its name is in ``fault``. ``rx`` and ``tx`` are the
+  servos' side of it: a lost instruction has no ``rx``, a lost reply has its ``tx``.
 - ``time_s``: CLOCK_MONOTONIC where the bus runs in real time [s].
 - ``position_rad, velocity_rad_s, torque_nm``: the truth at that instant, behind everything that
   happens at it; the torque is the motor's that acts. A broadcast's are those of the first servo it
@@ -23,7 +25,7 @@ from typing import NamedTuple, Self, TextIO
 
 from hw.dynamixel.emulated.servo import State
 
-COLUMNS = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm,error,params"
+COLUMNS = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm,error,params,fault"
 _SECOND_NS = 1_000_000_000
 
 
@@ -37,6 +39,7 @@ class Row(NamedTuple):
     state: State
     error: int | None
     params: bytes
+    fault: str = ""
 
 
 class Witness:
@@ -108,5 +111,5 @@ def _line(row: Row) -> str:
     error = "" if row.error is None else int(row.error)
     return (
         f"{seconds}.{rest:09d},{row.event},{row.id},{instruction},"
-        f"{position!r},{velocity!r},{torque!r},{error},{row.params.hex()}\n"
+        f"{position!r},{velocity!r},{torque!r},{error},{row.params.hex()},{row.fault}\n"
     )

@@ -23,6 +23,10 @@ PING = encode(1, Instruction.PING)
 READ_POSITION = bytes([132, 0, 4, 0])
 
 
+def times_of(client, event):
+    return [float(row[0]) for row in client.rows() if row[1] == event]
+
+
 def test_ping_answers_model_and_firmware():
     reply = Client(firmware=45).ask(1, Instruction.PING)
     assert reply == Frame(1, Instruction.STATUS, 0, (1020).to_bytes(2, "little") + b"\x2d")
@@ -75,10 +79,14 @@ def test_a_frame_sent_while_a_reply_is_owed_waits_for_it():
     assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS)) == 14
 
 
-def test_ping_for_all_is_answered_in_the_order_of_ids():
+def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missing_one():
     client = Client((X, 7), (X, 2), ("XL330-M288", 5))
+    start = client.clock.now_ns()
     client.send(BROADCAST, Instruction.PING)
-    replies = client.replies()
+    replies = client.replies(within_ns=10 * MS)
+    missing = [2, 4, 5]  # ids 0, 1; 3, 4; 6
+    due = [start + (10 + 14 * (n + 1)) * BYTE_NS + 3 * MS * missing[n] for n in range(3)]
+    assert times_of(client, "tx")[-3:] == pytest.approx([t * 1e-9 for t in due], abs=1e-9)
     assert [r.id for r in replies] == [2, 5, 7]
     assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200, 1020]
 
@@ -206,6 +214,8 @@ def test_no_bytes_break_the_bus(chunks):
             client.send(min(chunk[0], 252), chunk[-1], chunk[1:])
             client.send(BROADCAST, chunk[-1], chunk[1:])
             client.pass_time(chunk[0] * 1_000)
+    while client.bus.busy:  # a ping for all may take 0.8 s
+        client.pass_time(100 * MS)
     client.pass_time(500 * MS)
     client.line.read()
     client.bus.host_baud = client.servos[1].baud

@@ -1,0 +1,30 @@
+"""What a fault does to a servo: to its encoder, its error register, its power or its cable."""
+
+from __future__ import annotations
+
+from hw.dynamixel.emulated.injection import Happening
+from hw.dynamixel.emulated.servo import EmulatedServo
+
+SILENCING = ("brown-out", "unplug")
+"""Those that end a reply on its way"""
+
+
+def befall(happening: Happening, servo: EmulatedServo, now_ns: int) -> None:
+    """Let it happen to ``servo`` at ``now_ns`` [ns], or be over."""
+    fault, begins = happening
+    match fault.name:
+        case "stuck" if begins:
+            servo.encoder.stop(now_ns)
+        case "stuck":
+            servo.encoder.free()
+        case "jump":
+            counts: int = fault.values["counts"]
+            servo.encoder.shift(counts if begins else -counts)
+        case "hardware-error" if not servo.unplugged:
+            servo.latch_errors(fault.values["bits"], now_ns)
+        case "unplug" if begins:
+            servo.unplug(now_ns)
+        case "unplug":
+            servo.reboot(now_ns)
+        case "brown-out" if not servo.unplugged:
+            servo.reboot(now_ns)

@@ -1,0 +1,56 @@
+"""Numbers and names given as text, each with the words that say what was wanted."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable
+from typing import Any
+
+
+def number(low: float, high: float, *, open_low: bool = False) -> Callable[[str], float]:
+    """A reader of numbers in a range; its docstring says which.
+
+    Args:
+        low: The smallest.
+        high: The largest.
+        open_low: ``low`` itself is out of range.
+    """
+
+    def parse(text: str) -> float:
+        value = float(text)
+        if not (low < value if open_low else low <= value) or not value <= high:
+            raise ValueError
+        return value
+
+    parse.__doc__ = f"a number {'above' if open_low else 'from'} {low:g} up to {high:g}"
+    return parse
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A reader of whole numbers in a range; its docstring says which."""
+
+    def parse(text: str) -> int:
+        value = float(text)
+        if not value.is_integer() or not low <= value <= high:
+            raise ValueError
+        return int(value)
+
+    parse.__doc__ = f"a whole number from {low} to {high}"
+    return parse
+
+
+def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or numbers
+    """A reader of one of these, by its text; its docstring lists them."""
+
+    def parse(text: str) -> Any:  # noqa: ANN401
+        return {str(choice): choice for choice in choices}[text]
+
+    parse.__doc__ = "one of " + ", ".join(map(str, choices))
+    return parse
+
+
+def suggestion(found: str, known: Iterable[str], prefix: str = "") -> str:
+    """The end of a message about an unknown name: the nearest known one, or all of them."""
+    names = list(known)
+    near = difflib.get_close_matches(found, names, n=1)
+    return f"; did you mean {prefix}{near[0]}?" if near else f"; known are {', '.join(names)}"
