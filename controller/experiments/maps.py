@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 
 import numpy as np
 
@@ -190,7 +191,7 @@ def critical_map(
         assert pool is not None
         places: dict[Future[FloatArray], tuple[int, slice]] = {}
         try:
-            with _not_interrupted():
+            with _held_back_ctrl_c():
                 for i, part in tasks:
                     arguments = (setting, damping[part], int(steps[i]), kick, tolerance)
                     places[pool.submit(compute, *arguments)] = i, part
@@ -272,13 +273,15 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _not_interrupted() -> Iterator[None]:
-    """While processes are started: Ctrl-C is for this one, and they inherit that they ignore it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may say what a signal does
+def _held_back_ctrl_c() -> Iterator[None]:
+    """While processes are started: they inherit it, and Ctrl-C is left to this one, afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Started meanwhile, it would let Ctrl-C through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
