@@ -5,7 +5,7 @@ import math
 import pytest
 
 from controller.cli import main as cli
-from controller.cli.emulate import DEFAULT_TRUTH, truth_of
+from controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
 from hw.dynamixel.tables import MODELS
 
 
@@ -42,6 +42,15 @@ def refused(capsys, *arguments):
         (["--set", "servo.counts_per_rev=1.5"], ["servo.counts_per_rev", "whole"]),
         (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
         (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
+        (["--latency-timer", "1.5"], ["--latency-timer", "'1.5'", "1 to 255"]),
+        (["--latency-timer", "256"], ["--latency-timer", "'256'"]),
+        (["--block", "62"], ["--block", "timer", "give both"]),
+        (["--latency-timer", "1", "--block", "0"], ["--block", "'0'", "from 1"]),
+        (["--fault", "drp:p=0.1"], ["--fault", "'drp'", "did you mean drop?"]),
+        (
+            ["--fault", "unplug:at=2,id=7"],
+            ["--fault", "unplug:at=2,id=7", "no servo", "there are 1"],
+        ),
         (["--nonsense"], ["--nonsense"]),
     ],
 )

@@ -93,6 +93,8 @@ class EmulatedBus:
         self.host_baud = baud
         self.connected = True
         """The adapter is plugged in at the host"""
+        self.times_unplugged = 0
+        """How often it has been pulled out"""
         self._account = Account(witness, self.servos)
         self._adapter = adapter
         self._faults = Faults() if faults is None else faults
@@ -326,6 +328,7 @@ class EmulatedBus:
 
     def _connect(self, connected: bool) -> None:
         self.connected = connected
+        self.times_unplugged += not connected
         self._coming.clear()
         self._gone.clear()
         if self._adapter is not None:

@@ -1,7 +1,8 @@
 """The emulated bus in real time, behind a pseudo-terminal that any serial client can open.
 
-One process, one thread: it sleeps until the next event of the bus or the next byte of the client,
-spins over the last stretch where a reply must leave on time, and writes the record in between.
+One process, one thread: it sleeps until the next event of the bus, the next byte of the client or
+the next line on the console, spins over the last stretch where a reply must leave on time, and
+writes the record in between.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from types import TracebackType
 from typing import Self
 
 from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.console import Console
 from hw.dynamixel.emulated.witness import Witness
 
 _SPIN_NS = 60_000
@@ -50,19 +52,11 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
     """
 
     def __init__(self, link: Path | None = None) -> None:
-        self.master, self._slave = os.openpty()
+        self._wanted_link = link
         self._link: Path | None = None
-        try:
-            # Held open, or the client's close would hang up the line.
-            tty.setraw(self._slave)
-            os.set_blocking(self.master, False)
-            self.path = os.ttyname(self._slave)
-            if link is not None:
-                self._make(link)
-        except BaseException:
-            self.close()
-            raise
-        self._untouched_speed = self._speed()
+        self._ends: tuple[int, ...] = ()
+        self._untouched_speed: int | None = None
+        self._open()
 
     def __exit__(
         self,
@@ -74,6 +68,11 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
 
     def __enter__(self) -> Self:
         return self
+
+    @property
+    def connected(self) -> bool:
+        """It is there for clients."""
+        return bool(self._ends)
 
     @property
     def baud(self) -> int | None:
@@ -91,9 +90,32 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
                 if str(self._link.readlink()) == self.path:
                     self._link.unlink()
             self._link = None
-        for end in (self.master, self._slave):
+        for end in self._ends:
             with suppress(OSError):
                 os.close(end)
+        self._ends = ()
+
+    def replug(self) -> None:
+        """After ``close`` hung up on the clients: there it is again, perhaps at another path.
+
+        Raises:
+            OSError: There are no more terminals, or the link cannot be made.
+        """
+        self._open()
+
+    def _open(self) -> None:
+        self.master, slave = self._ends = os.openpty()
+        try:
+            # Held open, or the client's close would hang up the line.
+            tty.setraw(slave)
+            os.set_blocking(self.master, False)
+            self.path = os.ttyname(slave)
+            if self._wanted_link is not None:
+                self._make(self._wanted_link)
+        except BaseException:
+            self.close()
+            raise
+        self._untouched_speed = self._speed()
 
     def _make(self, link: Path) -> None:
         if os.path.lexists(link) and not link.is_symlink():
@@ -124,6 +146,8 @@ def serve(
     terminal: PseudoTerminal,
     stopped: Callable[[], bool],
     witness: Witness | None = None,
+    console: Console | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> None:
     """Run ``bus`` on the monotonic clock until ``stopped`` says so, noticed within 10 ms.
 
@@ -132,17 +156,20 @@ def serve(
         terminal: Where the client is.
         stopped: Asked between events.
         witness: The bus's; its rows are written here.
+        console: Where the bus is changed while it runs.
+        announce: Told the terminal's path when an unplugged adapter is back.
     """
-    master = terminal.master
     clock = time.monotonic_ns
     baud = bus.host_baud
     flush_ns = clock() + _FLUSH_NS
     while not stopped():
         now_ns = clock()
         reply = bus.transmit(now_ns)
+        if bus.connected != terminal.connected:
+            _follow(bus, terminal, announce)
         if reply:
             with suppress(BlockingIOError):  # a client that never reads: lost, as on a wire
-                os.write(master, reply)
+                os.write(terminal.master, reply)
         event_ns = bus.next_event_ns()
         rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
         if witness is not None and (rest_ns > _IDLE_NS or witness.waiting > _MAX_WAITING):
@@ -153,9 +180,27 @@ def serve(
             rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
         if bus.busy:
             rest_ns -= _SPIN_NS
-        reading = () if bus.full else (master,)
-        if select.select(reading, (), (), max(rest_ns, 0) * 1e-9)[0]:
-            data = os.read(master, _READ_SIZE)
-            now_ns = clock()
+        master = () if bus.full or not terminal.connected else (terminal.master,)
+        told = () if console is None else console.listens(now_ns)
+        ready = select.select(master + told, (), (), max(rest_ns, 0) * 1e-9)[0]
+        if not ready:
+            continue
+        now_ns = clock()
+        if master and terminal.master in ready:
+            data = os.read(terminal.master, _READ_SIZE)
             bus.host_baud = terminal.baud or baud
             bus.receive(data, now_ns)
+        if console is not None and told and told[0] in ready:
+            console.read(now_ns)
+
+
+def _follow(
+    bus: EmulatedBus, terminal: PseudoTerminal, announce: Callable[[str], None] | None
+) -> None:
+    """The adapter was unplugged or plugged in again: so is the terminal."""
+    if not bus.connected:
+        terminal.close()
+        return
+    terminal.replug()
+    if announce is not None:
+        announce(terminal.path)

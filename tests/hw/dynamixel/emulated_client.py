@@ -6,7 +6,9 @@ import io
 
 from hw.clock import SimulatedClock
 from hw.dynamixel.codec import Frame, Instruction, Parser, encode
+from hw.dynamixel.emulated.adapter import Adapter
 from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.injection import Faults
 from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.emulated.witness import Witness
@@ -33,6 +35,8 @@ class Client:
         firmware: int = 48,
         tick: int = 0,
         fast: bool = True,
+        adapter: Adapter | None = None,
+        faults: Faults | None = None,
     ) -> None:
         self.clock = SimulatedClock(5 * MS)
         start = self.clock.now_ns()
@@ -43,7 +47,12 @@ class Client:
         self.record = io.StringIO()
         self.witness = Witness(self.record)
         self.bus = EmulatedBus(
-            list(self.servos.values()), baud=BAUD, start_ns=start, witness=self.witness
+            list(self.servos.values()),
+            baud=BAUD,
+            start_ns=start,
+            witness=self.witness,
+            adapter=adapter,
+            faults=faults,
         )
         self.line = MemoryLine(self.bus, self.clock)
         self._parser = Parser()
@@ -97,6 +106,14 @@ class Client:
         assert self.write(id_, 11, 0, 1) == 0
         assert self.write(id_, 102, 0, 2) == 0
         assert self.write(id_, 64, 1, 1) == 0
+
+    def inject(self, spec: str) -> None:
+        """From now on let this go wrong."""
+        self.bus.inject(spec, self.clock.now_ns())
+
+    def fault_rows(self) -> list[tuple[str, int, str]]:
+        """Time [s], id and name of every fault in the record."""
+        return [(row[0], int(row[2]), row[-1]) for row in self.rows() if row[1] == "fault"]
 
     def pass_time(self, duration_ns: int) -> None:
         self.clock.wait_until(self.clock.now_ns() + duration_ns)

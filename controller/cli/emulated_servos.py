@@ -1,0 +1,101 @@
+"""Which servos an emulated bus has, and what they truly are, from the words of the command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, get_args
+
+from controller.errors import UserError
+from hw.dynamixel.emulated.values import number, one_of, suggestion, whole
+from hw.dynamixel.tables import MODELS, Model
+from hw.settings import HandName, TrueServo
+
+# An MX-64, for want of a published identification of an XM430.
+# Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
+DEFAULT_TRUTH = TrueServo(
+    inertia=0.011951,
+    damping=0.011692,
+    coulomb=0.09039,
+    position=math.pi,
+    hand_origin=math.pi,
+)
+
+TRUTH: Mapping[str, Callable[[str], Any]] = {
+    "inertia": number(0, 1e6, open_low=True),
+    "damping": number(0, 1e6),
+    "coulomb": number(0, 1e6),
+    "counts_per_rev": whole(0, 2**24),
+    "delay": number(0, 1),
+    "torque_limit": number(0, 1e6, open_low=True),
+    "torque_step": number(0, 1e6),
+    "backlash": number(0, 1),
+    "torque_constant": number(0, 1e6),
+    "position": number(-1e6, 1e6),
+    "kick": number(-100, 100),
+    "hand": one_of(*get_args(HandName)),
+    "hand_origin": number(-1e6, 1e6),
+    "hand_direction": one_of(1, -1),
+}
+
+
+def truth_of(model: Model, given: Mapping[str, Any]) -> TrueServo:
+    """What a servo of this model truly is, with what was given in place of the defaults.
+
+    Args:
+        model: Its stall torque limits the torque unless that is given.
+        given: Values by name, as ``--set servo.NAME`` takes them.
+    """
+    values = dict(given)
+    if model.stall_torque is not None:
+        values.setdefault("torque_limit", model.stall_torque)
+    kick = values.pop("kick", None)
+    true = replace(DEFAULT_TRUTH, **values)
+    return true if kick is None else replace(true, position=true.hand_origin + kick)
+
+
+def given_truth(sets: Iterable[str]) -> dict[str, Any]:
+    """The values of ``--set``, by name.
+
+    Raises:
+        UserError: A name is unknown, or a value is none it can have.
+    """
+    given: dict[str, Any] = {}
+    for text in sets:
+        path, equals, value = text.partition("=")
+        section, _, name = path.strip().partition(".")
+        if not equals:
+            raise UserError(f"--set {text}: no value; give servo.NAME=VALUE")
+        if section != "servo" or name not in TRUTH:
+            hint = suggestion(name or section, TRUTH, "servo.")
+            raise UserError(f"--set {path}: an emulated servo has no such value{hint}")
+        parse = TRUTH[name]
+        try:
+            given[name] = parse(value.strip())
+        except (ValueError, KeyError):
+            raise UserError(f"--set {path}: found {value!r}, wanted {parse.__doc__}") from None
+    if "kick" in given and "position" in given:
+        raise UserError("--set servo.kick and servo.position both say where it starts; give one")
+    return given
+
+
+def servo_of(text: str) -> tuple[Model, int, int]:
+    """Model, id and firmware from MODEL[:ID[:FIRMWARE]].
+
+    The firmware is by default the first one that knows all that is emulated.
+
+    Raises:
+        UserError: The model is unknown, or a number is none.
+    """
+    name, *numbers = text.split(":")
+    model = {known.upper(): found for known, found in MODELS.items()}.get(name.strip().upper())
+    if model is None:
+        raise UserError(
+            f"--servo {text}: no model {name!r} is known{suggestion(name.upper(), MODELS)}"
+        )
+    if len(numbers) > 2 or not all(number.strip().isdecimal() for number in numbers):
+        raise UserError(f"--servo {text}: wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45")
+    id_ = int(numbers[0]) if numbers else 1
+    firmware = int(numbers[1]) if len(numbers) > 1 else model.fast_sync_read_firmware
+    return model, id_, firmware
