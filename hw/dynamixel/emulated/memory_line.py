@@ -30,6 +30,7 @@ class MemoryLine:
         Raises:
             ServoLostError: The adapter was unplugged.
         """
+        self._check()
         self.bus.receive(data, self.clock.now_ns())
         self._check()
 

@@ -1,0 +1,54 @@
+"""What a SPEC asks for, and what is said of one that asks for nothing."""
+
+import pytest
+
+from hw.dynamixel.emulated.faults import KINDS, parse_fault
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_example_is_a_fault(name):
+    assert parse_fault(KINDS[name].example).name == name
+
+
+def test_values_have_their_units():
+    fault = parse_fault(" jump:counts=-500, at=2.5,for=0.001 ")
+    assert fault.values["counts"] == -500
+    assert (fault.at_ns, fault.lasts_ns, fault.repeat_ns) == (2_500_000_000, 1_000_000, None)
+    assert parse_fault("hardware-error:bits=overload+voltage").values["bits"] == 0x21
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("", ["''", "known are drop, corrupt"]),
+        ("drp", ["'drp'", "did you mean drop?"]),
+        ("drop:", ["drop has no ''"]),
+        ("drop:q=0.1", ["drop has no 'q'", "known are p, every", "drop:p=0.01"]),
+        ("drop:evry=3", ["'evry'", "did you mean every?"]),
+        ("drop:p", ["p has no value", "drop:p=0.01"]),
+        ("drop:p=2", ["drop: p", "'2'", "from 0 up to 1"]),
+        ("drop:p=nan", ["'nan'"]),
+        ("drop:p=x", ["'x'", "a number"]),
+        ("drop:every=0", ["every", "'0'", "whole number from 1"]),
+        ("drop:p=0.1,p=0.2", ["p is given twice"]),
+        ("drop:p=0.1,every=3", ["p and every"]),
+        ("drop:way=up", ["way", "'up'", "request, reply, both"]),
+        ("drop:ms=3", ["drop has no 'ms'"]),
+        ("late:p=0.1", ["wanted ms", "late:ms=3,p=0.01"]),
+        ("late:ms=-1", ["ms", "'-1'"]),
+        ("jump:at=1", ["wanted counts"]),
+        ("hardware-error:bits=fire", ["bits", "'fire'", "overheating"]),
+        ("unplug:p=0.5", ["unplug has no 'p'"]),
+        ("unplug-adapter:id=1", ["unplug-adapter has no 'id'"]),
+        ("unplug:for=1,repeat=0.5", ["repeat=0.5", "for=1"]),
+        ("brown-out:times=3", ["repeat=S"]),
+        ("wrong-id:to=253", ["to", "252"]),
+    ],
+)
+def test_a_wrong_one_is_answered_with_one_clear_sentence(spec, words):
+    with pytest.raises(ValueError) as refused:  # noqa: PT011 - the words are looked at below
+        parse_fault(spec)
+    message = str(refused.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message

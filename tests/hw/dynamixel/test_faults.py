@@ -1,0 +1,446 @@
+"""Every fault as a client meets it, and the witness beside it, on the bus in memory."""
+
+import math
+from collections import Counter
+
+import pytest
+
+from hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
+from hw.dynamixel.emulated.injection import Faults
+from hw.dynamixel.emulated.memory_line import MemoryLine
+from hw.errors import ServoLostError
+from tests.hw.dynamixel.emulated_client import BYTE_NS, MS, TORQUE_UNIT, Client
+
+X = "XM430-W350"
+PING = encode(1, Instruction.PING)
+READ_POSITION = bytes([132, 0, 4, 0])
+COUNTS = round(4096 / (2 * math.pi))
+"""Where the servo stands: at 1 rad"""
+
+
+def raw(client, frame=PING, within_ns=3 * MS):
+    """Every byte that comes before nothing has come for so long."""
+    client.line.write(frame)
+    got = b""
+    while client.line.wait(client.clock.now_ns() + within_ns):
+        got += client.line.read()
+    return got
+
+
+def answered(client, count, frame=PING):
+    """In how many of so many exchanges a good reply came."""
+    return sum(bool(Parser().feed(raw(client, frame))) for _ in range(count))
+
+
+CLEAN = raw(Client())
+
+
+# --- single frames ---------------------------------------------------------------------------
+
+
+def test_without_faults_nothing_changes():
+    assert Parser().feed(CLEAN)[0].id == 1
+    assert raw(Client(faults=Faults((), seed=3))) == CLEAN
+    assert Client().bus.faults == []
+
+
+@pytest.mark.parametrize(("way", "heard"), [("reply", 1), ("request", 0)])
+def test_every_hundredth_frame_is_lost_on_its_way(way, heard):
+    client = Client()
+    client.inject(f"drop:every=100,way={way}")
+    before = len(client.rows())
+    results = [bool(raw(client)) for _ in range(300)]
+    assert [n + 1 for n, ok in enumerate(results) if not ok] == [100, 200, 300]
+    assert client.bus.faults == [(f"drop:every=100,way={way}", 3)]
+    events = Counter(row[1] for row in client.rows()[before:])
+    # What the servo heard and said: a lost reply was said, a lost request was not even heard.
+    assert events["fault"] == 3
+    assert events["rx"] == events["tx"] == 297 + 3 * heard
+
+
+@pytest.mark.parametrize(("every", "instruction"), [(3, "1"), (4, "85")])
+def test_both_ways_are_counted_together(every, instruction):
+    """Ask, answer, ASK, ask, answer, ASK: a lost question has no answer to be counted."""
+    client = Client()
+    client.inject(f"drop:every={every}")
+    assert [bool(raw(client)) for _ in range(30)] == [True, False] * 15
+    assert {row[3] for row in client.rows() if row[1] == "fault"} == {instruction}
+
+
+@pytest.mark.parametrize(
+    ("spec", "seed"), [("drop:p=0.1,way=reply", 1), ("corrupt:p=0.1,way=reply", 2)]
+)
+def test_as_many_as_the_probability_says_and_the_same_every_time(spec, seed):
+    def run(seed):
+        client = Client(faults=Faults((), seed))
+        client.inject(spec)
+        heard = [raw(client) for _ in range(1000)]
+        (_, struck), rows = client.bus.faults[0], client.fault_rows()
+        assert sum(data != CLEAN for data in heard) == struck == len(rows)
+        return heard, client.record.getvalue()
+
+    first, record = run(seed)
+    assert run(seed) == (first, record)
+    assert run(seed + 1)[0] != first
+    struck = sum(data != CLEAN for data in first)
+    assert struck == pytest.approx(100, abs=5 * math.sqrt(1000 * 0.1 * 0.9))
+
+
+def test_one_more_fault_does_not_move_the_others():
+    def lost(*others):
+        client = Client(faults=Faults((), seed=5))
+        for spec in ("drop:p=0.2,way=reply", *others):
+            client.inject(spec)
+        return [raw(client) == b"" for _ in range(200)]
+
+    assert lost() == lost("noise:p=0.3,way=reply", "jump:counts=3")
+
+
+def test_corrupt_flips_as_many_bits_as_asked_and_keeps_the_length():
+    client = Client()
+    client.inject("corrupt:flips=3,way=reply")
+    for _ in range(50):
+        damaged = raw(client)
+        assert len(damaged) == len(CLEAN)
+        flipped = sum((a ^ b).bit_count() for a, b in zip(damaged, CLEAN, strict=True))
+        assert flipped == 3
+    # Every bit of the frame is hit sooner or later.
+    client.bus.lift("corrupt", client.clock.now_ns())
+    client.inject("corrupt:way=reply")
+    hit = set()
+    for _ in range(1000):
+        damaged = raw(client)
+        hit |= {n for n in range(len(CLEAN)) if damaged[n] != CLEAN[n]}
+    assert hit == set(range(len(CLEAN)))
+
+
+def test_a_corrupt_request_is_refused_or_not_understood_and_never_acts():
+    client = Client()
+    client.inject("corrupt:way=request")
+    write = encode(1, Instruction.WRITE, bytes([65, 0, 1]))  # LED
+    errors = Counter(
+        frame.error for _ in range(200) for frame in Parser().feed(raw(client, write, 500_000))
+    )
+    # A frame whose length or header was hit never ends for the servo, until the gap is too long.
+    assert set(errors) == {ErrorCode.CRC}
+    client.bus.lift("corrupt", client.clock.now_ns())
+    client.pass_time(2 * MS)
+    assert client.read(1, 65, 1) == 0
+
+
+def test_truncate_keeps_the_beginning():
+    client = Client()
+    client.inject("truncate:way=reply")
+    lengths = set()
+    for _ in range(200):
+        rest = raw(client)
+        assert CLEAN.startswith(rest)
+        lengths.add(len(rest))
+    assert lengths == set(range(1, len(CLEAN)))
+    client.bus.lift("truncate", client.clock.now_ns())
+    client.inject("truncate:keep=5,way=reply")
+    assert raw(client) == CLEAN[:5]
+
+
+def test_duplicate_comes_right_behind():
+    client = Client()
+    client.inject("duplicate:times=1,way=reply")
+    assert raw(client) == CLEAN + CLEAN
+    assert raw(client) == CLEAN
+    client.inject("duplicate:times=1,way=request")
+    assert raw(client) == CLEAN + CLEAN  # the servo was asked twice
+    assert [row[1] for row in client.rows() if row[1] in ("rx", "tx")][-4:] == [
+        "rx",
+        "tx",
+        "rx",
+        "tx",
+    ]
+
+
+def test_noise_lies_in_front_of_the_frame_and_takes_its_time():
+    client = Client()
+    client.inject("noise:bytes=20,way=reply")
+    noises = set()
+    for _ in range(20):
+        start = client.clock.now_ns()
+        client.line.write(PING)
+        assert client.line.wait(start + MS)
+        assert client.clock.now_ns() - start == (10 + 20 + 14) * BYTE_NS
+        data = client.line.read()
+        assert data.endswith(CLEAN)
+        assert len(data) == 20 + len(CLEAN)
+        noises.add(data[:20])
+    assert len(noises) == 20
+    client.bus.lift("noise", client.clock.now_ns())
+    client.inject("noise:way=request")
+    assert answered(client, 20) == 20  # the servo finds the frame behind it
+
+
+def test_wrong_id_is_a_good_frame_from_somebody_else():
+    client = Client()
+    client.inject("wrong-id:to=9,way=reply")
+    (frame,) = Parser().feed(raw(client))
+    assert frame.id == 9
+    client.bus.lift("wrong-id", client.clock.now_ns())
+    client.inject("wrong-id:way=reply")
+    ids = {Parser().feed(raw(client))[0].id for _ in range(200)}
+    assert 1 not in ids
+    assert len(ids) > 100
+
+
+def test_a_request_with_a_wrong_id_reaches_another():
+    client = Client((X, 1), (X, 2))
+    client.inject("wrong-id:to=2,way=request")
+    assert client.ask(1, Instruction.PING).id == 2
+
+
+@pytest.mark.parametrize("way", ["request", "reply"])
+def test_late_by_so_much(way):
+    client = Client()
+    client.inject(f"late:ms=3,times=1,way={way}")
+    start = client.clock.now_ns()
+    client.line.write(PING)
+    assert client.line.wait(start + 10 * MS)
+    assert client.clock.now_ns() - start == 24 * BYTE_NS + 3 * MS
+    assert client.line.read() == CLEAN
+    left = float(next(row[0] for row in reversed(client.rows()) if row[1] == "tx")) * 1e9
+    # A late reply left the servo in time; a late request came to it late.
+    assert left - start == pytest.approx(24 * BYTE_NS + (3 * MS if way == "request" else 0), abs=1)
+
+
+def test_a_late_reply_is_not_overtaken():
+    """It comes when the answer to a later request is due, in front of that one."""
+    client = Client()
+    client.inject("late:ms=2,times=1,way=reply")
+    start = client.clock.now_ns()
+    client.line.write(PING)
+    client.pass_time(MS)
+    client.line.write(encode(1, Instruction.READ, READ_POSITION))
+    assert client.line.wait(start + 10 * MS)
+    assert client.clock.now_ns() == start + 24 * BYTE_NS + 2 * MS
+    frames = Parser().feed(raw(client, b""))
+    assert [len(frame.params) for frame in frames] == [3, 4]
+
+
+def test_faults_can_be_for_one_id_and_one_time_only():
+    client = Client((X, 1), (X, 2))
+    client.inject("drop:id=2,way=reply,at=0.1,for=0.2")
+    start = client.clock.now_ns()
+    outcome = []
+    for tenth in range(4):
+        client.pass_time(start + (100 * tenth + 50) * MS - client.clock.now_ns())
+        outcome.append((bool(raw(client)), bool(raw(client, encode(2, Instruction.PING)))))
+    assert outcome == [(True, True), (True, False), (True, False), (True, True)]
+
+
+def test_several_faults_may_strike_one_frame():
+    client = Client()
+    for spec in ("noise:bytes=4,way=reply", "duplicate:way=reply", "late:ms=1,way=reply"):
+        client.inject(spec)
+    assert raw(client)[4:] == CLEAN + CLEAN
+    assert [name for _, _, name in client.fault_rows()] == ["noise", "duplicate", "late"]
+
+
+def test_the_joint_reply_can_be_struck_too():
+    client = Client((X, 1), (X, 2))
+    request = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2]))
+    whole = raw(client, request)
+    client.inject("truncate:keep=16,id=254,way=reply")
+    assert raw(client, request) == whole[:16]
+    assert crc16(whole[:14]) == int.from_bytes(whole[14:16], "little")
+
+
+# --- servos ----------------------------------------------------------------------------------
+
+
+def position(client, id_=1):
+    return client.read(id_, 132, 4, signed=True)
+
+
+def test_a_stuck_encoder_stands_while_the_shaft_turns():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 200, 2)
+    client.pass_time(20 * MS)
+    client.inject("stuck:for=0.05")
+    stuck_at = position(client)
+    client.pass_time(30 * MS)
+    true = client.position() * 4096 / (2 * math.pi)
+    assert position(client) == stuck_at < true - 10
+    assert client.read(1, 128, 4, signed=True) == 0  # the velocity is taken from it
+    client.pass_time(30 * MS)
+    assert abs(position(client) - client.position() * 4096 / (2 * math.pi)) < 1.5
+    assert client.read(1, 128, 4, signed=True) > 0
+    assert [name for _, _, name in client.fault_rows()] == ["stuck", "stuck over"]
+
+
+def test_the_encoder_jumps_and_the_witness_does_not():
+    client = Client()
+    before = position(client)
+    client.inject("jump:counts=500,at=0.1")
+    client.pass_time(99 * MS)
+    assert position(client) == before
+    client.pass_time(10 * MS)
+    assert position(client) == before + 500
+    assert client.position() == 1.0
+    assert {float(row[4]) for row in client.rows()} == {1.0}
+    client.inject("jump:counts=-7,repeat=0.01,times=3")
+    client.pass_time(100 * MS)
+    assert position(client) == before + 500 - 21
+    client.inject("jump:counts=1000,for=0.01")
+    assert position(client) == before + 500 - 21 + 1000
+    client.pass_time(10 * MS)
+    assert position(client) == before + 500 - 21
+
+
+def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured():
+    client = Client((X, 1), (X, 2))
+    for id_ in (1, 2):
+        client.enable_current_mode(id_)
+        client.write(id_, 102, 100, 2)
+    start = client.clock.now_ns()
+    client.inject("hardware-error:bits=overload,at=0.03,id=1")
+    client.pass_time(29 * MS)
+    assert client.torque() > 0
+    client.pass_time(2 * MS)
+    reply = client.ask(1, Instruction.READ, bytes([70, 0, 1, 0]))
+    assert reply.error == 0x80
+    assert reply.params == b"\x20"
+    assert client.torque() == 0
+    assert client.torque(2) > 0
+    off = next(
+        r
+        for r in client.rows()
+        if r[1] == "state" and r[2] == "1" and float(r[6]) == 0 and float(r[0]) * 1e9 > start
+    )
+    assert float(off[0]) * 1e9 - start == pytest.approx(30 * MS, abs=MS)
+    ((time_s, id_, name),) = client.fault_rows()
+    assert (id_, name) == (1, "hardware-error")
+    assert float(time_s) * 1e9 - start == pytest.approx(30 * MS, abs=1)
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(300 * MS)
+    assert client.ask(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
+
+
+def test_an_error_that_is_not_in_shutdown_only_alerts():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 100, 2)
+    assert not client.servos[1].memory["shutdown"] & 0x08
+    client.inject("hardware-error:bits=encoder")
+    assert client.ask(1, Instruction.PING).error == 0x80
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
+
+
+def test_a_brown_out_is_a_reboot_that_nobody_asked_for():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 100, 2)
+    client.inject("brown-out:at=0.01")
+    client.pass_time(10 * MS)
+    assert client.torque() == 0
+    assert client.ask(1, Instruction.PING) is None
+    client.pass_time(200 * MS)
+    assert client.read(1, 64, 1) == 0
+    assert client.read(1, 11, 1) == 0  # EEPROM: still in current mode
+    assert client.read(1, 102, 2) == client.read(1, 38, 2)
+
+
+@pytest.mark.parametrize("spec", ["unplug:at=0.01,for=0.5", "unplug:at=0.01,for=0.5,id=1"])
+def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_up(spec):
+    client = Client((X, 1), (X, 2))
+    client.enable_current_mode()
+    client.write(1, 60, 1, 1)
+    client.write(1, 102, 100, 2)
+    client.inject(spec)
+    client.pass_time(11 * MS)
+    assert client.torque() == 0
+    assert client.ask(1, Instruction.PING) is None
+    assert (client.ask(2, Instruction.PING) is None) == ("id" not in spec)
+    client.inject("brown-out")  # no power, no brown-out
+    client.inject("hardware-error:bits=overload")
+    client.pass_time(400 * MS)
+    assert client.ask(1, Instruction.PING) is None
+    client.pass_time(310 * MS)
+    assert client.ask(1, Instruction.PING).error == 0
+    assert client.read(1, 64, 1) == 0
+
+
+def test_unplugging_lasts_until_it_is_lifted():
+    client = Client()
+    client.inject("unplug")
+    client.pass_time(5_000 * MS)
+    assert client.ask(1, Instruction.PING) is None
+    assert client.bus.lift("unplug", client.clock.now_ns())
+    assert not client.bus.lift("unplug", client.clock.now_ns())
+    client.pass_time(200 * MS)
+    assert client.ask(1, Instruction.PING) is not None
+    assert [name for _, _, name in client.fault_rows()] == ["unplug", "unplug over"]
+
+
+def test_a_reply_on_its_way_breaks_off_with_the_power():
+    client = Client()
+    client.inject("brown-out:at=0.000045")  # 10 bytes of request, 8 of the reply
+    assert raw(client) == CLEAN[:8]
+    assert client.rows()[-1][1] != "tx"
+
+
+def test_a_lifted_fault_strikes_no_more():
+    client = Client()
+    client.inject("drop")
+    client.inject("brown-out:at=0.05")
+    assert raw(client) == b""
+    client.bus.lift("drop", client.clock.now_ns())
+    client.bus.lift("brown-out", client.clock.now_ns())
+    client.pass_time(100 * MS)
+    assert raw(client) == CLEAN
+
+
+def test_a_servo_that_is_not_there_cannot_fail():
+    client = Client((X, 1), (X, 2))
+    with pytest.raises(ValueError, match="no servo with id 7 is on this bus; there are 1, 2"):
+        client.inject("stuck:id=7")
+    with pytest.raises(ValueError, match="id 7"):
+        Client(faults=Faults(["unplug:id=7"]))
+
+
+def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going_on():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 100, 2)
+    client.inject("unplug-adapter:at=0.001,for=0.01")
+    client.line.write(PING)
+    with pytest.raises(ServoLostError, match="unplugged"):
+        client.line.wait(client.clock.now_ns() + 100 * MS) and client.line.read()
+        client.line.wait(client.clock.now_ns() + 100 * MS)
+    assert client.torque() > 0  # the servos have not noticed
+    client.pass_time(20 * MS)
+    with pytest.raises(ServoLostError):
+        client.line.write(PING)
+    client.line = MemoryLine(client.bus, client.clock)
+    assert raw(client) == CLEAN
+    assert [(i, name) for _, i, name in client.fault_rows()] == [
+        (254, "unplug-adapter"),
+        (254, "unplug-adapter over"),
+    ]
+
+
+# --- the record ------------------------------------------------------------------------------
+
+
+def test_the_record_stays_in_order_and_tells_who_was_struck():
+    client = Client((X, 1), (X, 2))
+    for spec in ("drop:p=0.2", "late:ms=2,p=0.2", "noise:p=0.2", "jump:counts=3,repeat=0.003"):
+        client.inject(spec)
+    for n in range(200):
+        raw(client, encode(1 + n % 2, Instruction.PING), within_ns=MS)
+    rows = client.rows()
+    times = [float(row[0]) for row in rows]
+    assert times == sorted(times)
+    struck = Counter(row[-1] for row in rows if row[1] == "fault")
+    happened = {text.split(":")[0]: count for text, count in client.bus.faults}
+    assert struck["jump"] == 2 * happened["jump"]  # one row for each servo
+    assert all(struck[name] == happened[name] > 20 for name in ("drop", "late", "noise"))
+    assert {row[3] for row in rows if row[-1] == "drop"} == {"1", "85"}
+    states = [row for row in rows if row[1] == "state"]
+    assert {float(row[4]) for row in states} == {1.0}
