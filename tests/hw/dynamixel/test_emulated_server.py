@@ -10,6 +10,7 @@ import subprocess
 import sys
 import termios
 import time
+import tty
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,6 +33,7 @@ def emulate(*arguments):
     """The command in a process of its own; its terminal's path."""
     process = subprocess.Popen(
         [sys.executable, "-m", "controller.cli.main", "emulate", "--die-with-parent", *arguments],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -43,6 +45,7 @@ def emulate(*arguments):
         process.terminate()
         process.wait(WAIT_S)
         process.stdout.close()
+        process.stdin.close()
 
 
 class PatientPort(dynamixel_sdk.PortHandler):
@@ -155,6 +158,83 @@ def test_terminal_is_raw_and_clients_come_and_go_at_their_speed():
             assert sdk2.ping(port, 1) == (1020, 0, 0)
         process.send_signal(signal.SIGHUP)
         assert process.wait(WAIT_S) == 0
+
+
+def tell(process, line):
+    """Say it on standard input; what is said on standard output when it is done."""
+    process.stdin.write(line + "\n")
+    process.stdin.flush()
+    ready, _, _ = select.select([process.stdout], [], [], WAIT_S)
+    assert ready
+    return process.stdout.readline().strip()
+
+
+def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path):
+    """Each as its own result: nothing came, what came was broken, somebody else answered."""
+    record = tmp_path / "record.csv"
+    given = ("--fault", "drop:way=reply,every=5", "--seed", "7", "--record", str(record))
+    with emulate(*given) as (process, path), sdk(path) as (port, sdk2):
+        port.setPacketTimeout = lambda _: port.setPacketTimeoutMillis(200)
+        results = [sdk2.ping(port, 1)[1] for _ in range(10)]
+        timeout, ok = dynamixel_sdk.COMM_RX_TIMEOUT, dynamixel_sdk.COMM_SUCCESS
+        assert results == ([ok] * 4 + [timeout]) * 2
+        assert tell(process, "list") == "drop:way=reply,every=5 (happened: 2)"
+        assert tell(process, "off drop") == "off drop"
+        assert tell(process, "corrupt:flips=1,way=reply") == "on corrupt:flips=1,way=reply"
+        broken = {sdk2.ping(port, 1)[1] for _ in range(5)}
+        assert broken <= {dynamixel_sdk.COMM_RX_CORRUPT, timeout}
+        assert tell(process, "off corrupt") == "off corrupt"
+        assert tell(process, "wrong-id:to=9,way=reply") == "on wrong-id:to=9,way=reply"
+        assert sdk2.ping(port, 1)[1] == timeout  # it goes on looking for its own
+        assert tell(process, "off wrong-id") == "off wrong-id"
+        assert tell(process, "hardware-error:bits=overload").startswith("on")
+        _, result, error = sdk2.read1ByteTxRx(port, 1, 70)
+        assert (result, error) == (ok, 0x80)
+        assert sdk2.ping(port, 1) == (1020, ok, 0x80)
+    with record.open(encoding="utf-8") as file:
+        faults = [row["fault"] for row in csv.DictReader(file) if row["event"] == "fault"]
+    assert faults == ["drop"] * 2 + ["corrupt"] * 5 + ["wrong-id", "hardware-error"]
+
+
+def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path):
+    """Ten replies one after the other wait a whole timer each, as each asks when one has run out;
+    a reply longer than a block does not wait for its first part."""
+    record = tmp_path / "record.csv"
+    given = ("--latency-timer", "40", "--block", "62", "--record", str(record))
+    with emulate(*given) as (_, path):
+        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(terminal)
+        begun = time.monotonic()
+        for _ in range(10):
+            assert ask(terminal, PING, WAIT_S) is not None
+        assert time.monotonic() - begun > 9 * 0.04
+        os.write(terminal, encode(1, Instruction.READ, bytes([0, 0, 80, 0])))  # 91 bytes
+        parts = []
+        while sum(parts) < 91:
+            assert select.select([terminal], [], [], WAIT_S)[0]
+            parts.append(len(os.read(terminal, 1000)))
+        assert parts == [62, 29]
+        os.close(terminal)
+
+
+def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_path):
+    link = tmp_path / "bus"
+    with emulate("--link", str(link)) as (process, path):
+        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(terminal)
+        assert ask(terminal, PING, WAIT_S) is not None
+        assert tell(process, "unplug-adapter:for=0.2").startswith("on")
+        hung_up = select.poll()
+        hung_up.register(terminal, 0)
+        assert hung_up.poll(WAIT_S * 1e3)[0][1] & select.POLLHUP
+        new_path = process.stdout.readline().strip()
+        assert str(link.readlink()) == new_path
+        again = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(again)
+        assert ask(again, PING, WAIT_S) is not None
+        os.close(again)
+        os.close(terminal)
+    assert not os.path.lexists(link)
 
 
 def test_it_dies_with_its_parent(tmp_path):

@@ -46,7 +46,7 @@ def test_values_have_their_units():
     ],
 )
 def test_a_wrong_one_is_answered_with_one_clear_sentence(spec, words):
-    with pytest.raises(ValueError) as refused:  # noqa: PT011 - the words are looked at below
+    with pytest.raises(ValueError) as refused:
         parse_fault(spec)
     message = str(refused.value)
     assert "\n" not in message
