@@ -28,6 +28,7 @@ class Mechanism:
 
     __slots__ = (
         "_backlash",
+        "_braking",
         "_counts_per_radian",
         "_delay_ns",
         "_followed",
@@ -56,6 +57,7 @@ class Mechanism:
             ValueError: A value is out of range.
         """
         self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
+        self._braking = 0.0
         self._state = State(true.position, 0.0)
         self._true = true
         self._hand = None if hand_waits else hand_of(true)
@@ -69,7 +71,7 @@ class Mechanism:
         self._torque_limit = true.torque_limit
         self._torque_step = true.torque_step
         self._torque = 0.0
-        self._pending: deque[tuple[int, float]] = deque()
+        self._pending: deque[tuple[int, float, float]] = deque()
         self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
         self._backlash = true.backlash
         self._followed = true.position
@@ -87,8 +89,8 @@ class Mechanism:
 
     @property
     def torque(self) -> float:
-        """The torque that acts [N·m], from the time last advanced to."""
-        return self._torque
+        """The motor's torque that acts [N·m], from the time last advanced to."""
+        return self._torque - self._braking * self._state.velocity
 
     def let_hand(self, now_ns: int) -> None:
         """Let the scripted hand take the shaft, wherever it is, ``HAND_WAIT_S`` after ``now_ns``.
@@ -110,20 +112,23 @@ class Mechanism:
             )
         pending = self._pending
         while pending and pending[0][0] <= now_ns:
-            acts_ns, torque = pending.popleft()
+            acts_ns, torque, braking = pending.popleft()
             if acts_ns > self.time_ns:
                 self._move(acts_ns)
             self._torque = torque
+            self._brake(braking)
         if now_ns > self.time_ns:
             self._move(now_ns)
 
-    def command(self, torque: float, now_ns: int) -> float:
+    def command(self, torque: float, now_ns: int, braking: float = 0.0) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
 
         Args:
             torque: Wanted [N·m]. Limited to the servo's limit, then rounded to its step (toward
                 zero where the nearest step would pass the limit).
             now_ns: When the command arrives; time is advanced to it.
+            braking: What the torque loses with the velocity, as that of a motor under a held
+                voltage does [N·m·s/rad]; it acts along with the torque and is not limited.
 
         Returns:
             The torque that will act [N·m].
@@ -143,8 +148,9 @@ class Mechanism:
             acting = steps * step_size
         if self._delay_ns == 0:
             self._torque = acting
+            self._brake(braking)
         else:
-            self._pending.append((now_ns + self._delay_ns, acting))
+            self._pending.append((now_ns + self._delay_ns, acting, braking))
         return acting
 
     def encoder(self) -> int:
@@ -162,6 +168,12 @@ class Mechanism:
         if self._counts_per_radian == 0.0:
             return self._followed
         return self.encoder() / self._counts_per_radian
+
+    def _brake(self, braking: float) -> None:
+        if braking != self._braking:
+            self._braking = braking
+            true = self._true
+            self._parameters = PlantParameters(true.inertia, true.damping + braking, true.coulomb)
 
     def _move(self, until_ns: int) -> None:
         """Move under the torque that acts, cutting where the hand comes or its reference turns."""

@@ -14,12 +14,14 @@ from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.emulated.memory import Memory
 from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
 
-TEMPERATURE = 32
-"""Present Temperature, always [°C]"""
+TEMPERATURE = 32.0
+"""Present Temperature of a servo that does nothing [°C]"""
 
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
-_POSITION_MODE = 3
+_POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
+_FARTHEST = 1_048_575
+"""Goal Position reaches 256 turns either way in the multi-turn modes [counts]"""
 _TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
 """Bits of Startup Configuration"""
 MEASURED = range(120, 147)
@@ -57,7 +59,15 @@ class ControlTable:
         firmware: Decides what it knows.
     """
 
-    __slots__ = ("_backup", "_model", "_torque_on_by_goal_known", "memory")
+    __slots__ = (
+        "_backup",
+        "_model",
+        "_torque_on_by_goal_known",
+        "enabled_by_goal",
+        "memory",
+        "supply",
+        "temperature",
+    )
 
     def __init__(self, model: Model, firmware: int) -> None:
         """Every register at its default, not yet powered up."""
@@ -66,11 +76,22 @@ class ControlTable:
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
         self._backup: dict[str, int] | None = None
+        self.supply = model.voltage
+        """Of the servo [V]"""
+        self.temperature = TEMPERATURE
+        """Inside [°C]"""
+        self.enabled_by_goal = False
+        """Torque was last switched on by writing a goal, not by Torque Enable"""
 
     @property
     def volts(self) -> int:
-        """Present Input Voltage, always the model's own [0.1 V]."""
-        return round(self._model.voltage * 10)
+        """Present Input Voltage [0.1 V]."""
+        return round(self.supply * 10)
+
+    @property
+    def position_inverted(self) -> int:
+        """The sign between the shaft's position and Present Position."""
+        return -1 if self.reversed else 1
 
     @property
     def reversed(self) -> bool:
@@ -79,8 +100,8 @@ class ControlTable:
 
     @property
     def inverts_current(self) -> bool:
-        """Reversed X540 invert current and velocity too; the manual says so of them only."""
-        return self.reversed and self._model.family in ("X540", "XW540")
+        """Reversed X540 and XW invert velocity, current and PWM too, says the manual, no others."""
+        return self.reversed and self._model.family in ("X540", "XW540", "XW430")
 
     @property
     def tripped(self) -> bool:
@@ -94,10 +115,7 @@ class ControlTable:
 
     @property
     def current(self) -> int:
-        """The current the motor is to make [current units]; beyond Current Limit it saturates.
-
-        In any mode but current mode the motor stays limp: only that one is modelled.
-        """
+        """The current wanted of the motor in current mode [current units], within Current Limit."""
         memory = self.memory
         if (
             not memory["torque_enable"]
@@ -142,12 +160,18 @@ class ControlTable:
     def trip(self) -> None:
         """What the Bus Watchdog does to the registers.
 
-        Open in the manual: Goal Current becomes 0, so that clearing the error does not bring the
-        old torque back.
+        Open in the manual: in current mode Goal Current becomes 0, so that clearing the error does
+        not bring the old torque back.
         """
         self.memory["bus_watchdog"] = WATCHDOG_TRIPPED
-        if "goal_current" in self.memory:
+        if self.memory["operating_mode"] == CURRENT_MODE:
             self.memory["goal_current"] = 0
+
+    def latch(self, bits: int) -> None:
+        """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""
+        self.memory["hardware_error_status"] |= bits
+        if self.shut_down:
+            self.memory["torque_enable"] = 0
 
     def power_up(self) -> None:
         """RAM at its defaults, goals at their limits, and torque on where so configured."""
@@ -156,12 +180,13 @@ class ControlTable:
             if not register.eeprom:
                 memory[register.name] = register.default
         self._reset_with_mode()
+        self.enabled_by_goal = False
         startup = memory.get("startup_configuration")
         if self._backup is not None:
             memory["backup_ready"] = 1
             if startup & _RESTORE_RAM:
                 self._restore(self._backup, eeprom=False)
-        self._check_health()
+        self.check_health()
         if startup & _TORQUE_ON and not self.shut_down:
             memory["torque_enable"] = 1
 
@@ -229,6 +254,8 @@ class ControlTable:
         if name == "goal_position" and memory["operating_mode"] == _POSITION_MODE:
             low, high = memory["min_position_limit"], memory["max_position_limit"]
             return ErrorCode.NONE if low <= value <= high else ErrorCode.DATA_LIMIT
+        if name == "goal_position" and memory["operating_mode"] in _MULTI_TURN_MODES:
+            return ErrorCode.NONE if abs(value) <= _FARTHEST else ErrorCode.DATA_RANGE
         if name == "torque_enable" and value and self.shut_down:
             return ErrorCode.RESULT_FAIL
         return ErrorCode.NONE
@@ -236,17 +263,21 @@ class ControlTable:
     def _store(self, name: str, value: int) -> None:
         memory = self.memory
         mode_changes = name == "operating_mode" and value != memory[name]
+        if name == "torque_enable":
+            self.enabled_by_goal = False
         memory[name] = value
         if mode_changes:
             self._reset_with_mode()
         elif name in ("max_voltage_limit", "min_voltage_limit", "temperature_limit"):
-            self._check_health()
+            self.check_health()
         elif (
             name in _GOALS
             and self._torque_on_by_goal_known
             and memory.get("drive_mode") & _TORQUE_ON_BY_GOAL
             and not self.shut_down
+            and not memory["torque_enable"]
         ):
+            self.enabled_by_goal = True
             memory["torque_enable"] = 1
 
     def _reset_with_mode(self) -> None:
@@ -262,12 +293,13 @@ class ControlTable:
         for name in _RESET_WITH_MODE:
             memory[name] = memory.registers[name].default
 
-    def _check_health(self) -> None:
+    def check_health(self) -> None:
         """Latch the errors the present voltage and temperature amount to; shut down on them."""
         memory = self.memory
+        bits = 0
         if not memory["min_voltage_limit"] <= self.volts <= memory["max_voltage_limit"]:
-            memory["hardware_error_status"] |= _VOLTAGE_ERROR
-        if memory["temperature_limit"] < TEMPERATURE:
-            memory["hardware_error_status"] |= _OVERHEATING_ERROR
-        if self.shut_down:
-            memory["torque_enable"] = 0
+            bits |= _VOLTAGE_ERROR
+        if memory["temperature_limit"] < self.temperature:
+            bits |= _OVERHEATING_ERROR
+        if bits:
+            self.latch(bits)

@@ -9,8 +9,15 @@ import struct
 from typing import NamedTuple
 
 from hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from hw.dynamixel.emulated.control_modes import (
+    EXTENDED_MODE,
+    POSITION_MODE,
+    PWM_FULL,
+)
+from hw.dynamixel.emulated.drive import Drive
 from hw.dynamixel.emulated.encoder import Encoder
-from hw.dynamixel.emulated.rules import TEMPERATURE, ControlTable
+from hw.dynamixel.emulated.motor import motor_of
+from hw.dynamixel.emulated.rules import ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
@@ -56,6 +63,7 @@ class EmulatedServo:
         start_ns: When it is powered up [ns].
         baud: The speed it listens at; one of ``BAUD_RATES``.
         tick: Where its millisecond counter starts.
+        back_emf: In current mode too the supply limits the current at the present speed.
 
     Raises:
         ValueError: The baud rate, id or firmware is none it can have, the model needs a torque
@@ -72,6 +80,7 @@ class EmulatedServo:
         start_ns: int,
         baud: int,
         tick: int = 0,
+        back_emf: bool = False,
     ) -> None:
         constant = true.torque_constant or model.torque_constant
         if constant is None:
@@ -93,14 +102,20 @@ class EmulatedServo:
         """What a reg write has put aside for the next action"""
         self.answers_from_ns = start_ns
         """It is still booting before [ns]"""
-        self._torque_unit = constant * model.current_unit_ma * 1e-3
         quantised = true.counts_per_rev == COUNTS_PER_REV
         self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
-        self._lost_turns = 0
-        """Counts of the whole turns that were forgotten without power"""
-        self._current = 0
+        self._current_unit = model.current_unit_ma * 1e-3
+        self.drive = Drive(
+            self.table,
+            motor_of(model, constant),
+            self.mechanism,
+            self.encoder,
+            current_unit=self._current_unit,
+            now_ns=start_ns,
+            back_emf=back_emf,
+        )
         self._preset("firmware_version", firmware)
         self._preset("id", id)
         self._preset("baud_rate", BAUD_RATES.index(baud))
@@ -148,7 +163,7 @@ class EmulatedServo:
     def state(self, now_ns: int) -> State:
         """The truth at ``now_ns`` [ns]."""
         mechanism = self.mechanism
-        mechanism.advance(now_ns)
+        self.drive.advance(now_ns)
         return State(mechanism.position, mechanism.velocity, mechanism.torque)
 
     def heard(self, now_ns: int) -> None:
@@ -158,14 +173,32 @@ class EmulatedServo:
         whether packets for other servos do too is open, and here they do not.
         """
         self._heard_ns = now_ns
+        if now_ns >= self.drive.next_ns:
+            self.drive.advance(now_ns)
+
+    def set_supply(self, volts: float, now_ns: int) -> None:
+        """From ``now_ns`` [ns] it is supplied with this voltage [V]; outside its limits it errs."""
+        self.drive.advance(now_ns)
+        self.table.supply = volts
+        self.table.check_health()
+        self.drive.update(now_ns)
+
+    def set_ambient(self, celsius: float, now_ns: int) -> None:
+        """It stands in a place where it would idle at this temperature, and has taken it [°C]."""
+        self.drive.advance(now_ns)
+        self.drive.health.ambient = self.table.temperature = celsius
+        self.table.check_health()
+        self.drive.update(now_ns)
 
     def trip_watchdog(self, now_ns: int) -> None:
-        """The Bus Watchdog trips: the register reads -1 and the motor goes limp.
+        """The Bus Watchdog trips: the register reads -1 and the servo stops.
 
-        The manual says that the servo "stops"; that it goes limp in current mode is our reading.
+        The manual says no more than that; that it goes limp in current mode, and stays where it is
+        in the others, is our reading.
         """
+        self.drive.advance(now_ns)
         self.table.trip()
-        self._drive(now_ns)
+        self.drive.stop(now_ns)
 
     def read(self, address: int, size: int, now_ns: int) -> bytes | None:
         """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
@@ -175,14 +208,20 @@ class EmulatedServo:
 
     def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
+        drive = self.drive
+        if now_ns >= drive.next_ns:
+            drive.advance(now_ns)
+        mode = self.memory["operating_mode"]
         error = self.table.write(address, data, ram_only=ram_only)
         if error == ErrorCode.NONE:
+            if mode != self.memory["operating_mode"]:
+                self._change_mode(now_ns)
             if self.memory["torque_enable"] and not self._held:
                 # The scripted hand belongs to whoever tries the wall: it waits for the torque,
                 # and does not disturb a start-up that looks at the shaft.
                 self._held = True
                 self.mechanism.let_hand(now_ns)
-            self._drive(now_ns)
+            drive.update(now_ns)
         return error
 
     def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
@@ -207,7 +246,7 @@ class EmulatedServo:
         self._refresh(now_ns)
         if self.memory["moving"]:
             return ErrorCode.RESULT_FAIL
-        self._forget_turns()
+        self.drive.forget_turns()
         return ErrorCode.NONE
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
@@ -227,8 +266,8 @@ class EmulatedServo:
     def reboot(self, now_ns: int) -> None:
         """RAM back to its defaults, errors cleared, turns forgotten; silent until it is up."""
         self.registered = None
-        self.mechanism.advance(now_ns)
-        self._forget_turns()
+        self.drive.advance(now_ns)
+        self.drive.forget_turns()
         self._power_up(now_ns)
         self.answers_from_ns = now_ns + BOOT_NS
 
@@ -241,23 +280,26 @@ class EmulatedServo:
         """Take it off the cable: limp and silent, and RAM is lost."""
         self.reboot(now_ns)
         self.memory["torque_enable"] = 0  # whatever Startup Configuration says
-        self._drive(now_ns)
+        self.drive.update(now_ns)
         self.answers_from_ns = _NEVER_NS
 
     def latch_errors(self, bits: int, now_ns: int) -> None:
         """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""
-        self.memory["hardware_error_status"] |= bits
-        if self.table.shut_down:
-            self.memory["torque_enable"] = 0
-        self._drive(now_ns)
+        self.drive.advance(now_ns)
+        self.table.latch(bits)
+        self.drive.update(now_ns)
 
-    def _forget_turns(self) -> None:
-        self._lost_turns = self.encoder.counts() // COUNTS_PER_REV * COUNTS_PER_REV
+    def _change_mode(self, now_ns: int) -> None:
+        """The position modes begin within one turn."""
+        if self.memory["operating_mode"] in (POSITION_MODE, EXTENDED_MODE):
+            self.drive.advance(now_ns)
+            self.drive.forget_turns()
 
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns
+        self.drive.release()
         self.table.power_up()
-        self._drive(now_ns)
+        self.drive.update(now_ns)
 
     def _preset(self, name: str, value: int) -> None:
         register = self.memory.registers[name]
@@ -268,41 +310,39 @@ class EmulatedServo:
             )
         self.memory[name] = value
 
-    def _drive(self, now_ns: int) -> None:
-        """Have the motor make what the registers now ask for."""
-        current = self.table.current
-        if current != self._current:
-            self._current = current
-            self.mechanism.command(current * self._torque_unit, now_ns)
-
     def _refresh(self, now_ns: int) -> None:
         """Put what is measured at ``now_ns`` into the registers.
 
-        Velocity is the true one, unfiltered; PWM is not modelled and reads 0.
+        Velocity is the true one, unfiltered.
         """
-        memory, mechanism = self.memory, self.mechanism
-        mechanism.advance(now_ns)
-        counts = self.encoder.counts() - self._lost_turns
-        if self.table.reversed:
-            counts = -counts
-        counts = _clamp(counts + memory["homing_offset"], _INT32)
+        memory, mechanism, table, drive = self.memory, self.mechanism, self.table, self.drive
+        drive.advance(now_ns)
+        if now_ns >= drive.health.due_ns:
+            drive.health.settle(now_ns)
+        counts = _clamp(drive.position(), _INT32)
         velocity = 0 if self.encoder.stuck else round(mechanism.velocity / VELOCITY_UNIT)
-        current = round(mechanism.torque / self._torque_unit) if self._torque_unit else 0
-        if self.table.inverts_current:
-            velocity, current = -velocity, -current
+        duty = drive.duty()
+        if self._current_unit:
+            current = round(drive.current() / self._current_unit)
+        else:
+            current = round(duty * 1000.0)  # Present Load: "inferred from the internal output"
+        pwm = round(duty * PWM_FULL)
+        if table.inverts_current:
+            velocity, current, pwm = -velocity, -current, -pwm
+        motion = drive.motion(counts, now_ns)
         memory.overwrite(
             _PRESENT.pack(
                 (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS,
-                abs(velocity) > memory["moving_threshold"],
-                0,
-                0,
+                motion.ongoing or abs(velocity) > memory["moving_threshold"],
+                motion.status,
+                _clamp(pwm, _INT16),
                 _clamp(current, _INT16),
                 _clamp(velocity, _INT32),
                 counts,
-                0,
-                counts,
-                self.table.volts,
-                TEMPERATURE,
+                motion.velocity,
+                motion.position,
+                table.volts,
+                round(table.temperature),
             ),
         )
 

@@ -2,10 +2,10 @@
 
 Source: ROBOTIS e-Manual, specification and control table page of each model. What several editions
 of a page give differently (velocity limits, the XH540-V's current limit) is as in the latest that
-could be read. Not established, and therefore left out: stall figures of XD430, XD540, XW430 and
-XW540-H260 (their torque constant must be configured); Startup Configuration and Backup Ready of
-2XL430 and 2XC430. The XW430's page prints a Protocol Type of 1 from the factory, with which it
-could not be talked to as the page describes; 2 is taken.
+could be read. Not established, and therefore left out: stall and no-load figures of XD430, XD540,
+XW430 and XW540-H260 (their torque constant must be configured); Startup Configuration and Backup
+Ready of 2XL430 and 2XC430. The XW430's page prints a Protocol Type of 1 from the factory, with
+which it could not be talked to as the page describes; 2 is taken.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ class Model:
     """[N·m]"""
     stall_current: float | None = None
     """[A]"""
+    no_load_rpm: float | None = None
+    """No-load speed [rev/min]"""
 
     @property
     def current_mode(self) -> bool:
@@ -101,38 +103,38 @@ def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
 
 
 _ALL: Final = (
-    Model("XL330-M077", 1190, "X330", 5.0, 1.0, 1750, 0.215, 1.47),
-    Model("XL330-M288", 1200, "X330", 5.0, 1.0, 1750, 0.52, 1.47),
-    Model("XC330-M181", 1230, "X330", 5.0, 1.0, 2352, 0.6, 1.8),
-    Model("XC330-M288", 1240, "X330", 5.0, 1.0, 2352, 0.93, 1.8),
-    Model("XC330-T181", 1210, "X330", 11.1, 1.0, 910, 0.76, 0.8),
-    Model("XC330-T288", 1220, "X330", 11.1, 1.0, 910, 0.92, 0.8),
-    Model("XM430-W210", 1030, "X430", 12.0, 2.69, 1193, 3.0, 2.3),
-    Model("XM430-W350", 1020, "X430", 12.0, 2.69, 1193, 4.1, 2.3),
-    Model("XH430-W210", 1010, "X430", 12.0, 2.69, 648, 2.5, 1.3),
-    Model("XH430-W350", 1000, "X430", 12.0, 2.69, 648, 3.4, 1.3),
-    Model("XH430-V210", 1050, "X430", 24.0, 1.34, 689, 2.6, 0.7),
-    Model("XH430-V350", 1040, "X430", 24.0, 1.34, 689, 3.3, 0.7),
+    Model("XL330-M077", 1190, "X330", 5.0, 1.0, 1750, 0.215, 1.47, 383),
+    Model("XL330-M288", 1200, "X330", 5.0, 1.0, 1750, 0.52, 1.47, 103),
+    Model("XC330-M181", 1230, "X330", 5.0, 1.0, 2352, 0.6, 1.8, 129),
+    Model("XC330-M288", 1240, "X330", 5.0, 1.0, 2352, 0.93, 1.8, 81),
+    Model("XC330-T181", 1210, "X330", 11.1, 1.0, 910, 0.76, 0.8, 104),
+    Model("XC330-T288", 1220, "X330", 11.1, 1.0, 910, 0.92, 0.8, 65),
+    Model("XM430-W210", 1030, "X430", 12.0, 2.69, 1193, 3.0, 2.3, 77),
+    Model("XM430-W350", 1020, "X430", 12.0, 2.69, 1193, 4.1, 2.3, 46),
+    Model("XH430-W210", 1010, "X430", 12.0, 2.69, 648, 2.5, 1.3, 50),
+    Model("XH430-W350", 1000, "X430", 12.0, 2.69, 648, 3.4, 1.3, 30),
+    Model("XH430-V210", 1050, "X430", 24.0, 1.34, 689, 2.6, 0.7, 52),
+    Model("XH430-V350", 1040, "X430", 24.0, 1.34, 689, 3.3, 0.7, 31),
     Model("XD430-T210", 1011, "X430", 12.0, 2.69, 648),
     Model("XD430-T350", 1001, "X430", 12.0, 2.69, 648),
-    Model("XM540-W150", 1130, "X540", 12.0, 2.69, 2047, 7.3, 4.4),
-    Model("XM540-W270", 1120, "X540", 12.0, 2.69, 2047, 10.6, 4.4),
-    Model("XH540-W150", 1110, "X540", 12.0, 2.69, 2047, 7.1, 4.9),
-    Model("XH540-W270", 1100, "X540", 12.0, 2.69, 2047, 9.9, 4.9),
-    Model("XH540-V150", 1150, "X540", 24.0, 2.69, 1188, 6.4, 2.4),
-    Model("XH540-V270", 1140, "X540", 24.0, 2.69, 1188, 9.2, 2.4),
+    Model("XM540-W150", 1130, "X540", 12.0, 2.69, 2047, 7.3, 4.4, 53),
+    Model("XM540-W270", 1120, "X540", 12.0, 2.69, 2047, 10.6, 4.4, 30),
+    Model("XH540-W150", 1110, "X540", 12.0, 2.69, 2047, 7.1, 4.9, 70),
+    Model("XH540-W270", 1100, "X540", 12.0, 2.69, 2047, 9.9, 4.9, 39),
+    Model("XH540-V150", 1150, "X540", 24.0, 2.69, 1188, 6.4, 2.4, 60),
+    Model("XH540-V270", 1140, "X540", 24.0, 2.69, 1188, 9.2, 2.4, 34),
     Model("XD540-T150", 1111, "X540", 12.0, 2.69, 2047),
     Model("XD540-T270", 1101, "X540", 12.0, 2.69, 2047),
     Model("XW430-T200", 1280, "XW430", 12.0, 2.69, 2047),
     Model("XW430-T333", 1270, "XW430", 12.0, 2.69, 2047),
-    Model("XW540-T140", 1180, "XW540", 12.0, 2.69, 2047, 6.9, 4.9),
-    Model("XW540-T260", 1170, "XW540", 12.0, 2.69, 2047, 9.5, 4.9),
+    Model("XW540-T140", 1180, "XW540", 12.0, 2.69, 2047, 6.9, 4.9, 72),
+    Model("XW540-T260", 1170, "XW540", 12.0, 2.69, 2047, 9.5, 4.9, 40),
     Model("XW540-H260", 1310, "XW540", 24.0, 2.69, 1188),
-    Model("XL430-W250", 1060, "XL430", 11.1, stall_torque=1.4, stall_current=1.3),
-    Model("XC430-W150", 1070, "XL430", 12.0, stall_torque=1.6, stall_current=1.4),
-    Model("XC430-W240", 1080, "XL430", 12.0, stall_torque=1.9, stall_current=1.4),
-    Model("2XL430-W250", 1090, "2X430", 11.1, stall_torque=1.4, stall_current=1.3),
-    Model("2XC430-W250", 1160, "2X430", 12.0, stall_torque=1.8, stall_current=1.4),
+    Model("XL430-W250", 1060, "XL430", 11.1, stall_torque=1.4, stall_current=1.3, no_load_rpm=57),
+    Model("XC430-W150", 1070, "XL430", 12.0, stall_torque=1.6, stall_current=1.4, no_load_rpm=106),
+    Model("XC430-W240", 1080, "XL430", 12.0, stall_torque=1.9, stall_current=1.4, no_load_rpm=70),
+    Model("2XL430-W250", 1090, "2X430", 11.1, stall_torque=1.4, stall_current=1.3, no_load_rpm=57),
+    Model("2XC430-W250", 1160, "2X430", 12.0, stall_torque=1.8, stall_current=1.4, no_load_rpm=64),
 )
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})

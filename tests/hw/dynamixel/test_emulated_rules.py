@@ -78,14 +78,6 @@ def test_a_goal_written_without_torque_is_kept_and_acts_when_it_is_enabled():
     assert client.torque() == pytest.approx(30 * TORQUE_UNIT)
 
 
-def test_other_modes_leave_the_motor_limp():
-    client = Client()
-    client.write(1, TORQUE_ENABLE, 1, 1)  # position mode, the factory's
-    client.write(1, GOAL_POSITION, 3000, 4)
-    client.pass_time(20 * MS)
-    assert client.position() == FREE.position
-
-
 @pytest.mark.parametrize("address", [ID, RETURN_DELAY, OPERATING_MODE, CURRENT_LIMIT, STARTUP])
 def test_eeprom_is_locked_while_torque_is_enabled(address):
     client = Client()
