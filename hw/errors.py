@@ -4,11 +4,13 @@
 
     ServoError
     ├── PortError (also OSError)        the serial port cannot be used
-    │   └── PortBusyError               another program holds it
+    │   ├── PortBusyError               another program holds it
+    │   └── BaudRefusedError            it cannot make this rate
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
+    ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
-        └── TorqueLostError             it answers, but its Bus Watchdog dropped the torque
+        └── TorqueLostError             it answers, but its torque is gone
 """
 
 from __future__ import annotations
@@ -26,6 +28,10 @@ class PortBusyError(PortError):
     """Another program holds the port."""
 
 
+class BaudRefusedError(PortError):
+    """The serial port cannot make this baud rate."""
+
+
 class ServoMissingError(ServoError, LookupError):
     """Nothing answers at this id and baud."""
 
@@ -39,4 +45,8 @@ class ServoLostError(ServoError, OSError):
 
 
 class TorqueLostError(ServoLostError):
-    """The servo answers, but its Bus Watchdog has dropped the torque."""
+    """The servo answers, but its torque is gone: watchdog, restart, or another program."""
+
+
+class ServoHealthError(ServoError):
+    """The servo answers and has torque, but is in no state to be driven any longer."""

@@ -25,6 +25,8 @@ from hw.errors import ServoError
 COMMANDS = {
     "run": ("controller.cli.run", "Run the wall; report, log and picture at the end."),
     "emulate": ("controller.cli.emulate", "An emulated Dynamixel bus on a pseudo-terminal."),
+    "scan": ("controller.cli.scan", "Which servos are on a bus: ids, baud rates, models."),
+    "doctor": ("controller.cli.doctor", "What is wrong with a testbed, and the fix for each."),
     "presets": ("controller.cli.presets", "The configurations that come with the program."),
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
     "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
@@ -34,7 +36,7 @@ COMMANDS = {
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
-NEEDS_LINUX = frozenset({"run", "emulate"})
+NEEDS_LINUX = frozenset({"run", "emulate", "scan", "doctor"})
 
 HARDWARE = 4
 USER = 2
@@ -75,8 +77,8 @@ class _Commands(click.Group):
 def haptic_wall() -> None:
     """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard.
 
-    Exit status: 0 done; 2 the input is wrong; 3 ended by a safety trip; 4 the hardware could not
-    be reached, is unfit, or was lost; 130 interrupted.
+    Exit status: 0 done; 1 doctor found something wrong; 2 the input is wrong; 3 ended by a safety
+    trip; 4 the hardware could not be reached, is unfit, or was lost; 130 interrupted.
     """
 
 

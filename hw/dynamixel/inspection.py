@@ -9,21 +9,17 @@ from __future__ import annotations
 from typing import Final
 
 from hw.dynamixel.checklist import Checklist
+from hw.dynamixel.hardware_errors import error_names, what_to_do
+from hw.dynamixel.health import Bounds
 from hw.dynamixel.sdk import Table
 from hw.dynamixel.tables import Model, model_by_number
 from hw.errors import ServoLostError
 
-_WATCHDOG_FIRMWARE: Final = 38
+WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 _REVERSE: Final = 0x01
+_SLAVE: Final = 0x02
 _TORQUE_ON_BY_GOAL: Final = 0x08
-_HARDWARE_ERRORS: Final = {
-    0: "input voltage",
-    2: "overheating",
-    3: "motor encoder",
-    4: "electrical shock",
-    5: "overload",
-}
 
 
 def identify(table: Table, model: Model, checklist: Checklist) -> None:
@@ -45,10 +41,10 @@ def identify(table: Table, model: Model, checklist: Checklist) -> None:
     firmware = table.read("firmware_version")
     checklist.add(
         "firmware",
-        firmware >= _WATCHDOG_FIRMWARE,
+        firmware >= WATCHDOG_FIRMWARE,
         str(firmware),
-        f"at least {_WATCHDOG_FIRMWARE}",
-        f"Its firmware {firmware} has no Bus Watchdog ({_WATCHDOG_FIRMWARE} or later has): "
+        f"at least {WATCHDOG_FIRMWARE}",
+        f"Its firmware {firmware} has no Bus Watchdog ({WATCHDOG_FIRMWARE} or later has): "
         "update it with Dynamixel Wizard.",
     )
     checklist.refuse_if_unfit()
@@ -75,6 +71,11 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
     )
 
 
+def hardware_errors(error: int) -> str:
+    """What Hardware Error Status stands for, in words; empty where no known bit is set."""
+    return error_names(error)
+
+
 def torque_off(table: Table, checklist: Checklist) -> None:
     """Torque that is on belongs to somebody else's run; EEPROM is locked while it is on."""
     was_on = table.read("torque_enable") != 0
@@ -90,14 +91,13 @@ def torque_off(table: Table, checklist: Checklist) -> None:
 def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None:
     """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
     error = table.read("hardware_error_status")
-    names = ", ".join(name for bit, name in _HARDWARE_ERRORS.items() if error >> bit & 1)
+    names = hardware_errors(error)
     checklist.add(
         "hardware error",
         error == 0,
         f"{names or 'unknown'} (0x{error:02x})" if error else "none",
         "none",
-        f"It has latched a hardware error ({names or f'0x{error:02x}'}): remove the cause, "
-        "then reboot it or switch its power off and on; nothing else clears it.",
+        f"It has latched a hardware error ({names or f'0x{error:02x}'}): {what_to_do(error)}.",
     )
     drive_mode = table.read("drive_mode")
     checklist.add(
@@ -108,6 +108,14 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "Its Drive Mode is reverse, which may turn round the position but not the torque, so "
         "that a wall would push the wrong way: clear bit 0 of Drive Mode (10) with Dynamixel "
         "Wizard.",
+    )
+    checklist.add(
+        "dual joint",
+        not drive_mode & _SLAVE,
+        "slave" if drive_mode & _SLAVE else "no slave",
+        "no slave",
+        "It is the slave of a dual joint, which follows another servo's output and not our goals: "
+        "clear bit 1 of Drive Mode (10) with Dynamixel Wizard, and drive the master.",
     )
     checklist.add(
         "torque on by goal update",
@@ -131,3 +139,37 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         f"Its Startup Configuration means {' and '.join(dangers)}: write 0 to Startup "
         "Configuration (60) with Dynamixel Wizard.",
     )
+
+
+def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> Bounds:
+    """Supply and temperature within the servo's own limits; those are what a run keeps to.
+
+    Args:
+        table: The servo.
+        checklist: Where to put the checks.
+        watchdog: What Bus Watchdog is to be [20 ms].
+    """
+    bounds = Bounds(
+        watchdog=watchdog,
+        lowest=table.read("min_voltage_limit"),
+        highest=table.read("max_voltage_limit"),
+        hottest=table.read("temperature_limit"),
+    )
+    volts, celsius = table.read("present_input_voltage"), table.read("present_temperature")
+    fault = bounds.supply_fault(volts)
+    checklist.add(
+        "supply",
+        not fault,
+        f"{volts / 10:g} V",
+        f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V",
+        f"It {fault}",
+    )
+    fault = bounds.heat_fault(celsius)
+    checklist.add(
+        "temperature",
+        not fault,
+        f"{celsius} °C",
+        f"at most {bounds.hottest} °C",
+        f"It {fault}",
+    )
+    return bounds

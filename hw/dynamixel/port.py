@@ -16,12 +16,13 @@ import struct
 import termios
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 import serial
 
-from hw.errors import PortBusyError, PortError
+from hw.errors import BaudRefusedError, PortBusyError, PortError
 
 _LOG = logging.getLogger(__name__)
 
@@ -32,6 +33,7 @@ _PTMX: Final = os.makedev(5, 2)
 _PTS_MAJORS: Final = range(136, 144)
 """Of the devices at the other ends."""
 _TCGETS2: Final = 0x802C542A
+_TCSETS2: Final = 0x402C542B
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 
 
@@ -65,7 +67,7 @@ def open_port(path: str, baud: int) -> int:
             exclusive=True,
         )
     except (ValueError, termios.error) as error:
-        raise PortError(
+        raise BaudRefusedError(
             f"Port {path} refuses {baud} baud ({error}): "
             "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has."
         ) from error
@@ -84,6 +86,39 @@ def open_port(path: str, baud: int) -> int:
         os.close(descriptor)
         raise
     return descriptor
+
+
+@contextmanager
+def kept_settings(path: str) -> Iterator[None]:
+    """Whatever happens to a port's speed and modes inside, put them back at the end.
+
+    Where the port cannot be opened, or this kernel numbers the requests otherwise, nothing is kept.
+
+    Args:
+        path: The device; it may be opened and closed inside.
+    """
+    before = _settings(path, None)
+    try:
+        yield
+    finally:
+        if before is not None:
+            _settings(path, before)
+
+
+def _settings(path: str, wanted: bytes | None) -> bytes | None:
+    """Read a port's settings, or write ``wanted``; None: it cannot be done."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return None
+    try:
+        if wanted is None:
+            return fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
+        return fcntl.ioctl(descriptor, _TCSETS2, wanted)
+    except OSError:
+        return None
+    finally:
+        os.close(descriptor)
 
 
 def holders(device: int) -> Iterator[tuple[int, str]]:
@@ -166,7 +201,7 @@ def _open_error(path: str, error: OSError) -> PortError:
             "plug the adapter in, or set servo.port."
         )
     if code in (errno.EACCES, errno.EPERM):
-        return PortError(f"Port {path} may not be used by this user: {_permission(path)}.")
+        return PortError(f"Port {path} may not be used by this user: {access_remedy(path)}.")
     if code in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(
             f"Port {path} is locked by another program: end that program first "
@@ -193,8 +228,12 @@ def _candidates() -> str:
     return ", ".join(found) or "no serial adapter"
 
 
-def _permission(path: str) -> str:
-    """What grants access: the group that owns the device, if it may read and write."""
+def access_remedy(path: str) -> str:
+    """What grants access: the group that owns the device, if it may read and write.
+
+    Args:
+        path: A device that exists.
+    """
     import grp
 
     found = Path(path).stat()
@@ -215,7 +254,7 @@ def _check_baud(path: str, descriptor: int, baud: int) -> None:
         return
     actual = _TERMIOS2.unpack(found)[-1]
     if abs(actual - baud) > _BAUD_TOLERANCE * baud:
-        raise PortError(
+        raise BaudRefusedError(
             f"Port {path} gives {actual} baud where {baud} was asked: "
             "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
         )

@@ -1,0 +1,147 @@
+"""``haptic-wall doctor``: what is wrong with a testbed, what would mend it, and mending it."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+import click
+
+from controller.cli.options import answer, as_json, config_argument, json_option, set_option
+from controller.config_load import load_config
+from controller.doctor.checkup import Consent, Report, examine
+from controller.errors import UserError
+from hw.dynamixel.examine.cycles import Series, percentile
+from hw.dynamixel.examine.finding import Finding
+
+WRONG = 1
+HARDWARE = 4
+TORQUE = "The torque was never enabled."
+
+
+@click.command()
+@config_argument()
+@set_option
+@click.option("--fix", is_flag=True, help="Mend what can be mended, and read it back.")
+@click.option("--yes", is_flag=True, help="With --fix: do not ask before each change.")
+@click.option(
+    "--change-baud",
+    is_flag=True,
+    help="With --fix: set a servo found at another baud rate to servo.baud.",
+)
+@json_option
+def command(
+    config: str,
+    sets: tuple[str, ...],
+    fix: bool,
+    yes: bool,
+    change_baud: bool,
+    as_json_wanted: bool,
+) -> None:
+    """Examine the testbed of CONFIG: port, servo, registers, timing, machine.
+
+    Reads only, and never enables torque. --fix writes what can be mended: at a terminal each
+    change is asked for first; with --yes, or where standard input is no terminal, it is not.
+
+    Exit status: 0 all well; 1 something is wrong; 4 the port or the servo cannot be reached.
+    """
+    for option, given in (("--yes", yes), ("--change-baud", change_baud)):
+        if given and not fix:
+            raise UserError(f"{option}: it belongs to --fix; add that, or leave it out")
+    loaded = load_config(config, sets)
+    consent = _consent(yes) if fix else None
+    report = examine(loaded.config, _say, consent, change_baud)
+    answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
+    sys.exit(HARDWARE if not report.reached else WRONG if report.findings.wrong else 0)
+
+
+def _consent(yes: bool) -> Consent:
+    if yes or not sys.stdin.isatty():
+        return lambda _question: True
+    return lambda question: click.confirm(f"  {question}?", err=True)
+
+
+def _say(text: str) -> None:
+    click.echo(f"  {text} ...", err=True)
+
+
+def _json(name: str, report: Report) -> dict[str, Any]:
+    return {
+        "name": name,
+        "checks": [finding._asdict() for finding in report.findings.checks],
+        "changes": [change._asdict() for change in report.changes],
+        "not_examined": report.not_examined,
+        "reached": report.reached,
+        "suits": report.suits,
+        "cycles": [_cycles(series) for series in report.cycles],
+    }
+
+
+def _cycles(series: Series) -> dict[str, Any]:
+    return {
+        "schedule": series.schedule,
+        "skipped": series.skipped,
+        "phases": [
+            {
+                "offset_us": phase.offset_ns / 1000,
+                "cycles": phase.cycles,
+                "missed": phase.missed,
+                "age_us": _ages(phase.ages_ns),
+            }
+            for phase in series.phases
+        ],
+    }
+
+
+def _ages(ages_ns: list[int]) -> dict[str, float] | None:
+    if not ages_ns:
+        return None
+    return {
+        "p50": percentile(ages_ns, 0.5) / 1000,
+        "p99": percentile(ages_ns, 0.99) / 1000,
+        "max": ages_ns[-1] / 1000,
+    }
+
+
+def _text(name: str, report: Report) -> str:
+    width = max(60, shutil.get_terminal_size((100, 24)).columns)
+    column = max((len(finding.name) for finding in report.findings.checks), default=0)
+    lines = [f"{name}. {TORQUE}", ""]
+    for finding in report.findings.checks:
+        lines += _rows(finding, column, width)
+    if report.changes:
+        lines += ["", "Changed:"]
+        for change in report.changes:
+            end = "read back" if change.verified else "NOT AS WANTED"
+            lines.append(f"  {change.name}: {change.before} -> {change.after} ({end})")
+    if report.not_examined:
+        lines += ["", f"Not examined: {', '.join(report.not_examined)}"]
+    lines += ["", _verdict(report)]
+    return "\n".join(lines)
+
+
+def _rows(finding: Finding, column: int, width: int) -> Iterator[str]:
+    mark = "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
+    wanted = f" (wanted: {finding.wanted})" if not finding.ok else ""
+    head = f"{mark:<5}  {finding.name:<{column}}  "
+    yield textwrap.fill(
+        finding.found + wanted, width, initial_indent=head, subsequent_indent=" " * len(head)
+    )
+    if finding.fix:
+        hint = "fix: " if not finding.ok else "hint: "
+        indent = " " * len(head)
+        yield textwrap.fill(
+            finding.fix, width, initial_indent=indent + hint, subsequent_indent=indent
+        )
+
+
+def _verdict(report: Report) -> str:
+    wrong = report.findings.wrong
+    if not wrong:
+        return "All well."
+    fixable = [finding.name for finding in wrong if finding.fixable]
+    text = f"{len(wrong)} wrong: {', '.join(finding.name for finding in wrong)}."
+    return text + (f" --fix can mend {', '.join(fixable)}." if fixable else "")

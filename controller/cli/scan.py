@@ -1,0 +1,128 @@
+"""``haptic-wall scan``: which servos are on a bus, at which ids and baud rates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from controller.cli.options import answer, as_json, json_option
+from controller.errors import UserError
+from hw.clock import MonotonicClock
+from hw.dynamixel.codec import MAX_ID
+from hw.dynamixel.examine.adapter import kind_of_port, only_adapter
+from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
+from hw.dynamixel.tables import BAUD_RATES, model_by_number
+
+HARDWARE = 4
+
+
+@click.command()
+@click.option("--port", metavar="P", help="The adapter's device (default: the only one).")
+@click.option(
+    "--baud",
+    "bauds",
+    metavar="RATE[,RATE...]",
+    help="Rates to try (default: all that servos have).",
+)
+@click.option(
+    "--ids",
+    default=f"{IDS[0]}-{IDS[-1]}",
+    show_default=True,
+    metavar="LIST",
+    help="Ids to ask one by one, e.g. 1-20,100; a ping to all may find others.",
+)
+@json_option
+def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
+    """List the servos on a bus: id, baud rate, model, firmware.
+
+    Sends pings and nothing else; the port's settings are as before when it ends.
+    Exit status 4 when nothing answers.
+    """
+    rates = LIKELY_FIRST if bauds is None else _rates(bauds)
+    wanted = _ids(ids)
+    path = only_adapter() if port is None else port
+
+    def tell(baud: int) -> None:
+        click.echo(f"  {baud} bit/s ...", err=True)
+
+    searches = scan(path, rates, wanted, MonotonicClock(), tell)
+    found = _report(path, searches)
+    answer(as_json(found) if as_json_wanted else _text(found))
+    return 0 if found["servos"] else HARDWARE
+
+
+def _report(path: str, searches: list[Search]) -> dict[str, Any]:
+    servos = sorted(servo for one in searches for servo in one.servos)
+    return {
+        "port": path,
+        "adapter": kind_of_port(path),
+        "servos": [
+            {
+                "id": servo.id,
+                "baud": servo.baud,
+                "model": servo.model,
+                "model_number": servo.model_number,
+                "firmware": servo.firmware,
+                "current_mode": model.current_mode if model else None,
+            }
+            for servo in servos
+            for model in [model_by_number(servo.model_number)]
+        ],
+        "bauds": [
+            {"baud": one.baud, "garbled": one.garbled, "refused": one.refused or None}
+            for one in sorted(searches)
+        ],
+    }
+
+
+def _text(found: dict[str, Any]) -> str:
+    lines = [f"{found['port']}: {found['adapter']}", ""]
+    if found["servos"]:
+        lines.append(f"{'id':>3}  {'bit/s':>8}  {'model':<14}  {'firmware':>8}")
+    for servo in found["servos"]:
+        model = servo["model"] or f"unknown ({servo['model_number']})"
+        note = "  no current mode: no torque" if servo["current_mode"] is False else ""
+        lines.append(
+            f"{servo['id']:>3}  {servo['baud']:>8}  {model:<14}  {servo['firmware']:>8}{note}"
+        )
+    if not found["servos"]:
+        lines.append("Nothing answers: check power and cable, or try more ids with --ids 0-252.")
+    for one in found["bauds"]:
+        if one["refused"]:
+            lines.append(f"{one['baud']} bit/s was not tried: {one['refused']}")
+        elif one["garbled"]:
+            lines.append(
+                f"{one['baud']} bit/s: something that is no reply was heard; two servos with one "
+                "id, or noise"
+            )
+    return "\n".join(lines)
+
+
+def _rates(text: str) -> list[int]:
+    rates = []
+    for part in text.split(","):
+        try:
+            rate = int(float(part))
+        except ValueError:
+            rate = -1
+        if rate not in BAUD_RATES:
+            raise UserError(
+                f"--baud: found {part.strip()!r}, wanted rates a servo can have: "
+                + ", ".join(map(str, BAUD_RATES))
+            )
+        rates.append(rate)
+    return list(dict.fromkeys(rates))
+
+
+def _ids(text: str) -> set[int]:
+    ids: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not (first.isdecimal() and (not dash or last.isdecimal())):
+            raise UserError(f"--ids: found {part.strip()!r}, wanted ids such as 1-20,100")
+        low, high = int(first), int(last or first)
+        if not low <= high <= MAX_ID:
+            raise UserError(f"--ids: found {part.strip()!r}, wanted ids from 0 to {MAX_ID}")
+        ids |= set(range(low, high + 1))
+    return ids

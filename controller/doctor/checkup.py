@@ -1,0 +1,446 @@
+"""The checks in order, from the port to the processor, each made as far as those before it allow.
+
+Nothing here enables torque. Without consent nothing is written to the servo; registers are read and
+the shaft is left alone. A servo whose torque somebody left on is not read in a loop either: reading
+may keep its Bus Watchdog quiet, and so the torque alive.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
+
+from controller.config import Config
+from controller.doctor import machine, timing
+from controller.doctor.timing_process import Orders
+from controller.processes import Child, first_line
+from controller.realtime import Setting, pick_cores
+from controller.supervisor import emulator_arguments
+from hw.clock import MonotonicClock
+from hw.dynamixel.examine.adapter import examine_latency_timer, examine_port, set_latency_timer
+from hw.dynamixel.examine.cycles import Phase, Replies, Series
+from hw.dynamixel.examine.finding import Change, Finding, Findings, not_applicable
+from hw.dynamixel.examine.registers import (
+    Contact,
+    Judgement,
+    Repair,
+    judge,
+    mend,
+    read_all,
+    set_status_level,
+)
+from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
+from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
+from hw.dynamixel.port import kept_settings, open_port
+from hw.dynamixel.servo import drivable
+from hw.dynamixel.tables import BAUD_RATES, MODELS, Model, model_by_number
+from hw.errors import BaudRefusedError, PortError, ServoError, ServoLostError, UnfitServoError
+from hw.settings import DynamixelSettings
+
+_START_S: Final = 60.0
+_MEASURE_S: Final = 120.0
+_END_S: Final = 2.0
+_ON_THE_BUS: Final = (
+    "port",
+    "rights",
+    "adapter",
+    "used by",
+    "latency timer",
+    "baud rate",
+    "servo answers",
+    "model",
+    "firmware",
+    "registers",
+    "reply time",
+    "schedule",
+)
+
+Tell = Callable[[str], None]
+Consent = Callable[[str], bool]
+"""Asked before each change; whether it may be made"""
+
+
+@dataclass(slots=True)
+class Report:
+    """What was found, mended, and could not be looked at."""
+
+    findings: Findings = field(default_factory=Findings)
+    changes: list[Change] = field(default_factory=list)
+    not_examined: list[str] = field(default_factory=list)
+    reached: bool = True
+    """The port could be used, and a servo answered somewhere on it"""
+    suits: str | None = None
+    """The schedule that suits; None: none does, or it was not measured"""
+    cycles: list[Series] = field(default_factory=list)
+
+
+def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bool) -> Report:
+    """Examine the testbed that a configuration describes.
+
+    Args:
+        config: Which; one with an emulated bus of its own has it started, and ended afterwards.
+        tell: Called with what is being looked at.
+        consent: Asked before each change; None: nothing is changed.
+        change_baud: Whether the servo's baud rate may be changed too.
+
+    Raises:
+        ServoError: The emulated bus did not start.
+    """
+    checkup = _Checkup(config, tell, consent, change_baud)
+    settings = config.servo_settings()
+    if isinstance(settings, DynamixelSettings):
+        with _port_of(config, settings) as path:
+            checkup.bus(replace(settings, port=path, emulated=None))
+    else:
+        why = "the servo is simulated in this process"
+        checkup.report.findings.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
+        checkup.machine(checkup.measure(None))
+    return checkup.report
+
+
+@contextlib.contextmanager
+def _port_of(config: Config, settings: DynamixelSettings) -> Iterator[str]:
+    """The configured port, or that of an emulated bus which runs meanwhile."""
+    if config.servo.kind != "emulated":
+        yield settings.port
+        return
+    arguments = emulator_arguments(settings, config.true_servo(), None)
+    emulator = Child("emulator", arguments, None, (), pick_cores(config.realtime.core)[1])
+    try:
+        path = first_line(emulator, _START_S)
+        if path is None:
+            raise ServoError(
+                f"the emulated bus did not start: it {emulator.exit_text()}; see its message "
+                "above, if any, and start again"
+            )
+        yield path
+    finally:
+        emulator.dismiss(_END_S)
+
+
+class _Checkup:
+    def __init__(
+        self, config: Config, tell: Tell, consent: Consent | None, change_baud: bool
+    ) -> None:
+        self.report = Report()
+        self._config = config
+        self._tell = tell
+        self._consent = consent
+        self._change_baud = change_baud
+        self._clock = MonotonicClock()
+        self._add = self.report.findings.add
+
+    # The bus
+
+    def bus(self, settings: DynamixelSettings) -> None:
+        """Everything from the port to the processor."""
+        self._tell(f"port {settings.port}")
+        self._add(*examine_port(settings.port))
+        measured = None
+        if self.report.findings.wrong:
+            self.report.reached = False
+            self._leave_out("latency timer", "baud rate", "servo answers")
+        else:
+            with kept_settings(settings.port):
+                measured = self._servo(settings)
+        if measured is None:
+            self._leave_out("reply time", "schedule")
+            measured = self.measure(None)
+        self.machine(measured)
+
+    def _servo(self, settings: DynamixelSettings) -> dict[str, Any] | None:
+        """The servo's checks; the measurements, if they could be made."""
+        try:
+            found = self._find(settings)
+            if found is None:
+                self._leave_out("model", "firmware", "registers")
+                return None
+            quiet = self._set_up(settings, found)
+            if not quiet or found.baud != settings.baud:
+                return None
+            self._tell("reply time, and both schedules at every phase")
+            descriptor = open_port(settings.port, settings.baud)
+            try:
+                return self.measure(descriptor)
+            finally:
+                os.close(descriptor)
+        except PortError as error:
+            self.report.reached = False
+            self._add(Finding("port", False, str(error), "a port that stays", "see there"))
+        except ServoError as error:
+            fix = "check the cable and the power supply"
+            self._add(Finding("servo answers", False, str(error), "answers always", fix))
+        return None
+
+    def _find(self, settings: DynamixelSettings) -> Found | None:
+        """Where the servo answers: at the configured rate, else at another."""
+        here = self._look(settings)
+        if here.refused:
+            fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
+            self._add(Finding("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
+        else:
+            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "made by the adapter"))
+        mine = next((servo for servo in here.servos if servo.id == settings.id), None)
+        wanted = f"id {settings.id} at {settings.baud} bit/s"
+        if mine is not None:
+            others = [_name(servo) for servo in here.servos if servo is not mine]
+            found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
+            self._add(Finding("servo answers", True, found, wanted))
+            return mine
+        self._tell("no answer there: searching the other baud rates")
+        rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
+        ids = {*IDS, settings.id}
+        searches = [here, *scan(settings.port, rates, ids, self._clock)]
+        servos = [servo for one in searches for servo in one.servos]
+        mine = next((servo for servo in servos if servo.id == settings.id), None)
+        if mine is not None:
+            return self._elsewhere(settings, mine, wanted)
+        self.report.reached = bool(servos)
+        listed = ", ".join(map(_name, servos))
+        garbled = [str(one.baud) for one in searches if one.garbled]
+        found, fix = "nothing answers at any rate", "check power and cable"
+        if servos:
+            found, fix = f"no, but {listed}", "set servo.id and servo.baud to what is there"
+        elif garbled:
+            found = f"garbage at {', '.join(garbled)} bit/s"
+            fix = "leave only one servo connected and change its id: two have the same one"
+        self._add(Finding("servo answers", False, found, wanted, fix))
+        return None
+
+    def _look(self, settings: DynamixelSettings) -> Search:
+        """Who answers at the configured rate; with the port open, its latency timer as well."""
+        try:
+            with opened(settings.port, settings.baud, self._clock) as line:
+                timer = examine_latency_timer(settings.port)
+                if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
+                    set_latency_timer(settings.port)
+                    after = examine_latency_timer(settings.port)
+                    self._note(Change(timer.name, timer.found, after.found, after.ok))
+                    timer = after
+                self._add(timer)
+                return search(line, settings.baud, {settings.id})
+        except BaudRefusedError as error:
+            return Search(settings.baud, [], 0, str(error))
+
+    def _elsewhere(self, settings: DynamixelSettings, found: Found, wanted: str) -> Found:
+        """It answers at another rate: say so, and change its rate where that is asked for."""
+        question = f"baud rate of {_name(found)} -> {settings.baud}"
+        if self._change_baud and self._may(question):
+            change, now = self._set_baud(settings, found)
+            self._note(change)
+            if change.verified:
+                text = f"yes; it was at {found.baud} bit/s"
+                self._add(Finding("servo answers", True, text, wanted))
+                return now
+        fix = (
+            f"set servo.baud={found.baud}, or change the servo's rate with "
+            "haptic-wall doctor CONFIG --fix --change-baud"
+        )
+        text = f"at {found.baud} bit/s"
+        self._add(Finding("servo answers", False, text, wanted, fix, fixable=True))
+        return found
+
+    def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
+        """Write Baud Rate, and look where the servo is then."""
+        name, before = "baud rate", str(found.baud)
+        model = model_by_number(found.model_number)
+        value = BAUD_RATES.index(settings.baud)
+        if model is None or value > model.registers["baud_rate"].maximum:
+            return Change(name, before, f"{settings.baud} is none it can have", False), found
+        with opened(settings.port, found.baud, self._clock) as line:
+            table = Contact.of(line, found.baud, found.id, settings.port, model).table
+            try:
+                if table.read("torque_enable"):
+                    return Change(name, before, "its torque is on, so it is locked", False), found
+                table.sdk.write_unanswered(table.registers["baud_rate"], value)
+            except (ServoLostError, UnfitServoError) as error:
+                return Change(name, before, str(error), False), found
+        with opened(settings.port, settings.baud, self._clock) as line:
+            answered = search(line, settings.baud, {found.id}).servos
+        now = next((servo for servo in answered if servo.id == found.id), None)
+        if now is None:
+            return Change(name, before, f"silent at {settings.baud}", False), found
+        return Change(name, before, str(now.baud), True), now
+
+    # The servo
+
+    def _set_up(self, settings: DynamixelSettings, found: Found) -> bool:
+        """Model, firmware and registers; whether its torque is off, so that it may be timed."""
+        model = self._model(settings, found)
+        if model is None:
+            self._leave_out("firmware", "registers")
+            return False
+        self._tell(f"registers of {_name(found)}")
+        self._firmware(model, found.firmware)
+        with opened(settings.port, found.baud, self._clock) as line:
+            servo = Contact.of(line, found.baud, found.id, settings.port, model)
+            if not self._status_level(servo):
+                self._leave_out("registers")
+                return False
+            judged = self._judge(servo, settings, model, found.firmware)
+            if self._consent is not None and self._mend(servo, judged):
+                again = self._judge(servo, settings, model, found.firmware)
+                before = {judgement.finding.name: judgement.finding for judgement in judged}
+                judged = [_told(judgement, before) for judgement in again]
+        self._add(*(judgement.finding for judgement in judged))
+        return next(j.finding.ok for j in judged if j.finding.name == "torque")
+
+    def _model(self, settings: DynamixelSettings, found: Found) -> Model | None:
+        """The model that is there, judged against the configured one; None: not known."""
+        model = model_by_number(found.model_number)
+        number = found.model_number
+        text = f"{model.name} ({number})" if model else f"unknown model ({number})"
+        fix, ok = "", model is not None and model.name == settings.model
+        if model is not None and not model.current_mode:
+            fix = "it has no current mode, so it cannot be commanded in torque: use another model"
+            ok = False
+        elif not ok:
+            known = f", or set servo.model={model.name}" if model else ""
+            fix = f"connect an {settings.model}{known}"
+        elif settings.model in MODELS:
+            try:
+                drivable(settings)
+            except UnfitServoError as error:
+                ok, fix = False, str(error)
+        self._add(Finding("model", ok, text, settings.model, fix))
+        return model
+
+    def _firmware(self, model: Model, firmware: int) -> None:
+        ok = firmware >= WATCHDOG_FIRMWARE
+        fix = ""
+        if not ok:
+            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} brought the Bus Watchdog"
+        elif not model.knows_fast_reads(firmware):
+            fix = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
+        wanted = f"at least {WATCHDOG_FIRMWARE}"
+        self._add(Finding("firmware", ok, str(firmware), wanted, fix))
+
+    def _status_level(self, servo: Contact) -> bool:
+        """Whether the servo answers reads and writes; if not, nothing else can be known of it."""
+        register = servo.table.registers["status_return_level"]
+        try:
+            found = str(level := servo.table.sdk.read(register))
+        except ServoLostError:
+            found, level = "no replies to reads", 0
+        if level != register.default and self._may(f"status return level: {found} -> 2"):
+            change = set_status_level(servo)
+            self._note(change)
+            if change.verified:
+                found, level = f"{found}, now {change.after}", register.default
+        ok = level == register.default
+        fix = "" if ok else "it does not confirm writes: write 2 to Status Return Level (68)"
+        wanted = str(register.default)
+        self._add(Finding("status return level", ok, found, wanted, fix, fixable=not ok))
+        return level > 0
+
+    def _judge(
+        self, servo: Contact, settings: DynamixelSettings, model: Model, firmware: int
+    ) -> list[Judgement]:
+        constant = settings.torque_constant or model.torque_constant or 0.0
+        step = constant * model.current_unit_ma * 1e-3
+        return judge(read_all(servo, model, firmware), settings.torque_limit, step)
+
+    def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
+        """Mend what can be and may be; whether anything was tried."""
+        tried = False
+        for finding, repair in judged:
+            if repair is None or not self._may(_question(finding, repair)):
+                continue
+            tried = True
+            self._note(mend(servo, finding.name, repair))
+        return tried
+
+    def _may(self, question: str) -> bool:
+        return self._consent is not None and self._consent(question)
+
+    def _note(self, change: Change) -> None:
+        self.report.changes.append(change)
+
+    # The machine
+
+    def measure(self, port: int | None) -> dict[str, Any]:
+        """Have the timing measured, in a process of its own on the loop's core."""
+        config = self._config
+        core, _ = pick_cores(config.realtime.core)
+        spin_us = config.realtime.spin_us
+        orders = Orders(
+            port=port,
+            id=config.servo.id,
+            period_ns=config.period_ns,
+            profile=config.realtime.profile,
+            priority=config.realtime.priority,
+            spin_ns=None if spin_us is None else round(spin_us * 1000),
+            core=core,
+            parent=os.getpid(),
+        )
+        descriptors = [] if port is None else [port]
+        child = Child("timing", ["controller.doctor.timing_process"], asdict(orders), descriptors)
+        try:
+            line = first_line(child, _MEASURE_S)
+            if line is None:
+                raise ServoError(f"the measurement ended early: it {child.exit_text()}")
+        finally:
+            child.dismiss(_END_S)
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def machine(self, measured: dict[str, Any]) -> None:
+        """What was measured of the bus, if it was, and of the machine."""
+        config = self._config
+        if measured["failed"] is not None:
+            fix = "check the cable and the power supply"
+            self._add(Finding("reply time", False, measured["failed"], "answers always", fix))
+        elif measured["replies"] is not None:
+            self._timing(Replies(**measured["replies"]), _series(measured["series"]))
+        settings = [Setting(**setting) for setting in measured["realtime"]]
+        self._add(machine.judge_lateness(measured["lateness_ns"], config.period_ns))
+        self._add(*machine.judge_rights(settings, config.realtime.profile))
+        self._add(*machine.examine_core(pick_cores(config.realtime.core)[0]))
+
+    def _timing(self, replies: Replies, series: list[Series]) -> None:
+        config = self._config
+        assert config.servo.baud is not None
+        wanted = timing.Wanted(
+            config.servo.schedule,
+            config.loop.rate_hz,
+            config.servo.baud,
+            min(timing.MOST_MISSED, config.safety.max_loss),
+        )
+        self._add(*timing.judge_replies(replies, wanted))
+        self._add(*timing.judge_series(series, replies, wanted))
+        self.report.cycles = series
+        self.report.suits = timing.suits(series, wanted.most_missed)
+
+    def _leave_out(self, *names: str) -> None:
+        self.report.not_examined += names
+
+
+def _series(found: list[dict[str, Any]]) -> list[Series]:
+    return [
+        Series(**{**one, "phases": [Phase(**phase) for phase in one["phases"]]}) for one in found
+    ]
+
+
+def _told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
+    """A finding after the repair that also tells what was found before it."""
+    first = before.get(judgement.finding.name)
+    if first is None or first.found == judgement.finding.found:
+        return judgement
+    found = f"{first.found}, now {judgement.finding.found}"
+    return judgement._replace(finding=judgement.finding._replace(found=found))
+
+
+def _question(finding: Finding, repair: Repair) -> str:
+    if not repair.register:
+        return f"{finding.name}: {finding.found} -> reboot"
+    if repair.register == "torque_enable":
+        return "torque: on -> off (what hangs on the shaft will fall)"
+    return f"{finding.name}: {finding.found} -> {finding.wanted}"
+
+
+def _name(servo: Found) -> str:
+    return f"{servo.model or 'unknown model'} id {servo.id} at {servo.baud} bit/s"

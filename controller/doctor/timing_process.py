@@ -1,0 +1,103 @@
+"""The doctor's measurements, in a process of their own with the rights that a run would have.
+
+Orders are one JSON object on standard input, the answer is one on standard output. What is sent on
+the bus are reads, nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from controller import realtime
+from controller.loop import Waiter, waiter_for
+from controller.tick import COLLECT_SHARE
+from hw.clock import MonotonicClock
+from hw.dynamixel.examine.cycles import SCHEDULES, run_series, time_replies
+from hw.dynamixel.serial_line import FdLine
+from hw.errors import ServoError
+
+PHASES = 10
+SERIES_S = 0.1
+"""Duration of the series at one phase"""
+LEAST_CYCLES, MOST_CYCLES = 20, 200
+REPLIES = 100
+WAKES = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What to measure, and with which rights."""
+
+    port: int | None
+    """Descriptor of the open serial port; None: there is none, only the machine is measured"""
+    id: int
+    period_ns: int
+    profile: realtime.Profile
+    priority: int
+    spin_ns: int | None
+    core: int
+    parent: int
+
+
+def main() -> None:
+    """Measure as ordered, and tell."""
+    orders = Orders(**json.loads(sys.stdin.readline()))
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    os.sched_setaffinity(0, {orders.core})
+    realtime.freeze_garbage()
+    settings = realtime.apply(orders.profile, orders.priority, {orders.core})
+    clock = MonotonicClock()
+    waiter = waiter_for(clock, orders.spin_ns)
+    answer: dict[str, Any] = {
+        "realtime": [asdict(setting) for setting in settings],
+        "lateness_ns": _wakes(waiter, orders.period_ns),
+        "replies": None,
+        "series": [],
+        "failed": None,
+    }
+    if orders.port is not None:
+        try:
+            answer |= _bus(FdLine(orders.port, clock), orders, waiter)
+        except ServoError as error:
+            answer["failed"] = str(error)
+    sys.stdout.write(json.dumps(answer) + "\n")
+
+
+def _wakes(waiter: Waiter, period_ns: int) -> list[int]:
+    """How late wake-ups on the grid are without a bus [ns], in order of size."""
+    lateness = []
+    deadline_ns = time.monotonic_ns()
+    for _ in range(WAKES):
+        deadline_ns = max(deadline_ns + period_ns, time.monotonic_ns())
+        lateness.append(waiter.wait(deadline_ns) - deadline_ns)
+    return sorted(lateness)
+
+
+def _bus(line: FdLine, orders: Orders, waiter: Waiter) -> dict[str, Any]:
+    period_ns = orders.period_ns
+    cycles = round(SERIES_S * 1e9 / period_ns)
+    replies = time_replies(line, orders.id, REPLIES, period_ns)
+    series = [
+        run_series(
+            line,
+            orders.id,
+            schedule,
+            wait=waiter.wait,
+            period_ns=period_ns,
+            collect_ns=int(COLLECT_SHARE * period_ns),
+            phases=PHASES,
+            cycles=min(max(cycles, LEAST_CYCLES), MOST_CYCLES),
+        )
+        for schedule in SCHEDULES
+    ]
+    return {"replies": asdict(replies), "series": [asdict(one) for one in series]}
+
+
+if __name__ == "__main__":
+    main()

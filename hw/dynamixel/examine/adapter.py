@@ -1,0 +1,221 @@
+"""The adapter between the computer and the bus: which there are, of what kind, whose, how slow.
+
+What is known of an adapter is what Linux tells of it in ``/sys`` and ``/proc``. Nothing is sent.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from serial.tools import list_ports
+
+from hw.dynamixel.examine.finding import Finding, not_applicable
+from hw.dynamixel.port import access_remedy, holders
+from hw.errors import PortError
+
+PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
+_PTS_MAJORS: Final = range(136, 144)
+
+# Source: the USB ID repository (usb-ids.org); for the OpenRB its maker's board definition.
+_KINDS: Final[Mapping[tuple[int, int], str]] = MappingProxyType(
+    {
+        (0x0403, 0x6014): "FTDI FT232H (U2D2 and others; high-speed, has a latency timer)",
+        (0x0403, 0x6001): "FTDI FT232R (USB2Dynamixel and others; full-speed, has a latency timer)",
+        (0x0403, 0x6010): "FTDI FT2232 (high-speed, has a latency timer)",
+        (0x0403, 0x6011): "FTDI FT4232 (high-speed, has a latency timer)",
+        (0x0403, 0x6015): "FTDI FT230X/FT231X (full-speed, has a latency timer)",
+        (0x2F5D, 0x2202): "ROBOTIS OpenRB (no latency timer)",
+        (0x0483, 0x5740): "STM32 virtual port (OpenCR and others; no latency timer)",
+        (0x1A86, 0x7523): "WCH CH340 (no latency timer; up to 2 Mbit/s)",
+        (0x1A86, 0x55D3): "WCH CH343 (no latency timer)",
+        (0x10C4, 0xEA60): "Silicon Labs CP210x (no latency timer; up to 1 or 3 Mbit/s)",
+    }
+)
+_MAKERS: Final[Mapping[int, str]] = MappingProxyType(
+    {
+        0x2F5D: "ROBOTIS",
+        0x0403: "FTDI (has a latency timer)",
+        0x1A86: "WCH",
+        0x10C4: "Silicon Labs",
+    }
+)
+
+
+class Adapter(NamedTuple):
+    """A serial adapter that is plugged in."""
+
+    device: str
+    kind: str
+    """For people: maker and part, or as the device calls itself"""
+
+    def __str__(self) -> str:
+        return f"{self.device}: {self.kind}"
+
+
+def adapters() -> list[Adapter]:
+    """The USB serial adapters of this machine, by their device paths, in order."""
+    found = [
+        Adapter(port.device, kind_of(port.vid, port.pid, port.product))
+        for port in list_ports.comports()
+        if port.vid is not None
+    ]
+    return sorted(found)
+
+
+def only_adapter(found: Iterable[Adapter] | None = None) -> str:
+    """The device of the one adapter there is.
+
+    Args:
+        found: The adapters to choose from; None: those of this machine.
+
+    Raises:
+        PortError: There is none, or more than one; the message lists them.
+    """
+    candidates = adapters() if found is None else list(found)
+    if not candidates:
+        raise PortError(
+            "No USB serial adapter is plugged in: plug it in, or name the port with --port (an "
+            "on-board one is e.g. /dev/ttyAMA0, an emulated bus says its path)."
+        )
+    if len(candidates) > 1:
+        listed = "; ".join(map(str, candidates))
+        raise PortError(
+            f"{len(candidates)} serial adapters are plugged in, one is wanted: choose with --port. "
+            f"{listed}."
+        )
+    return candidates[0].device
+
+
+def kind_of(vid: int | None, pid: int | None, product: str | None) -> str:
+    """What an adapter is, from its USB ids and its own name for itself.
+
+    Args:
+        vid: USB vendor id; None: not a USB device.
+        pid: USB product id.
+        product: The product's name as the device gives it.
+    """
+    if vid is None or pid is None:
+        return product or "a serial port that is not on USB"
+    ids = f"{vid:04x}:{pid:04x}"
+    kind = _KINDS.get((vid, pid)) or _MAKERS.get(vid) or "unknown to this program"
+    return f"{kind}, {ids}" + (f", calls itself {product}" if product else "")
+
+
+def kind_of_port(path: str) -> str:
+    """What the adapter behind a device path is, links followed."""
+    device = os.path.realpath(path)
+    if is_pseudo_terminal(path):
+        return PSEUDO
+    for port in list_ports.comports():
+        if os.path.realpath(port.device) == device:
+            return kind_of(port.vid, port.pid, port.product)
+    return kind_of(None, None, None)
+
+
+def is_pseudo_terminal(path: str) -> bool:
+    """Whether a path leads to a pseudo-terminal; False where there is nothing."""
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return False
+    return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) in _PTS_MAJORS
+
+
+def examine_port(path: str) -> list[Finding]:
+    """Whether a port is there, may be used, is free, and what it is; stops at the first wrong.
+
+    The port is opened for a moment, without setting it up, and nothing is sent.
+
+    Args:
+        path: The device, e.g. ``/dev/ttyUSB0``.
+    """
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return [_missing(path)]
+    if not stat.S_ISCHR(found.st_mode):
+        fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
+        return [Finding("port", False, f"{path} is no device", "a serial device", fix)]
+    real = os.path.realpath(path)
+    checks = [Finding("port", True, path if real == path else f"{path} -> {real}", "a device")]
+    checks.append(_rights(path))
+    if checks[-1].ok:
+        checks.append(Finding("adapter", True, kind_of_port(path), "a serial adapter"))
+        checks.append(_used_by(path, found.st_rdev))
+    return checks
+
+
+def examine_latency_timer(path: str, classes: Path = Path("/sys/class/tty")) -> Finding:
+    """How long an FTDI adapter holds short replies; the port must be open in low-latency mode.
+
+    Args:
+        path: The port.
+        classes: Where Linux lists serial ports.
+    """
+    name = "latency timer"
+    if is_pseudo_terminal(path):
+        why = "a pseudo-terminal has no setting for it; what the replies take is measured below"
+        return not_applicable(name, why)
+    timer = timer_of(path, classes)
+    try:
+        latency_ms = int(timer.read_text())
+    except (OSError, ValueError):
+        return not_applicable(name, "the adapter's driver has no such timer")
+    wanted = "1 ms"
+    if latency_ms == 0:
+        fix = (
+            "0 is reported to keep a U2D2 from finding its servos; if yours does not answer, "
+            f"`echo 1 | sudo tee {timer}`"
+        )
+        return Finding(name, True, "0 ms", wanted, fix)
+    fix = "" if latency_ms == 1 else f"`echo 1 | sudo tee {timer}` (until it is unplugged)"
+    return Finding(name, latency_ms == 1, f"{latency_ms} ms", wanted, fix)
+
+
+def set_latency_timer(path: str, classes: Path = Path("/sys/class/tty")) -> bool:
+    """Set an FTDI adapter's timer to 1 ms; whether this user may."""
+    try:
+        timer_of(path, classes).write_text("1")
+    except OSError:
+        return False
+    return True
+
+
+def timer_of(path: str, classes: Path) -> Path:
+    """The file that holds the latency timer of the adapter behind a port."""
+    return classes / Path(path).resolve().name / "device" / "latency_timer"
+
+
+def _missing(path: str) -> Finding:
+    listed = "; ".join(map(str, adapters())) or "no USB serial adapter"
+    fix = f"plug the adapter in, or set servo.port (there is {listed})"
+    return Finding("port", False, f"{path} does not exist", "a serial device", fix)
+
+
+def _rights(path: str) -> Finding:
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        if error.errno in (errno.EACCES, errno.EPERM):
+            found, fix = "may not be used by this user", access_remedy(path)
+        else:
+            found, fix = f"cannot be opened ({error.strerror})", "plug the adapter out and in"
+        return Finding("rights", False, found, "reading and writing", fix)
+    terminal = os.isatty(descriptor)
+    os.close(descriptor)
+    if not terminal:
+        fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
+        return Finding("rights", False, "is not a serial port", "a serial port", fix)
+    return Finding("rights", True, "reading and writing", "reading and writing")
+
+
+def _used_by(path: str, device: int) -> Finding:
+    users = [f"{program} (pid {pid})" for pid, program in holders(device)]
+    fix = f"end that program (`sudo fuser -v {path}` shows it)" if users else ""
+    return Finding("used by", not users, ", ".join(users) or "nobody", "nobody", fix)

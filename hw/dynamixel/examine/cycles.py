@@ -1,0 +1,196 @@
+"""How long replies take, and whether they come in time, in both schedules and at every phase.
+
+An adapter hands bytes on by a timer of its own. Where the loop's grid lies in that timer's period
+decides whether a reply makes its tick, and the two drift against each other slowly: a loop that
+runs well now may lose every reply an hour later. So short series are run with the grid shifted.
+
+Nothing but reads is sent, the reads of the running cycle; the goal's time on the wire is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, get_args
+
+from hw.dynamixel.line import Line
+from hw.dynamixel.link import Link
+from hw.servo import Outcome
+from hw.settings import Schedule
+
+GOAL_BYTES: Final = 16
+"""A sync write of one goal current"""
+CYCLE_BYTES: Final = 14 + 27 + GOAL_BYTES
+"""Request, the usual reply and goal"""
+SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
+
+_PATIENCE_NS: Final = 60_000_000
+_LATE_SHARE: Final = 4
+"""A tick that is served later than a period over this says nothing of the adapter"""
+
+Wait = Callable[[int], int]
+"""Waits until an instant [ns]; the present time [ns]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Replies:
+    """What single reads took that were sent at all phases [ns], in order of size."""
+
+    took_ns: list[int]
+    lost: int
+    corrupt: int
+    least_counts: int
+    """Of the positions read"""
+    most_counts: int
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """One series of cycles with the grid at one phase."""
+
+    offset_ns: int
+    """Of the grid, against that of the first series"""
+    cycles: int
+    missed: int
+    """Replies that did not come in time for their tick"""
+    ages_ns: list[int]
+    """From a request to the instant its reply was used, in order of size"""
+
+    @property
+    def share(self) -> float:
+        """Of replies missed; there must be cycles."""
+        return self.missed / self.cycles
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """All phases of one schedule."""
+
+    schedule: Schedule
+    phases: list[Phase]
+    lateness_ns: list[int]
+    """Of all wake-ups behind their deadlines, in order of size"""
+    skipped: int
+    """Ticks that came too late to say anything of the bus"""
+
+    @property
+    def worst(self) -> float:
+        """The share of replies missed at the worst phase."""
+        return max((phase.share for phase in self.phases if phase.cycles), default=1.0)
+
+    @property
+    def ages_ns(self) -> list[int]:
+        """Of all phases, in order of size."""
+        return sorted(age for phase in self.phases for age in phase.ages_ns)
+
+
+def percentile(ordered: list[int], share: float) -> int:
+    """A percentile of numbers that are in order; the largest where there are too few.
+
+    Args:
+        ordered: At least one.
+        share: E.g. 0.99.
+    """
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
+def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:
+    """Send single reads, each at another phase, and wait for each as long as it takes.
+
+    Args:
+        line: The bus.
+        servo_id: Whom to ask.
+        count: How many reads.
+        period_ns: They are spread over the phases of this period [ns].
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    link = Link(line, servo_id)
+    clock = line.clock
+    took, positions = [], []
+    failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
+    step_ns = round(period_ns * 0.6180339887)  # the golden section spreads them evenly
+    for number in range(count):
+        clock.wait_until(clock.now_ns() + number * step_ns % period_ns)
+        sent_ns = clock.now_ns()
+        link.request()
+        sample = link.collect(sent_ns + _PATIENCE_NS)
+        if sample.outcome is Outcome.OK:
+            took.append(clock.now_ns() - sent_ns)
+            positions.append(sample.counts)
+        else:
+            failures[sample.outcome] += 1
+    return Replies(
+        sorted(took),
+        failures[Outcome.LOST],
+        failures[Outcome.CORRUPT],
+        min(positions, default=0),
+        max(positions, default=0),
+    )
+
+
+def run_series(
+    line: Line,
+    servo_id: int,
+    schedule: Schedule,
+    *,
+    wait: Wait,
+    period_ns: int,
+    collect_ns: int,
+    phases: int,
+    cycles: int,
+) -> Series:
+    """Run the read-only cycle of a schedule with the grid at each of several phases.
+
+    Args:
+        line: The bus.
+        servo_id: Whom to ask.
+        schedule: ``immediate`` asks and collects in one tick; ``pipelined`` collects what it asked
+            for in the tick before.
+        wait: Waits for a deadline on the line's clock.
+        period_ns: Of the grid [ns].
+        collect_ns: How long after its wake-up a tick gives a reply up [ns].
+        phases: How many shifts, evenly over a period.
+        cycles: At each of them.
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    link = Link(line, servo_id)
+    origin_ns = line.clock.now_ns() + period_ns
+    done: list[Phase] = []
+    lateness: list[int] = []
+    skipped = 0
+    for number in range(phases):
+        offset_ns = number * period_ns // phases
+        behind_ns = line.clock.now_ns() + period_ns - origin_ns - offset_ns
+        deadline_ns = origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
+        ages: list[int] = []
+        missed = counted = 0
+        asked = valid = False
+        for _ in range(cycles + 1):
+            woke_ns = wait(deadline_ns)
+            late_ns = woke_ns - deadline_ns
+            lateness.append(late_ns)
+            punctual = late_ns < period_ns // _LATE_SHARE
+            skipped += not punctual
+            if schedule == "immediate":
+                link.request()
+                asked = valid = True
+            if asked:
+                sample = link.collect(woke_ns + collect_ns)
+                if punctual and valid:
+                    counted += 1
+                    missed += sample.outcome is not Outcome.OK
+                    if sample.outcome is Outcome.OK:
+                        ages.append(line.clock.now_ns() - sample.sampled_ns)
+            if schedule == "pipelined":
+                link.request()
+                asked, valid = True, punctual
+            passed = max(1, -(-(line.clock.now_ns() - deadline_ns) // period_ns))
+            deadline_ns += passed * period_ns
+        if schedule == "pipelined":
+            link.collect(line.clock.now_ns() + collect_ns)
+        done.append(Phase(offset_ns, counted, missed, sorted(ages)))
+    return Series(schedule, done, sorted(lateness), skipped)

@@ -1,0 +1,181 @@
+"""Who is on a bus: pings to all and to each id, at one baud rate or at every rate a servo can have.
+
+A ping to all is answered in the order of ids, each id with a slot of its own, so waiting for the
+last of 253 takes most of a second. So it is waited only for the ids asked for, unless somebody
+answers; then to the end. Those not heard are pinged one by one: two servos that answer a ping to
+all at once garble each other, and so does noise. No register is written, and none is read.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final, NamedTuple
+
+from hw.clock import Clock
+from hw.dynamixel import port
+from hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
+from hw.dynamixel.line import Line
+from hw.dynamixel.serial_line import FdLine
+from hw.dynamixel.tables import BAUD_RATES, model_by_number
+from hw.errors import BaudRefusedError
+
+IDS: Final = range(21)
+"""Ids that are pinged one by one unless others are asked for: few buses have more"""
+LIKELY_FIRST: Final = (57600, 4_000_000, 1_000_000, 2_000_000, 3_000_000, 115200, 4_500_000, 9600)
+"""Every rate of the family: the factory's and those for fast loops first"""
+assert set(LIKELY_FIRST) == set(BAUD_RATES)
+
+_SLOT_NS: Final = 3_000_000
+"""For each id that may answer a ping to all: the vendor's SDK waits as long"""
+_HOLD_NS: Final = 25_000_000
+"""An adapter at its 16 ms timer, and a machine that is busy"""
+_ANSWER_NS: Final = 2_500_000
+"""From ping to answer, beside the bytes' own time: return delay (0.5 ms) and a USB frame or two"""
+_REQUEST, _REPLY = 10, 14
+"""Bytes of a ping and of its answer"""
+
+
+class Found(NamedTuple):
+    """A servo that answers."""
+
+    baud: int
+    id: int
+    model_number: int
+    firmware: int
+
+    @property
+    def model(self) -> str | None:
+        """The model's name; None where the number is not known."""
+        model = model_by_number(self.model_number)
+        return None if model is None else model.name
+
+
+class Search(NamedTuple):
+    """What was heard at one baud rate."""
+
+    baud: int
+    servos: list[Found]
+    garbled: int
+    """Pieces that are no valid frame: two servos with one id, noise, or another protocol"""
+    refused: str = ""
+    """Why the rate was not tried: the adapter cannot make it"""
+
+
+def search(line: Line, baud: int, ids: Collection[int] = IDS) -> Search:
+    """Who answers at a line's present rate.
+
+    Args:
+        line: The bus.
+        baud: Its rate [bit/s].
+        ids: Whom to ask one by one, unless the ping to all has found them.
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    heard = _Ear(line, baud)
+    heard.drop()
+    byte_ns = 10_000_000_000 // baud
+    wanted = set(ids)
+
+    line.write(encode(BROADCAST, Instruction.PING))
+    last = max(wanted, default=0)
+    heard.listen(_REQUEST * byte_ns + (last + 1) * (_SLOT_NS + _REPLY * byte_ns) + _HOLD_NS)
+    if heard.servos or heard.garbled:
+        heard.listen((MAX_ID - last) * _SLOT_NS + _HOLD_NS)
+
+    for servo_id in sorted(wanted - heard.servos.keys()):
+        line.write(encode(servo_id, Instruction.PING))
+        heard.listen((_REQUEST + _REPLY) * byte_ns + _ANSWER_NS, until=servo_id)
+    heard.listen(_HOLD_NS)  # what an adapter still holds
+    return Search(baud, sorted(heard.servos.values()), heard.garbled)
+
+
+def scan(
+    path: str,
+    bauds: Sequence[int],
+    ids: Collection[int],
+    clock: Clock,
+    tell: Callable[[int], None] = lambda _baud: None,
+) -> list[Search]:
+    """Search a port at several rates; its settings are put back at the end.
+
+    Args:
+        path: The port.
+        bauds: In this order.
+        ids: See ``search``.
+        clock: Real time.
+        tell: Called with each rate before it is tried.
+
+    Raises:
+        PortError: The port cannot be used.
+        ServoLostError: The port is gone.
+    """
+    found = []
+    with port.kept_settings(path):
+        for baud in bauds:
+            tell(baud)
+            try:
+                with opened(path, baud, clock) as line:
+                    found.append(search(line, baud, ids))
+            except BaudRefusedError as error:
+                found.append(Search(baud, [], 0, str(error)))
+    return found
+
+
+@contextmanager
+def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
+    """A port as a line, closed at the end; warnings of the adapter's timer are left to a check.
+
+    Args:
+        path: The port.
+        baud: Its rate [bit/s].
+        clock: Real time.
+
+    Raises:
+        PortError: The port cannot be used.
+    """
+    logger = logging.getLogger(port.__name__)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        line = FdLine(port.open_port(path, baud), clock)
+    finally:
+        logger.setLevel(before)
+    try:
+        yield line
+    finally:
+        line.close()
+
+
+class _Ear:
+    """Everybody who has answered a ping so far, whenever and in whatever order they came."""
+
+    def __init__(self, line: Line, baud: int) -> None:
+        self.servos: dict[int, Found] = {}
+        self._line = line
+        self._baud = baud
+        self._parser = Parser()
+
+    @property
+    def garbled(self) -> int:
+        return self._parser.corrupt + (not self._parser.idle)
+
+    def drop(self) -> None:
+        self._line.read()
+
+    def listen(self, duration_ns: int, until: int | None = None) -> None:
+        """Listen so long, or until this id has answered."""
+        now_ns = self._line.clock.now_ns
+        end = now_ns() + duration_ns
+        while until not in self.servos and self._line.wait(end):
+            for frame in self._parser.feed(self._line.read()):
+                self._take(frame)
+            if now_ns() >= end:  # a bus without a servo may never be silent
+                break
+
+    def _take(self, frame: Frame) -> None:
+        if frame.instruction == Instruction.STATUS and len(frame.params) == 3:
+            number = int.from_bytes(frame.params[:2], "little")
+            self.servos[frame.id] = Found(self._baud, frame.id, number, frame.params[2])
