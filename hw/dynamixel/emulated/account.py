@@ -21,11 +21,6 @@ class Account:
         self._witness = witness
         self._servos = servos
 
-    @property
-    def kept(self) -> bool:
-        """Whether anybody is told."""
-        return self._witness is not None
-
     def frame(self, now_ns: int, event: str, frame: Frame, ids: Sequence[int] | None) -> None:
         """A frame, with the state of the first servo it concerns; ``ids`` None: all."""
         if self._witness is not None:

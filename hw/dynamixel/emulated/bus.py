@@ -96,6 +96,7 @@ class EmulatedBus:
         self.times_unplugged = 0
         """How often it has been pulled out"""
         self._account = Account(witness, self.servos)
+        self._recorded = witness is not None
         self._adapter = adapter
         self._faults = Faults() if faults is None else faults
         self._parser = Parser(report_crc=True, unstuffed=True)
@@ -185,8 +186,8 @@ class EmulatedBus:
     def _next(self) -> tuple[int, int]:
         """The time of what is due next, and of which kind it is."""
         time_ns, kind = _NEVER_NS, _STATE
-        going = self._going
-        if self._adapter is not None:  # without one there are no faults either
+        adapter = self._adapter
+        if adapter is not None:  # without one there are no faults either
             fault_ns = self._faults.next_ns()
             if fault_ns is not None:
                 time_ns, kind = fault_ns, _FAULT
@@ -194,9 +195,9 @@ class EmulatedBus:
             watchdog_ns = servo.watchdog_ns
             if watchdog_ns is not None and watchdog_ns < time_ns:
                 time_ns, kind = watchdog_ns, _WATCHDOG
-        if going:
-            reply = going[0]
-            if self._adapter is not None and not self._begun:
+        if self._going:
+            reply = self._going[0]
+            if adapter is not None and not self._begun:
                 if reply.begin_ns < time_ns:
                     time_ns, kind = reply.begin_ns, _BEGIN
             elif reply.end_ns < time_ns:
@@ -206,7 +207,7 @@ class EmulatedBus:
             through_ns = max(piece.arrival_ns, self._free_ns) + piece.wire_ns
             if through_ns < time_ns:
                 time_ns, kind = through_ns, _INSTRUCTION
-        if self._account.kept and self._state_ns < time_ns:
+        if self._recorded and self._state_ns < time_ns:
             time_ns, kind = self._state_ns, _STATE
         return time_ns, kind
 
@@ -263,7 +264,8 @@ class EmulatedBus:
             return
         for frame in self._parser.feed(piece.data):
             answers = answer(frame, listening, now_ns)
-            self._account.frame(now_ns, "rx", frame, addressed(frame))
+            if self._recorded:
+                self._account.frame(now_ns, "rx", frame, addressed(frame))
             for reply in in_slots(frame, answers):
                 self._owe(reply, piece.baud)
 
@@ -290,10 +292,11 @@ class EmulatedBus:
         self._begun = False
         if self._adapter is None and self._can_read(reply):
             self._gone += reply.wire
-        frame = reply.frame
-        for name in reply.faults:
-            self._account.fault(now_ns, name, frame.id, frame.instruction)
-        self._account.frame(now_ns, "tx", frame, [frame.id])
+        if self._recorded:
+            frame = reply.frame
+            for name in reply.faults:
+                self._account.fault(now_ns, name, frame.id, frame.instruction)
+            self._account.frame(now_ns, "tx", frame, [frame.id])
 
     def _can_read(self, reply: _Reply) -> bool:
         """Whether the host is there, and at the reply's speed."""

@@ -4,8 +4,12 @@ import math
 from collections import Counter
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
+from hw.dynamixel.emulated.adapter import Adapter
+from hw.dynamixel.emulated.faults import KINDS
 from hw.dynamixel.emulated.injection import Faults
 from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.errors import ServoLostError
@@ -444,3 +448,67 @@ def test_the_record_stays_in_order_and_tells_who_was_struck():
     assert {row[3] for row in rows if row[-1] == "drop"} == {"1", "85"}
     states = [row for row in rows if row[1] == "state"]
     assert {float(row[4]) for row in states} == {1.0}
+
+
+STEADY = [
+    "drop:p=0.3",
+    "corrupt:p=0.3,flips=9",
+    "truncate:p=0.3",
+    "duplicate:p=0.3",
+    "late:ms=2.7,p=0.3",
+    "wrong-id:p=0.3",
+    "noise:p=0.3,bytes=40",
+    "stuck:for=0.003,repeat=0.007",
+    "jump:counts=-77,repeat=0.003",
+    "hardware-error:bits=overload,repeat=0.05",
+    "brown-out:repeat=0.3",
+    "unplug:for=0.02,repeat=0.25",
+    "unplug-adapter:for=0.01,repeat=0.1",
+]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.sampled_from(STEADY), max_size=6),
+    st.sampled_from([None, (1, 62), (16, 510)]),
+    st.integers(0, 1000),
+)
+def test_any_faults_together_break_nothing_and_are_over_when_lifted(specs, timer, seed):
+    adapter = None if timer is None else Adapter(timer[0] * MS, timer[1], 5 * MS)
+    client = Client((X, 1), (X, 2), fast=False, adapter=adapter, faults=Faults(specs, seed))
+    requests = [
+        PING,
+        encode(2, Instruction.READ, bytes([120, 0, 40, 0])),
+        encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2])),
+        encode(BROADCAST, Instruction.SYNC_WRITE, bytes([65, 0, 1, 0, 1, 1])),
+    ]
+    for n in range(60):
+        try:
+            client.line.write(requests[n % 4])
+            client.line.wait(client.clock.now_ns() + 2 * MS)
+            client.line.read()
+        except ServoLostError:
+            client.pass_time(MS)
+            client.line = MemoryLine(client.bus, client.clock)
+    for name in KINDS:
+        client.bus.lift(name, client.clock.now_ns())
+    assert client.bus.faults == []
+    client.pass_time(500 * MS)  # booted, and what was held up has come
+    client.line = MemoryLine(client.bus, client.clock)
+    client.line.read()
+    assert Parser().feed(raw(client, within_ns=20 * MS))[-1].params == bytes([0xFC, 0x03, 48])
+    times = [float(row[0]) for row in client.rows()]
+    assert times == sorted(times)
+    assert {float(row[4]) for row in client.rows()} == {1.0}
+
+
+def test_the_same_faults_from_the_start_give_the_same_run_with_an_adapter_too():
+    def run():
+        client = Client(
+            fast=False, adapter=Adapter(MS, 62, 5 * MS), faults=Faults([*STEADY[:9]], seed=11)
+        )
+        heard = [raw(client, within_ns=2 * MS) for _ in range(150)]
+        client.witness.flush()
+        return heard, client.record.getvalue()
+
+    assert run() == run()
