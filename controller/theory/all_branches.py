@@ -16,8 +16,6 @@ from controller.theory.checks import FloatArray
 from controller.theory.loop import HeldLoop
 from controller.theory.roots import refined
 
-_CROSSINGS = 4  # per setting; more never held the lowest one in 10^4 random settings
-
 
 def ceiling(loop: HeldLoop) -> FloatArray:
     """Virtual damping at which the lowest crossing has come down to zero.
@@ -25,13 +23,18 @@ def ceiling(loop: HeldLoop) -> FloatArray:
     Args:
         loop: Settings along the first axis, one column.
     """
-    # alpha = 0 where F is parallel to D
-    w, found = _crossings(
-        loop, lambda w: np.imag(loop.inverse_plant(w) * np.conj(loop.difference(w)))
-    )
-    f, d = loop.inverse_plant(w), loop.difference(w)
-    # a zero of D itself (w = 2 pi / N) is no crossing; it gives a huge beta, never the least
-    beta = np.real(f * np.conj(d)) / np.maximum(np.abs(d) ** 2, np.finfo(np.float64).tiny)
+    # alpha = 0 where F is parallel to D = U 2 sin(N w/2) / N; at the zeros of D it means nothing
+
+    def along(w: FloatArray) -> NDArray[np.complex128]:
+        """F conj(U)."""
+        parallel: NDArray[np.complex128] = loop.inverse_plant(w) * np.exp(
+            0.5j * (loop.samples * w - np.pi)
+        )
+        return parallel
+
+    w, found = _crossings(loop, lambda w: along(w).imag)
+    size = 2.0 * np.sin(0.5 * loop.samples * w) / loop.samples
+    beta = along(w).real / np.where(size != 0, size, np.finfo(np.float64).tiny)
     constant, reach = _real_pole(loop)
     by_real = np.where(reach > 0, constant / np.where(reach > 0, reach, 1.0), np.inf)
     by_curve: FloatArray = np.min(np.where(found & (beta > 0), beta, np.inf), axis=1)
@@ -78,16 +81,18 @@ def _crossings(
     """The first zeros of ``function`` over 0 < w < pi, which is negative at w = 0+.
 
     Returns:
-        (w, found), both settings × _CROSSINGS; w means nothing where not found.
+        (w, found), both settings × crossings; w means nothing where not found.
     """
-    # two turns of the delayed plant, at eight points or more per turn of the difference
+    # two turns of the delayed plant, at 32 points or more per turn of the difference
     span = np.minimum(np.pi, 4 * np.pi / (loop.delay + 1))
-    steps = 96 + 4 * int(np.max(loop.samples))
+    steps = 80 + 16 * int(np.max(loop.samples))
     grid = span * np.linspace(0.0, 1.0, steps + 1)
     above = function(grid[:, 1:]) > 0
     before = np.column_stack([np.zeros(span.size, dtype=np.bool_), above[:, :-1]])
-    # stable sort: the crossings first, in order of frequency
-    cell = np.argsort(above == before, axis=1, kind="stable")[:, :_CROSSINGS]
+    # stable sort: the crossings first, in order of frequency. With heavy damping the lowest one can
+    # be any of them: the long difference N has a turn of its own between its N zeros.
+    most = max(int(np.max(np.count_nonzero(above != before, axis=1))), 1)
+    cell = np.argsort(above == before, axis=1, kind="stable")[:, :most]
     rows = np.arange(span.size)[:, None]
     found = above[rows, cell] != before[rows, cell]
     sign = np.where(before[rows, cell], -1.0, 1.0)

@@ -97,6 +97,9 @@ def max_virtual_damping(
 ) -> FloatArray:
     """Ceiling of the virtual damping: above it no stiffness, however small, is stable.
 
+    (With N > 1 and delta = b T / m above about 1 a loop just above it, unstable with the least
+    stiffness, can be stable with more; that does not count: limits are of what begins at 0.)
+
     For whole delays of d periods and b -> 0 it is (2 m / T) tan(pi / (4 (d + 1))).
 
     Args:

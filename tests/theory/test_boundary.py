@@ -62,8 +62,8 @@ def test_long_differences_and_heavy_damping_do_too(thorough: bool) -> None:
     count = 1_000 if thorough else 60
     random = np.random.default_rng(2)
     samples = random.choice([1, 2, 3, 5, 8, 20], count)
-    delta = 10 ** random.uniform(-5, np.where(samples == 1, 1.5, -0.5))
-    delay = random.uniform(0, 20, count)
+    delta = 10 ** random.uniform(-5, 1.5, count)
+    delay = random.uniform(0, 20, count) * random.integers(0, 2, count)
     top = max_virtual_damping(1.0, delta, 1.0, delay, samples)
     beta = -0.5 * delta + (0.95 * top + 0.5 * delta) * random.random(count) ** 2
     alpha = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
@@ -74,6 +74,24 @@ def test_long_differences_and_heavy_damping_do_too(thorough: bool) -> None:
             exact = mpmath.mpf(float(limit))
             assert all_inside(characteristic(setting, exact * (1 - part))), setting
             assert not all_inside(characteristic(setting, exact * (1 + part))), setting
+
+
+@pytest.mark.parametrize(
+    "wall",
+    [
+        # the lowest crossing is the ninth by frequency, or the second of two close ones
+        Wall(30.267, 456.043, 0.0, samples=16),
+        Wall(16.963, 0.9 * 244.5, 0.0, samples=16),
+        Wall(1.0768, 5.52, 2.62147, samples=40),
+    ],
+)
+def test_a_late_crossing_can_be_the_lowest(wall: Wall) -> None:
+    delta, beta, delay, samples = wall
+    alpha = mpmath.mpf(float(critical_stiffness(1.0, delta, beta, 1.0, delay, samples)))
+    part = mpmath.mpf(10) ** -9
+    with mpmath.workdps(DIGITS):
+        assert all_inside(characteristic(wall, alpha * (1 - part)))
+        assert not all_inside(characteristic(wall, alpha * (1 + part)))
 
 
 def test_the_extended_precision_is_enough() -> None:
