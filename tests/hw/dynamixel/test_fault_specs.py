@@ -1,8 +1,11 @@
 """What a SPEC asks for, and what is said of one that asks for nothing."""
 
+import re
+from pathlib import Path
+
 import pytest
 
-from hw.dynamixel.emulated.faults import KINDS, parse_fault
+from hw.dynamixel.emulated.faults import KEYS, KINDS, parse_fault
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -52,3 +55,10 @@ def test_a_wrong_one_is_answered_with_one_clear_sentence(spec, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+def test_the_page_lists_every_fault_as_it_is_asked_for():
+    page = (Path(__file__).parents[3] / "docs" / "emulated-bus.md").read_text()
+    rows = re.findall(r"^\| `([a-z-]+:[^`]*)` \|", page, re.M)
+    assert sorted(rows) == sorted(kind.example for kind in KINDS.values())
+    assert all(f"`{key}" in page or f"{key}=" in page for key in KEYS)
