@@ -133,6 +133,8 @@ class Config(Section):
             probe_torque=servo.probe_torque,
             probe_direction=1 if self.wall.side == "below" else -1,
             keep_out=self._inside(),
+            period_s=self.period_s,
+            max_speed=self.safety.max_speed,
             emulated=self.true_servo() if in_memory else None,
         )
 

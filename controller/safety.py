@@ -23,7 +23,9 @@ class Trip(StrEnum):
     HARDWARE_ERROR = "hardware_error"
     """The servo has latched a hardware error."""
     TORQUE_LOST = "torque_lost"
-    """The servo's Bus Watchdog dropped the torque after a stall."""
+    """The servo's torque is gone: its Bus Watchdog, a restart, or another program."""
+    SERVO_HEALTH = "servo_health"
+    """The servo's supply or temperature is out of its limits."""
     SERVO_LOST = "servo_lost"
     """The port vanished."""
     LOOP_HUNG = "loop_hung"
@@ -45,9 +47,9 @@ EXPLANATIONS = {
     " cable, power, baud rate and adapter, or lower loop.rate_hz",
     Trip.HARDWARE_ERROR: "the servo has latched a hardware error (overload, overheating, voltage,"
     " encoder or shock); let it cool, check its supply, then reboot it",
-    Trip.TORQUE_LOST: "the loop stalled for longer than the servo's Bus Watchdog waits, and the"
-    " servo dropped its torque; use a quieter machine or real-time rights, or raise"
-    " servo.watchdog_s",
+    Trip.TORQUE_LOST: "the servo answers, but its torque is gone: its Bus Watchdog after a stall,"
+    " a restart, or another program on the bus",
+    Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
     Trip.SERVO_LOST: "the port is gone; check that the adapter is plugged in and powered",
     Trip.LOOP_HUNG: "the loop gave no sign of life for safety.heartbeat_s; the supervisor has"
     " switched the torque off",

@@ -20,7 +20,7 @@ from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
 from controller.wall import Wall
 from hw.clock import Clock, SimulatedClock
-from hw.errors import ServoLostError, TorqueLostError
+from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.open import open_servo
 from hw.servo import Check, Servo
 
@@ -110,7 +110,7 @@ def run_session(
     decision = ladder.decision
     return Result(
         stop_reason=reason,
-        message=message,
+        message=message or servo.trouble,
         ticks=tick.ticks,
         missed=grid.missed,
         elapsed_s=grid.elapsed_s,
@@ -236,6 +236,8 @@ def _run(
         grid.tick.wall_on()
         grid.begin()
         return reason or grid.serve(duration_s) or "duration", ""
+    except ServoHealthError as error:
+        return f"trip:{Trip.SERVO_HEALTH}", str(error)
     except TorqueLostError as error:
         return f"trip:{Trip.TORQUE_LOST}", str(error)
     except ServoLostError as error:

@@ -112,4 +112,4 @@ def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bo
     from hw.dynamixel import cut
     from hw.dynamixel.serial_line import FdLine
 
-    return cut.cut_torque(FdLine(descriptor, clock), settings.id)
+    return cut.cut_torque(FdLine(descriptor, clock), settings.id, settings.baud)

@@ -16,6 +16,8 @@ class Outcome(IntEnum):
     """No reply before the deadline."""
     CORRUPT = 2
     """Bytes arrived that are not a valid reply."""
+    REFUSED = 3
+    """A valid reply with a position that the servo cannot have come to."""
 
 
 class Reading(NamedTuple):
@@ -65,6 +67,8 @@ class BusCounts:
     late: int = 0
     """Replies that came after their request had been given up; never used."""
     corrupt: int = 0
+    refused: int = 0
+    """Good replies with a position that was out of reach; never used"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,9 @@ class Servo(Protocol):
     counts: BusCounts
     waited_ns: int
     """How long the last ``collect`` waited for the bus, its own work not counted [ns]"""
+    trouble: str
+    """What the servo itself said was wrong with it, and what to do; empty: nothing. Known after
+    ``stop``."""
 
     def start(self) -> list[Check]:
         """Check everything that must hold, then enable torque at zero torque.
@@ -114,6 +121,8 @@ class Servo(Protocol):
 
         Raises:
             ServoLostError: The port is gone.
+            TorqueLostError: The servo's torque is gone.
+            ServoHealthError: The servo is in no state to be driven any longer.
         """
         ...
 

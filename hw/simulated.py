@@ -33,12 +33,14 @@ class SimulatedServo:
         "_true",
         "counts",
         "facts",
+        "trouble",
         "waited_ns",
     )
 
     facts: Facts
     counts: BusCounts
     waited_ns: int
+    trouble: str
 
     def __init__(self, settings: SimulatedSettings, clock: Clock) -> None:
         """Open it; its time begins with ``start``.
@@ -54,6 +56,7 @@ class SimulatedServo:
         self._reading: Reading | None = None
         self._running = False
         self.waited_ns = 0
+        self.trouble = ""
         self.counts = BusCounts()
         self.facts = Facts(
             name="simulated servo",

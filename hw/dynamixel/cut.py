@@ -14,13 +14,17 @@ _TORQUE_ENABLE: Final = MODELS["XM430-W350"].registers["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
 """For each reply of each attempt [ns]: short first, since a lost frame is the likely reason; the
 last also outlasts an adapter's 16 ms timer"""
+_UNIQUE_BYTES: Final = 7
+"""A length that no other request has"""
+_FRAME_BYTES: Final = 28
+"""Of a write and its reply, or of a read and its reply without data"""
 _GAP_NS: Final = 2_000_000
 """Silence after which every servo looks for a new header (they do after 1.5 ms)"""
 _GAP_END_NS: Final = 20_000_000
 """A bus that is never silent must not keep the torque on"""
 
 
-def cut_torque(line: Line, servo_id: int) -> bool:
+def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
     """Switch the torque off on a line whose user is dead or hung, in the middle of anything.
 
     Waits for a gap between frames, so that a frame cut short by the user's death does not swallow
@@ -29,6 +33,7 @@ def cut_torque(line: Line, servo_id: int) -> bool:
     Args:
         line: The bus, now this process's alone.
         servo_id: Whose torque.
+        baud: The bus's rate [bit/s], for the time that bytes take; 0: none worth counting.
 
     Returns:
         Whether torque off was read back. False too when the port is gone.
@@ -39,13 +44,18 @@ def cut_torque(line: Line, servo_id: int) -> bool:
         line.read()
         while line.wait(min(now_ns() + _GAP_NS, end)) and now_ns() < end:
             line.read()
-        return torque_off(line, Link(line, servo_id))
+        return torque_off(line, Link(line, servo_id, baud=baud))
     except ServoLostError:
         return False
 
 
 def torque_off(line: Line, link: Link) -> bool:
-    """Write Torque Enable 0 and read it back, a few times if need be (90 ms at most).
+    """Write Torque Enable 0 and read it back, a few times if need be.
+
+    Takes 90 ms at most, on a slow bus its wire time more. A late reply to somebody's
+    earlier question must not be taken for the answer. Replies come in order and at most one was
+    under way, so once the write is confirmed it has passed. Else as many registers are read from
+    Torque Enable on as nobody else asks for.
 
     Returns:
         Whether torque off was read back.
@@ -54,8 +64,11 @@ def torque_off(line: Line, link: Link) -> bool:
         ServoLostError: The port is gone.
     """
     now_ns = line.clock.now_ns
-    for patience in _PATIENCE_NS:
-        link.write_register(_TORQUE_ENABLE, 0, now_ns() + patience)
-        if link.read_register(_TORQUE_ENABLE, now_ns() + patience) == 0:
+    for least_ns in _PATIENCE_NS:
+        patience = least_ns + link.wire_ns(_FRAME_BYTES + _UNIQUE_BYTES)
+        confirmed = link.write_register(_TORQUE_ENABLE, 0, now_ns() + patience)
+        size = 1 if confirmed else _UNIQUE_BYTES
+        found = link.read_block(_TORQUE_ENABLE.address, size, now_ns() + patience)
+        if found is not None and found[0] == 0:
             return True
     return False

@@ -71,11 +71,6 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
     )
 
 
-def hardware_errors(error: int) -> str:
-    """What Hardware Error Status stands for, in words; empty where no known bit is set."""
-    return error_names(error)
-
-
 def torque_off(table: Table, checklist: Checklist) -> None:
     """Torque that is on belongs to somebody else's run; EEPROM is locked while it is on."""
     was_on = table.read("torque_enable") != 0
@@ -91,7 +86,7 @@ def torque_off(table: Table, checklist: Checklist) -> None:
 def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None:
     """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
     error = table.read("hardware_error_status")
-    names = hardware_errors(error)
+    names = error_names(error)
     checklist.add(
         "hardware error",
         error == 0,

@@ -9,73 +9,63 @@ each cheap:
    by its length, in whatever order replies come. Undisturbed, lengths alternate 16 and 17.
 2. **Before the question.** What has arrived before a request is sent cannot be its answer.
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
-   advanced by the time that passed since the last accepted sample.
+   advanced by the time that passed since the last accepted sample. A clock that runs on from
+   another reading is that of a servo that has restarted.
+
+A request may ask for a wider block around the sample, of a length that no other request has.
 """
 
 from __future__ import annotations
 
 import struct
-from typing import Final, NamedTuple
+from typing import Final
 
 from hw.dynamixel.codec import BROADCAST, ExpectedReply, Frame, Instruction, Parser, encode
 from hw.dynamixel.line import Line
-from hw.dynamixel.tables import TICK_MODULUS, Register
+from hw.dynamixel.samples import (
+    LENGTHS,
+    QUARANTINE,
+    SAMPLE,
+    SAMPLE_ADDRESS,
+    SAMPLE_END,
+    Sample,
+    ServoClock,
+)
+from hw.dynamixel.tables import Register
 from hw.servo import BusCounts, Outcome
 
-_BLOCK: Final = struct.Struct("<HxxhhIi")
-"""From 120: tick, moving, moving status, PWM, current, velocity, position"""
-_BLOCK_ADDRESS: Final = 120
 _GOAL_CURRENT: Final = 102
-_LENGTHS: Final = range(16, 28)
-"""Sample to position, up to Present Temperature (146); the bytes behind the position are unused"""
-_QUARANTINE: Final = 10
-"""Requests before the length of an unanswered one is used again; fewer than there are lengths, so
-that one is always free"""
-_TICK_SLACK_MS: Final = 5.0
-"""A request may wait in the adapter, and so may the next"""
-_TICK_DRIFT: Final = 0.02
-"""The servo's clock against ours"""
-_TICK_TRUST_NS: Final = 10_000_000_000
-"""After such a pause a tick that wraps every 33 s proves nothing"""
-
-
-class Sample(NamedTuple):
-    """The answer to one request, in the servo's own units; zeros unless the outcome is OK."""
-
-    outcome: Outcome
-    counts: int
-    """Multi-turn position"""
-    current: int
-    """Signed, in the model's current unit"""
-    alert: bool
-    """A hardware error is latched."""
-    sampled_ns: int
-    """When the request was sent [ns]"""
 
 
 class Link:
     """One servo's sample and goal current over a line, with every reply matched to its request."""
 
-    def __init__(self, line: Line, servo_id: int, counts: BusCounts | None = None) -> None:
+    def __init__(
+        self, line: Line, servo_id: int, counts: BusCounts | None = None, *, baud: int = 0
+    ) -> None:
         """Use ``line`` for one servo.
 
         Args:
             line: The bus.
             servo_id: Whom to talk to.
             counts: Where to count what happens on the bus.
+            baud: The bus's rate [bit/s], for the time that bytes take; 0: none worth counting.
         """
         self.counts = BusCounts() if counts is None else counts
         self._line = line
         self._now_ns = line.clock.now_ns
         self._id = servo_id
+        self._baud = baud
         self._parser = Parser()
         self._requests = {
-            length: encode(servo_id, Instruction.READ, struct.pack("<HH", _BLOCK_ADDRESS, length))
-            for length in _LENGTHS
+            length: encode(servo_id, Instruction.READ, struct.pack("<HH", SAMPLE_ADDRESS, length))
+            for length in LENGTHS
         }
-        self._expected = {length: ExpectedReply(servo_id, length) for length in _LENGTHS}
+        self._expected = {length: ExpectedReply(servo_id, length) for length in LENGTHS}
+        self._tick_at = dict.fromkeys(LENGTHS, 0)
+        """Where in a reply of each length the sample begins"""
         self._goals: dict[int, bytes] = {}
-        self._free_at = dict.fromkeys(_LENGTHS, 0)
+        self._free_at = dict.fromkeys(LENGTHS, 0)
         self._number = 0
         """Of the next request"""
         self._length = 0
@@ -84,11 +74,44 @@ class Link:
         self._sent_ns = 0
         self.waited_ns = 0
         """How long the last ``collect`` waited for bytes [ns]"""
-        self._accepted: tuple[int, int] | None = None
-        """Tick and request instant of the last accepted sample"""
+        self._servo_clock = ServoClock()
+        self.block = b""
+        """All that the last good reply held"""
 
-    def request(self) -> None:
+    @property
+    def restarted(self) -> bool:
+        """Whether the servo's clock runs on from another reading: it has restarted."""
+        return self._servo_clock.restarted
+
+    def wire_ns(self, count: int) -> int:
+        """How long so many bytes are on the wire [ns]."""
+        return 10_000_000_000 * count // self._baud if self._baud else 0
+
+    def widen(self, address: int, end: int) -> int:
+        """Have a block around the sample to ask for: its length, to be given to ``request``.
+
+        Args:
+            address: Where it begins, at 120 at most.
+            end: Behind its last register, at 136 at least.
+
+        Raises:
+            ValueError: It does not hold the sample, or another block has its length.
+        """
+        length = end - address
+        if address > SAMPLE_ADDRESS or end < SAMPLE_END or length in LENGTHS[:-1]:
+            raise ValueError(f"a block from {address} to {end} cannot stand for the sample")
+        params = struct.pack("<HH", address, length)
+        self._requests[length] = encode(self._id, Instruction.READ, params)
+        self._expected[length] = ExpectedReply(self._id, length)
+        self._tick_at[length] = SAMPLE_ADDRESS - address
+        return length
+
+    def request(self, wide: int = 0) -> None:
         """Ask for a sample. Does not wait; an earlier request not yet answered is given up.
+
+        Args:
+            wide: Ask for the block of this length, as ``widen`` gave it, if it is free; 0: for no
+                more than the sample.
 
         Raises:
             ServoLostError: The port is gone.
@@ -99,11 +122,12 @@ class Link:
             for frame in self._parser.feed(stale):
                 self._count_unmatched(frame)
         number = self._number
-        length = next(size for size, free_at in self._free_at.items() if free_at <= number)
+        if not wide or self._free_at.get(wide, 0) > number:
+            wide = next(size for size in LENGTHS if self._free_at[size] <= number)
         self._number = number + 1
-        self._length = length
+        self._length = wide
         self._sent_ns = self._now_ns()
-        self._line.write(self._requests[length])
+        self._line.write(self._requests[wide])
 
     def collect(self, deadline_ns: int) -> Sample:
         """The answer to the last request, waiting until ``deadline_ns`` [ns] at most.
@@ -170,9 +194,20 @@ class Link:
         Raises:
             ServoLostError: The port is gone.
         """
-        params = struct.pack("<HH", register.address, register.size)
-        answer = self._ask(Instruction.READ, params, register.size, deadline_ns)
+        answer = self.read_block(register.address, register.size, deadline_ns)
         return None if answer is None else register.decode(answer)
+
+    def read_block(self, address: int, size: int, deadline_ns: int) -> bytes | None:
+        """Some registers as they are; None where no valid answer came before ``deadline_ns`` [ns].
+
+        A reply says neither whose registers it holds nor which: where an older one may still be
+        under way, ask for a size that it cannot have.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        params = struct.pack("<HH", address, size)
+        return self._ask(Instruction.READ, params, size, deadline_ns)
 
     def _ask(
         self, instruction: Instruction, params: bytes, size: int, deadline_ns: int
@@ -207,28 +242,14 @@ class Link:
         length = self._length
         if len(params) != length or not length or not self._is_good_reply(frame):
             return None
-        tick, _, current, _, position = _BLOCK.unpack_from(params)
-        if not self._tick_advanced(tick):
+        tick, _, current, _, position = SAMPLE.unpack_from(params, self._tick_at[length])
+        if not self._servo_clock.accept(tick, self._sent_ns):
             return None
-        self._accepted = (tick, self._sent_ns)
+        self.block = params
         self.counts.cycles += 1
         self._free_at[length] = self._number + 1  # not for the next one: a copy may follow
         self._length = 0
         return Sample(Outcome.OK, position, current, frame.error != 0, self._sent_ns)
-
-    def _tick_advanced(self, tick: int) -> bool:
-        """Whether the servo's clock agrees that this sample is as old as its request."""
-        if self._accepted is None:
-            return True
-        last_tick, last_sent_ns = self._accepted
-        passed_ns = self._sent_ns - last_sent_ns
-        if passed_ns > _TICK_TRUST_NS:
-            return True
-        half = TICK_MODULUS // 2
-        advance = (tick - last_tick + half) % TICK_MODULUS - half
-        passed_ms = passed_ns * 1e-6
-        slack = _TICK_SLACK_MS + _TICK_DRIFT * passed_ms
-        return advance >= 0 and -slack <= advance - passed_ms <= slack
 
     def _give_up(self, outcome: Outcome) -> Sample:
         """Stop waiting for the last request, and keep its length out of use for a while."""
@@ -243,12 +264,12 @@ class Link:
 
     def _quarantine(self) -> None:
         """Stop waiting; the answer may still come, so its length is not used for a while."""
-        self._free_at[self._length] = self._number + _QUARANTINE
+        self._free_at[self._length] = self._number + QUARANTINE
         self._length = 0
 
     def _count_unmatched(self, frame: Frame) -> None:
         """Count a sample that nobody waits for any more, or a refusal (it does not say of what)."""
         if self._is_good_reply(frame):
-            self.counts.late += len(frame.params) in _LENGTHS
+            self.counts.late += len(frame.params) in self._requests
         elif frame.id == self._id and frame.error:
             self._refusals += 1

@@ -21,8 +21,12 @@ from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
+_CYCLE_BYTES: Final = 58
+"""On the wire in one period: goal, request, reply"""
+_CYCLE_SHARE: Final = 0.8
+"""Of a period that they may take"""
 _PATIENCE_NS: Final = 10_000_000
-"""For one reply; a third of the shortest Bus Watchdog in use"""
+"""For one reply beside its time on the wire; a third of the shortest Bus Watchdog in use"""
 _LOSSES: Final = 10
 """Replies lost in a row that end the probe"""
 _REST_NS: Final = 50_000_000
@@ -65,7 +69,8 @@ def probe_sign(
 
     Args:
         link: The servo.
-        clock: Tells the time; the probe cycles at 1 kHz, which also keeps the Bus Watchdog quiet.
+        clock: Tells the time; the probe cycles at 1 kHz, or as fast as the bus can, which also
+            keeps the Bus Watchdog quiet.
         limit: Largest goal current, with the sign to push in [current units].
         name: Of the servo, for messages.
         may_be_at: Whether the shaft may be at a position [encoder counts].
@@ -93,6 +98,9 @@ class _Prober:
         self._name = name
         self._losses = 0
         self._position = 0
+        cycle_ns = link.wire_ns(_CYCLE_BYTES)
+        self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
+        self._patience_ns = _PATIENCE_NS + cycle_ns
 
     def wait_for_rest(self) -> None:
         begun = since = self._cycle(0)
@@ -145,7 +153,7 @@ class _Prober:
         begun = clock.now_ns()
         link.send_current(goal)
         link.request()
-        sample = link.collect(begun + _PATIENCE_NS)
+        sample = link.collect(begun + self._patience_ns)
         if sample.outcome is Outcome.OK:
             self._position = sample.counts
             self._losses = 0
@@ -156,5 +164,5 @@ class _Prober:
                     f"The {self._name} stopped answering while the torque's sign was probed: "
                     "check the cable and the power supply."
                 )
-        clock.wait_until(begun + _PERIOD_NS)
+        clock.wait_until(begun + self._period_ns)
         return clock.now_ns()

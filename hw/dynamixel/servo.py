@@ -6,10 +6,14 @@ import math
 from typing import Final
 
 from hw.dynamixel.cut import torque_off
+from hw.dynamixel.hardware_errors import error_names, what_to_do
+from hw.dynamixel.health import HealthWatch
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
+from hw.dynamixel.reach import Reach
 from hw.dynamixel.startup import start_up, watchdog_units
 from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
+from hw.dynamixel.watchdog import Armed, rearm
 from hw.errors import (
     ServoError,
     ServoLostError,
@@ -22,8 +26,12 @@ from hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
 _NEVER_NS: Final = 1 << 62
-_PATIENCE_NS: Final = (3_000_000, 3_000_000, 6_000_000, 6_000_000, 12_000_000)
-"""For each reply of each attempt to look after the Bus Watchdog [ns]"""
+_NAME_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
+"""For each attempt to ask which hardware error is latched [ns]"""
+
+
+_NAME_BYTES: Final = 3
+"""From Hardware Error Status on: a length that no other request has"""
 
 
 class DynamixelServo:
@@ -32,6 +40,7 @@ class DynamixelServo:
     facts: Facts
     counts: BusCounts
     waited_ns: int
+    trouble: str
 
     def __init__(self, settings: DynamixelSettings, line: Line) -> None:
         """Take over ``line``; ``close`` closes it. Nothing is sent yet.
@@ -44,18 +53,22 @@ class DynamixelServo:
         self._model = model
         self._line = line
         self._step = constant * model.current_unit_ma * 1e-3
-        self._link = Link(line, settings.id)
+        self._link = Link(line, settings.id, baud=settings.baud)
+        self._health = HealthWatch(self._link, model.registers, settings.baud, settings.period_s)
         self._now_ns = line.clock.now_ns
         self._watchdog_units = watchdog_units(settings)
         self._limit = 0
         self._goal = 0
         self._heard_ns = 0
         """When the last request that was answered was sent [ns]"""
+        self._reach = Reach(settings.max_speed)
+        self._alert = False
         self._silence_ns = _NEVER_NS
         """After so long unheard the Bus Watchdog may have tripped; never before start"""
         self._running = False
         self._confirmed_off = False
         self.waited_ns = 0
+        self.trouble = ""
         self.counts = self._link.counts
         self.facts = self._facts(model.current_limit)
 
@@ -72,10 +85,14 @@ class DynamixelServo:
             ServoMissingError: Nothing answers.
             ServoLostError: It stops answering; the message says whether torque is off.
         """
-        self._confirmed_off = False
+        self._confirmed_off = self._alert = False
         self._goal = 0
+        self._reach.forget()
+        self.trouble = ""
+        watch = self._health.describe()
         try:
-            ready = start_up(self._settings, self._model, self._line, self._link, self._step)
+            ready = start_up(self._settings, self._model, self._line, self._link, self._step, watch)
+            self._health.bounds = ready.bounds
             self._heard_ns = self._now_ns()
             self._look_after_watchdog(0)  # a stall in the start may have tripped it
         except ServoMissingError:
@@ -113,20 +130,35 @@ class DynamixelServo:
         if now_ns - self._heard_ns > self._silence_ns:
             self._look_after_watchdog(now_ns - self._heard_ns)
             self._heard_ns = now_ns
-        self._link.request()
+        self._link.request(self._health.length(now_ns) if self._running else 0)
 
     def collect(self, deadline_ns: int) -> Reading:
         """The answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
 
+        A position that the servo can have come to only faster than ``max_speed`` is refused: a
+        broken reply whose checksum happens to be right, or an encoder that jumps. If it persists it
+        is passed on, for it is no hiccup then, and the speed limit ends the run.
+
         Raises:
             ServoLostError: The port is gone.
+            TorqueLostError: The torque is gone.
+            ServoHealthError: The servo is in no state to be driven any longer.
             RuntimeError: There was no request.
         """
         outcome, counts, current, alert, sampled_ns = self._link.collect(deadline_ns)
         self.waited_ns = self._link.waited_ns
         if outcome is not Outcome.OK:
+            if self._running and self._link.restarted:
+                self._raise_restarted()
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
         self._heard_ns = sampled_ns
+        if not self._reach.holds(counts, sampled_ns):
+            self.counts.refused += 1
+            return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
+        if alert:  # what it has latched says more than what follows from it
+            self._alert = True
+        elif not self._health.judge(self._link.block, self.facts.name):
+            self._look_after_watchdog(0)
         return Reading(
             outcome, counts * POSITION_UNIT, counts, sampled_ns, current * self._step, alert
         )
@@ -160,6 +192,8 @@ class DynamixelServo:
         """
         if not self._confirmed_off:
             self._off()
+            if self._alert and not self.trouble:
+                self._name_the_error()
         return self._confirmed_off
 
     def close(self) -> None:
@@ -182,33 +216,50 @@ class DynamixelServo:
             self._confirmed_off = False
         return self._confirmed_off
 
+    def _name_the_error(self) -> None:
+        """Ask which hardware error is latched, for people; torque is off."""
+        address = self._model.registers["hardware_error_status"].address
+        now_ns = self._now_ns
+        for patience in _NAME_PATIENCE_NS:
+            try:
+                block = self._link.read_block(address, _NAME_BYTES, now_ns() + patience)
+            except ServoLostError:
+                return
+            if block is not None and block[0]:
+                error = block[0]
+                names = error_names(error) or f"0x{error:02x}"
+                self.trouble = f"the {self.facts.name} has latched: {names}; {what_to_do(error)}"
+                return
+
+    def _raise_restarted(self) -> None:
+        raise TorqueLostError(
+            f"The {self.facts.name} has restarted, which its clock shows, so its torque is off: "
+            "check the supply, its current limit and the plugs."
+        )
+
     def _look_after_watchdog(self, silence_ns: int) -> None:
         """See whether the servo still takes goals after a pause; make it so if nothing was lost.
+
+        Args:
+            silence_ns: How long it heard nothing [ns]; 0: it was talked to.
 
         Raises:
             ServoLostError: The port is gone, or nothing answers.
             TorqueLostError: The torque is gone.
         """
-        register = self._model.registers["bus_watchdog"]
-        link, now_ns = self._link, self._now_ns
-        units = self._watchdog_units
-        known = False
-        for patience in _PATIENCE_NS:
-            found = link.read_register(register, now_ns() + patience)
-            if found == units:
-                return
-            if found is None:  # whether there is a torque to bring back is not known
-                continue
-            known = True
-            if self._goal:
-                break
-            link.write_register(register, 0, now_ns() + patience)
-            link.send_current(0)  # the goal may have been kept, and the last zero lost
-            link.write_register(register, units, now_ns() + patience)
-        if not known:
+        under_torque = self._goal != 0
+        armed = rearm(self._link, self._line.clock, self._watchdog_units, under_torque=under_torque)
+        if armed is Armed.YES:
+            return
+        if armed is Armed.UNKNOWN:
             raise ServoLostError(
                 f"The {self.facts.name} does not answer any more, after {silence_ns * 1e-6:.0f} "
                 "ms without a request that it answered: check the cable and the power supply."
+            )
+        if not silence_ns:
+            raise TorqueLostError(
+                f"The Bus Watchdog of the {self.facts.name} is not what it was set to: look for "
+                "another program on this bus."
             )
         raise TorqueLostError(
             f"The {self.facts.name} heard nothing for {silence_ns * 1e-6:.0f} ms, so its Bus "

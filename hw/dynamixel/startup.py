@@ -12,10 +12,17 @@ from dataclasses import dataclass
 from typing import Final
 
 from hw.dynamixel.checklist import Checklist
-from hw.dynamixel.inspection import identify, judge_what_only_a_person_changes, torque_off
+from hw.dynamixel.health import Bounds
+from hw.dynamixel.inspection import (
+    identify,
+    judge_supply_and_heat,
+    judge_what_only_a_person_changes,
+    torque_off,
+)
 from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link, Sample
+from hw.dynamixel.link import Link
 from hw.dynamixel.probe import Push, probe_sign
+from hw.dynamixel.samples import Sample
 from hw.dynamixel.sdk import Sdk, Table
 from hw.dynamixel.tables import (
     CURRENT_MODE,
@@ -47,10 +54,17 @@ class Ready:
     checks: list[Check]
     current_limit: int
     """The servo's own, in the model's current unit"""
+    bounds: Bounds
+    """Within which it may be driven"""
 
 
 def start_up(
-    settings: DynamixelSettings, model: Model, line: Line, link: Link, torque_step: float
+    settings: DynamixelSettings,
+    model: Model,
+    line: Line,
+    link: Link,
+    torque_step: float,
+    watch: tuple[str, str],
 ) -> Ready:
     """Check everything, set up what the driver may set up, and enable torque at zero torque.
 
@@ -62,6 +76,7 @@ def start_up(
         line: The bus, for the set-up.
         link: The same bus, for positions and the probe.
         torque_step: [N·m] per current unit.
+        watch: What of the servo's state will be watched, and what would be with time for all.
 
     Raises:
         ServoMissingError: Nothing answers.
@@ -72,14 +87,16 @@ def start_up(
     identify(start.table, model, start.list)
     torque_off(start.table, start.list)
     judge_what_only_a_person_changes(start.table, start.list)
+    bounds = judge_supply_and_heat(start.table, start.list, watchdog_units(settings))
     start.list.refuse_if_unfit()
     start.set_up()
     start.judge_limits_and_position()
+    start.list.add("watched while it runs", True, *watch)
     start.list.refuse_if_unfit()
     start.torque_on()
     start.prove_the_sign()
     start.list.refuse_if_unfit()
-    return Ready(start.list.checks, start.current_limit)
+    return Ready(start.list.checks, start.current_limit, bounds)
 
 
 def watchdog_units(settings: DynamixelSettings) -> int:

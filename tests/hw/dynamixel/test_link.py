@@ -13,7 +13,8 @@ import pytest
 
 from hw.clock import SimulatedClock
 from hw.dynamixel.codec import Instruction, encode_status
-from hw.dynamixel.link import Link, Sample
+from hw.dynamixel.link import Link
+from hw.dynamixel.samples import Sample
 from hw.dynamixel.tables import MODELS
 from hw.servo import Outcome
 from tests.hw.dynamixel.lines import MS, US, ClockLine, Fate, TroubledLine, unharmed

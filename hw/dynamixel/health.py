@@ -1,0 +1,184 @@
+"""A running servo's own state, asked for along with a sample now and then.
+
+Every so often a period asks for a wider block than the sample: one that also holds what must not
+change while torque is on. It costs bytes on the wire, no transaction and no period. How wide a
+block may be follows from baud rate and period; where one does not hold everything, two take turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from hw.dynamixel.link import Link
+from hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
+from hw.dynamixel.tables import Register
+from hw.errors import ServoHealthError, TorqueLostError
+
+EVERY_NS: Final = 200_000_000
+"""Between two wide blocks"""
+_SHARE: Final = 0.65
+"""Of a period that a wide request and its reply may be on the wire: a goal follows, and a reply is
+given up at 0.8"""
+_FRAME_BYTES: Final = 25
+"""Of a request, and of a reply without its data"""
+_TWICE: Final = 2
+"""Polls in a row that prove a supply or a temperature: a peak of current makes a supply dip"""
+_HEAT_MARGIN: Final = 2
+"""So far below its Temperature Limit [°C] the run is ended, before the servo ends it"""
+
+
+class _Item(NamedTuple):
+    register: str
+    name: str
+
+
+_ITEMS: Final = (
+    _Item("torque_enable", "torque enable"),
+    _Item("bus_watchdog", "bus watchdog"),
+    _Item("present_input_voltage", "supply"),
+    _Item("present_temperature", "temperature"),
+)
+_BLOCKS: Final = (
+    ((64, 147),),
+    ((98, SAMPLE_END), (SAMPLE_ADDRESS, 147)),
+    ((SAMPLE_ADDRESS, 147),),
+)
+"""Ways to take turns, from the one that watches most; each block from ... to"""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Between which values a servo may be driven: its own limits, read at the start."""
+
+    watchdog: int
+    """What Bus Watchdog was set to [20 ms]"""
+    lowest: int
+    """Min Voltage Limit [0.1 V]"""
+    highest: int
+    """Max Voltage Limit [0.1 V]"""
+    hottest: int
+    """Temperature Limit [°C]"""
+
+    def supply_fault(self, volts: int) -> str:
+        """What is wrong with a supply [0.1 V] and what to do; empty: nothing."""
+        if self.lowest <= volts <= self.highest:
+            return ""
+        return (
+            f"is supplied with {volts / 10:g} V, wanted {self.lowest / 10:g} to "
+            f"{self.highest / 10:g} V: check the supply, its current limit and the cable."
+        )
+
+    def heat_fault(self, celsius: int) -> str:
+        """What is wrong with a temperature [°C] and what to do; empty: nothing."""
+        hottest = self.hottest - _HEAT_MARGIN
+        if celsius <= hottest:
+            return ""
+        return (
+            f"has {celsius} °C, wanted at most {hottest} °C (it shuts down above "
+            f"{self.hottest} °C): let it cool, and ask for less torque."
+        )
+
+
+class HealthWatch:
+    """Decides which request asks for more, and judges what came.
+
+    Args:
+        link: The servo, which is taught the blocks.
+        registers: The model's.
+        baud: The bus's rate [bit/s].
+        period_s: Of the loop [s].
+    """
+
+    def __init__(
+        self, link: Link, registers: Mapping[str, Register], baud: int, period_s: float
+    ) -> None:
+        most = int(_SHARE * period_s * baud / 10) - _FRAME_BYTES
+        blocks = next(
+            (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
+        )
+        # A block that is as long as one of the ordinary ones is one of them.
+        self._lengths = [
+            end - address if end - address in LENGTHS else link.widen(address, end)
+            for address, end in blocks
+        ]
+        self._wanted = {
+            end - address: [
+                (item, registers[item.register])
+                for item in _ITEMS
+                if address <= registers[item.register].address < end
+            ]
+            for address, end in blocks
+        }
+        self._addresses = {end - address: address for address, end in blocks}
+        self._turn = 0
+        self._asked = 0
+        self._strikes = dict.fromkeys(("supply", "temperature"), 0)
+        self._due_ns = 0
+        self.bounds: Bounds | None = None
+        """Set by the start; nothing is asked for before"""
+
+    def describe(self) -> tuple[str, str]:
+        """What is watched and how often, and what would be, for people."""
+        everything = ", ".join(item.name for item in _ITEMS)
+        watched = {item.name for items in self._wanted.values() for item, _ in items}
+        if not watched:
+            return "nothing: no time is left on this bus at this rate", everything
+        every = EVERY_NS * len(self._lengths) * 1e-9
+        names = ", ".join(item.name for item in _ITEMS if item.name in watched)
+        return f"{names}; every {every:.1f} s", everything
+
+    def length(self, now_ns: int) -> int:
+        """The length of the block to ask for at ``now_ns`` [ns]; 0: no more than the sample."""
+        self._asked = 0
+        if now_ns < self._due_ns or not self._lengths or self.bounds is None:
+            return 0
+        self._due_ns = now_ns + EVERY_NS
+        self._asked = self._lengths[self._turn]
+        self._turn = (self._turn + 1) % len(self._lengths)
+        return self._asked
+
+    def judge(self, block: bytes, name: str) -> bool:
+        """Judge a good reply to the last request, if that had asked for more.
+
+        Args:
+            block: The reply's data.
+            name: Of the servo, for messages.
+
+        Returns:
+            Whether its Bus Watchdog is as it was set; where not, it must be looked after.
+
+        Raises:
+            TorqueLostError: Torque is off.
+            ServoHealthError: It must not be driven any longer.
+        """
+        asked, bounds = self._asked, self.bounds
+        self._asked = 0
+        if not asked or len(block) != asked or bounds is None:
+            return True
+        quiet = True
+        for item, register in self._wanted[asked]:
+            at = register.address - self._addresses[asked]
+            value = int.from_bytes(block[at : at + register.size], "little")
+            if item.name == "torque enable":
+                _refuse_torque_off(value, name)
+            elif item.name == "bus watchdog":
+                quiet = value == bounds.watchdog
+            else:
+                fault = bounds.supply_fault if item.name == "supply" else bounds.heat_fault
+                self._strike(item.name, fault(value), name)
+        return quiet
+
+    def _strike(self, kind: str, fault: str, name: str) -> None:
+        self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
+        if self._strikes[kind] >= _TWICE:
+            raise ServoHealthError(f"The {name} {fault}")
+
+
+def _refuse_torque_off(torque_enable: int, name: str) -> None:
+    if not torque_enable:
+        raise TorqueLostError(
+            f"The {name} has its torque off, and it was not switched off by this program: look "
+            "for another program on this bus, or for a supply that broke down."
+        )
