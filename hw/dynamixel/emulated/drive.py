@@ -51,19 +51,19 @@ class Drive:
 
     __slots__ = (
         "_active",
-        "_current_unit",
         "_duty",
-        "_encoder",
         "_goal",
         "_lost",
         "_memory",
         "_stepped_current",
-        "_table",
         "controllers",
+        "current_unit",
+        "encoder",
         "health",
         "mechanism",
         "motor",
         "next_ns",
+        "table",
     )
 
     def __init__(
@@ -77,10 +77,10 @@ class Drive:
         now_ns: int,
         back_emf: bool,
     ) -> None:
-        self._table = table
+        self.table = table
         self._memory = table.memory
-        self._encoder = encoder
-        self._current_unit = current_unit
+        self.encoder = encoder
+        self.current_unit = current_unit
         self._stepped_current = motor.senses_supply or back_emf
         self._active: int | None = None
         self._goal = 0
@@ -104,24 +104,22 @@ class Drive:
         memory = self._memory
         mode = memory["operating_mode"]
         if mode == CURRENT_MODE and not self._stepped_current:
-            if self._active is not None:
-                self.release()
-            current = self._table.current
+            self.release(now_ns)
+            current = self.table.current
             if current != self._goal:
                 self._hold(current, now_ns)
             return
-        if not memory["torque_enable"] or (self._table.tripped and mode == CURRENT_MODE):
-            if self._active is not None or self._goal:
-                self.release()
-                self._goal = 0
-                self._torque(0.0, now_ns)
+        if not memory["torque_enable"] or (self.table.tripped and mode == CURRENT_MODE):
+            self.release(now_ns)
+            if self._goal:
+                self._hold(0, now_ns)
             return
         if self._active != mode:
             self._active = mode
             if mode == POSITION_MODE:
                 self.forget_turns()
             if mode != CURRENT_MODE:
-                hold = not self._table.enabled_by_goal
+                hold = not self.table.enabled_by_goal
                 self.controllers.engage(mode, self.position(), hold=hold, now_ns=now_ns)
             self.next_ns = now_ns
             self._catch_up(now_ns)
@@ -142,19 +140,19 @@ class Drive:
 
     def position(self) -> int:
         """Present Position [counts], at the time advanced to."""
-        counts = self._encoder.counts() - self._lost
-        return self._table.position_inverted * counts + self._memory["homing_offset"]
+        counts = self.encoder.counts() - self._lost
+        return self.table.position_inverted * counts + self._memory["homing_offset"]
 
     def forget_turns(self) -> None:
         """Present Position back within one turn, but for the homing offset."""
-        counts, sign = self._encoder.counts(), self._table.position_inverted
+        counts, sign = self.encoder.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
     def current(self) -> float:
         """What the servo measures of its current [A], in the motor's direction."""
         motor, mechanism = self.motor, self.mechanism
         current = mechanism.torque / motor.torque_constant
-        return motor.sensed(current, self._table.supply, mechanism.velocity)
+        return motor.sensed(current, self.table.supply, mechanism.velocity)
 
     def duty(self) -> float:
         """The share of the supply that is on the motor, in its direction; 0 while limp."""
@@ -165,18 +163,20 @@ class Drive:
             return 0.0
         motor = self.motor
         current = torque / motor.torque_constant
-        return _clamp(motor.duty(current, self._table.supply, self.mechanism.velocity), 1.0)
+        return _clamp(motor.duty(current, self.table.supply, self.mechanism.velocity), 1.0)
 
-    def release(self) -> None:
-        """Forget what the controllers were at; the motor is left to ``update``."""
-        self._active = None
-        self._duty = 0.0
-        self.next_ns = _NEVER_NS
+    def release(self, now_ns: int) -> None:
+        """Whatever the controllers are at ends, and the motor is limp."""
+        if self._active is not None:
+            self._active = None
+            self._duty = 0.0
+            self.next_ns = _NEVER_NS
+            self._torque(0.0, now_ns)
 
     def _hold(self, current: int, now_ns: int) -> None:
         """Current mode: this current [units] from now on."""
         self._goal = current
-        self._torque(current * self._current_unit * self.motor.torque_constant, now_ns)
+        self._torque(current * self.current_unit * self.motor.torque_constant, now_ns)
         # A look at the temperature is due while current flows, and until it has been accounted for.
         if self.next_ns == _NEVER_NS:
             self.next_ns = now_ns + HEALTH_NS
@@ -209,7 +209,7 @@ class Drive:
 
     def _step(self, now_ns: int) -> None:
         """One period of the controllers."""
-        memory, motor, health, volts = self._memory, self.motor, self.health, self._table.supply
+        memory, motor, health, volts = self._memory, self.motor, self.health, self.table.supply
         if now_ns >= health.due_ns:
             health.settle(now_ns)
         if not memory["torque_enable"]:
@@ -219,20 +219,20 @@ class Drive:
         mode = self._active
         cap = None
         if mode == CURRENT_MODE:
-            wanted = motor.from_sensed(self._table.current * self._current_unit, volts, speed)
+            wanted = motor.from_sensed(self.table.current * self.current_unit, volts, speed)
             asked = motor.duty(wanted, volts, speed)
             limit = abs(memory["goal_pwm"]) / PWM_FULL
             at_limit = False
         else:
-            inverted = self._table.inverts_current
-            sign = self._table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
-            seen = 0.0 if self._encoder.stuck else sign * speed * _COUNTS_PER_RAD
+            inverted = self.table.inverts_current
+            sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
+            seen = 0.0 if self.encoder.stuck else sign * speed * _COUNTS_PER_RAD
             output = self.controllers.output(self.position(), seen, now_ns)
             asked = sign * output / PWM_FULL
             limit = 1.0
             at_limit = mode != PWM_MODE and abs(output) >= abs(memory["goal_pwm"])
             if mode == CURRENT_POSITION_MODE:
-                cap = abs(memory["goal_current"]) * self._current_unit
+                cap = abs(memory["goal_current"]) * self.current_unit
         duty = self._sloped(_clamp(asked, limit), volts)
         current = motor.current(duty, volts, speed)
         regulated = mode == CURRENT_MODE and duty == asked

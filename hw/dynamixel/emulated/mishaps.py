@@ -12,6 +12,7 @@ SILENCING = ("brown-out", "unplug")
 def befall(happening: Happening, servo: EmulatedServo, now_ns: int) -> None:
     """Let it happen to ``servo`` at ``now_ns`` [ns], or be over."""
     fault, begins = happening
+    servo.keep_up(now_ns)
     match fault.name:
         case "stuck" if begins:
             servo.encoder.stop(now_ns)

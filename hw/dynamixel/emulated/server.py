@@ -170,6 +170,9 @@ def serve(
         if reply:
             with suppress(BlockingIOError):  # a client that never reads: lost, as on a wire
                 os.write(terminal.master, reply)
+        if not bus.busy:
+            for servo in bus.servos:
+                servo.keep_up(now_ns)
         event_ns = bus.next_event_ns()
         rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
         if witness is not None and (rest_ns > _IDLE_NS or witness.waiting > _MAX_WAITING):

@@ -5,17 +5,13 @@ Every instruction acts at the instant it is given, and a read returns the state 
 
 from __future__ import annotations
 
-import struct
 from typing import NamedTuple
 
 from hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
-from hw.dynamixel.emulated.control_modes import (
-    EXTENDED_MODE,
-    POSITION_MODE,
-    PWM_FULL,
-)
+from hw.dynamixel.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from hw.dynamixel.emulated.drive import Drive
 from hw.dynamixel.emulated.encoder import Encoder
+from hw.dynamixel.emulated.measured import measured
 from hw.dynamixel.emulated.motor import motor_of
 from hw.dynamixel.emulated.rules import ControlTable
 from hw.dynamixel.tables import (
@@ -23,7 +19,6 @@ from hw.dynamixel.tables import (
     COUNTS_PER_REV,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
-    VELOCITY_UNIT,
     WATCHDOG_UNIT_NS,
     Model,
 )
@@ -33,10 +28,6 @@ from hw.settings import TrueServo
 BOOT_NS = 200_000_000
 """A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""
 
-_PRESENT = struct.Struct("<HBBhhiiiiHB")
-"""The measured registers, in the order of their addresses"""
-_INT16 = (-0x8000, 0x7FFF)
-_INT32 = (-0x8000_0000, 0x7FFF_FFFF)
 _NEVER_NS = 1 << 62
 """Answers of a servo that is off the cable [ns]"""
 
@@ -106,13 +97,12 @@ class EmulatedServo:
         self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
-        self._current_unit = model.current_unit_ma * 1e-3
         self.drive = Drive(
             self.table,
             motor_of(model, constant),
             self.mechanism,
             self.encoder,
-            current_unit=self._current_unit,
+            current_unit=model.current_unit_ma * 1e-3,
             now_ns=start_ns,
             back_emf=back_emf,
         )
@@ -173,6 +163,13 @@ class EmulatedServo:
         whether packets for other servos do too is open, and here they do not.
         """
         self._heard_ns = now_ns
+        self.keep_up(now_ns)
+
+    def keep_up(self, now_ns: int) -> None:
+        """Do what its controllers have to do by ``now_ns`` [ns], so that it is not left for later.
+
+        Nothing depends on it but how long the next instruction takes to compute.
+        """
         if now_ns >= self.drive.next_ns:
             self.drive.advance(now_ns)
 
@@ -208,9 +205,7 @@ class EmulatedServo:
 
     def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
-        drive = self.drive
-        if now_ns >= drive.next_ns:
-            drive.advance(now_ns)
+        self.keep_up(now_ns)
         mode = self.memory["operating_mode"]
         error = self.table.write(address, data, ram_only=ram_only)
         if error == ErrorCode.NONE:
@@ -221,7 +216,7 @@ class EmulatedServo:
                 # and does not disturb a start-up that looks at the shaft.
                 self._held = True
                 self.mechanism.let_hand(now_ns)
-            drive.update(now_ns)
+            self.drive.update(now_ns)
         return error
 
     def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
@@ -297,7 +292,7 @@ class EmulatedServo:
 
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns
-        self.drive.release()
+        self.drive.release(now_ns)
         self.table.power_up()
         self.drive.update(now_ns)
 
@@ -311,41 +306,7 @@ class EmulatedServo:
         self.memory[name] = value
 
     def _refresh(self, now_ns: int) -> None:
-        """Put what is measured at ``now_ns`` into the registers.
-
-        Velocity is the true one, unfiltered.
-        """
-        memory, mechanism, table, drive = self.memory, self.mechanism, self.table, self.drive
-        drive.advance(now_ns)
-        if now_ns >= drive.health.due_ns:
-            drive.health.settle(now_ns)
-        counts = _clamp(drive.position(), _INT32)
-        velocity = 0 if self.encoder.stuck else round(mechanism.velocity / VELOCITY_UNIT)
-        duty = drive.duty()
-        if self._current_unit:
-            current = round(drive.current() / self._current_unit)
-        else:
-            current = round(duty * 1000.0)  # Present Load: "inferred from the internal output"
-        pwm = round(duty * PWM_FULL)
-        if table.inverts_current:
-            velocity, current, pwm = -velocity, -current, -pwm
-        motion = drive.motion(counts, now_ns)
-        memory.overwrite(
-            _PRESENT.pack(
-                (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS,
-                motion.ongoing or abs(velocity) > memory["moving_threshold"],
-                motion.status,
-                _clamp(pwm, _INT16),
-                _clamp(current, _INT16),
-                _clamp(velocity, _INT32),
-                counts,
-                motion.velocity,
-                motion.position,
-                table.volts,
-                round(table.temperature),
-            ),
-        )
-
-
-def _clamp(value: int, bounds: tuple[int, int]) -> int:
-    return min(max(value, bounds[0]), bounds[1])
+        """Put what is measured at ``now_ns`` into the registers."""
+        self.drive.advance(now_ns)
+        tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
+        self.memory.overwrite(measured(self.drive, tick, now_ns))

@@ -1,0 +1,58 @@
+"""What an emulated servo measures, as its registers say it."""
+
+from __future__ import annotations
+
+import struct
+
+from hw.dynamixel.emulated.control_modes import PWM_FULL
+from hw.dynamixel.emulated.drive import Drive
+from hw.dynamixel.tables import VELOCITY_UNIT
+
+_PRESENT = struct.Struct("<HBBhhiiiiHB")
+"""Realtime Tick to Present Temperature, in the order of their addresses"""
+_INT16 = (-0x8000, 0x7FFF)
+_INT32 = (-0x8000_0000, 0x7FFF_FFFF)
+_LOAD_FULL = 1000
+"""Present Load at full output [0.1 %]"""
+
+
+def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
+    """The bytes of the measured registers.
+
+    The velocity is the true one, unfiltered. Present Load, which takes the place of Present Current
+    in models without current control, is the output: "inferred from the internal output value".
+
+    Args:
+        drive: What is measured, advanced to ``now_ns``.
+        tick: Realtime Tick.
+        now_ns: The time [ns].
+    """
+    table, health = drive.table, drive.health
+    if now_ns >= health.due_ns:
+        health.settle(now_ns)
+    position = _clamp(drive.position(), _INT32)
+    velocity = 0 if drive.encoder.stuck else round(drive.mechanism.velocity / VELOCITY_UNIT)
+    duty = drive.duty()
+    unit = drive.current_unit
+    current = round(drive.current() / unit) if unit else round(duty * _LOAD_FULL)
+    pwm = round(duty * PWM_FULL)
+    if table.inverts_current:
+        velocity, current, pwm = -velocity, -current, -pwm
+    motion = drive.motion(position, now_ns)
+    return _PRESENT.pack(
+        tick,
+        motion.ongoing or abs(velocity) > table.memory["moving_threshold"],
+        motion.status,
+        _clamp(pwm, _INT16),
+        _clamp(current, _INT16),
+        _clamp(velocity, _INT32),
+        position,
+        motion.velocity,
+        motion.position,
+        table.volts,
+        round(table.temperature),
+    )
+
+
+def _clamp(value: int, bounds: tuple[int, int]) -> int:
+    return min(max(value, bounds[0]), bounds[1])

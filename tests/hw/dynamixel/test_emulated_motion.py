@@ -1,0 +1,415 @@
+"""How an emulated servo moves in each mode, through the vendor's own client.
+
+The oracle is the manual (units, profiles, gains), the published figures of the model, and
+mechanics in closed form.
+"""
+
+import math
+from dataclasses import replace
+
+import dynamixel_sdk as sdk
+import pytest
+
+from hw.dynamixel.codec import ErrorCode
+from hw.dynamixel.sdk import LinePort
+from hw.dynamixel.tables import MODELS
+from hw.settings import TrueServo
+from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
+
+X, X540, SMALL, LOAD = "XM430-W350", "XM540-W270", "XL330-M288", "XL430-W250"
+CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
+# A published identification of an MX-64, the next relative of an XM430 (Rhoban "bam").
+MX64 = TrueServo(0.011951, 0.011692, 0.09039, position=math.pi, torque_limit=20.0)
+COUNTS = 4096 / (2 * math.pi)
+RPM = 2 * math.pi / 60
+VELOCITY_UNIT = 0.229 * RPM
+REGISTERS = MODELS[X].registers
+
+
+class Sdk:
+    """One servo in a mode, and its registers by name through dynamixel-sdk."""
+
+    def __init__(
+        self, model: str = X, mode: int = POSITION, true: TrueServo = MX64, **before: int
+    ) -> None:
+        self.client = Client((model, 1), true=true)
+        self.servo = self.client.servos[1]
+        self.registers = MODELS[model].registers
+        self.port = LinePort(self.client.line, BAUD)
+        self.handler = sdk.Protocol2PacketHandler()
+        self.write(operating_mode=mode, **before)
+
+    def set(self, name: str, value: int) -> int:
+        """The error byte of the reply."""
+        register = self.registers[name]
+        data = list(value.to_bytes(register.size, "little", signed=value < 0))
+        result, error = self.handler.writeTxRx(self.port, 1, register.address, register.size, data)
+        assert result == sdk.COMM_SUCCESS
+        return int(error)
+
+    def write(self, **values: int) -> None:
+        for name, value in values.items():
+            assert self.set(name, value) == 0, name
+
+    def __getitem__(self, name: str) -> int:
+        register = self.registers[name]
+        data, result, error = self.handler.readTxRx(self.port, 1, register.address, register.size)
+        assert (result, error & 0x7F) == (sdk.COMM_SUCCESS, 0)
+        return register.decode(bytes(data))
+
+    def pass_time(self, seconds: float) -> None:
+        self.client.pass_time(round(seconds * 1e9))
+
+    def on(self, **goals: int) -> "Sdk":
+        self.write(torque_enable=1, **goals)
+        return self
+
+
+def friction_counts(model: str, true: TrueServo) -> float:
+    """How far from its goal Coulomb friction can hold a proportional controller [counts]."""
+    figures = MODELS[model]
+    share = true.coulomb / figures.stall_torque
+    return share * 885 / (figures.registers["position_p_gain"].default / 128)
+
+
+@pytest.mark.parametrize("model", [X, X540, SMALL, LOAD, "XC430-W150", "XW540-T260", "XC330-T288"])
+def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model):
+    true = replace(MX64, coulomb=0.01 * MODELS[model].stall_torque)
+    servo = Sdk(model, true=true).on(goal_position=2600)
+    servo.pass_time(0.03)
+    assert servo["moving"] == 1
+    assert servo["moving_status"] & 0x01 == 0
+    servo.pass_time(4)
+    assert servo["present_position"] == pytest.approx(2600, abs=friction_counts(model, true) + 1)
+    assert servo["moving"] == 0
+    assert servo["moving_status"] == 0x01
+    assert servo["position_trajectory"] == 2600
+    assert servo["velocity_trajectory"] == 0
+
+
+def test_an_integral_gain_takes_the_last_counts_away():
+    sticky = replace(MX64, coulomb=0.4)
+    held = Sdk(true=sticky).on(goal_position=2600)
+    helped = Sdk(true=sticky).on(position_i_gain=400, goal_position=2600)
+    for servo in (held, helped):
+        servo.pass_time(4)
+    assert abs(held["present_position"] - 2600) >= 8
+    assert abs(helped["present_position"] - 2600) <= 3
+
+
+def test_enabling_torque_moves_nothing():
+    servo = Sdk(goal_position=100).on()
+    servo.pass_time(0.2)
+    assert servo["present_position"] == servo["goal_position"] == 2048
+
+
+def test_torque_on_by_goal_update_goes_where_the_goal_says():
+    servo = Sdk(drive_mode=8, goal_position=2300)
+    assert servo["torque_enable"] == 1
+    servo.pass_time(1)
+    assert servo["present_position"] == pytest.approx(2300, abs=5)
+
+
+def test_goals_beyond_the_limits_are_refused():
+    servo = Sdk(max_position_limit=3000, min_position_limit=1000).on()
+    assert servo.set("goal_position", 3001) == ErrorCode.DATA_LIMIT
+    assert servo.set("goal_position", 999) == ErrorCode.DATA_LIMIT
+    assert Sdk(mode=EXTENDED).on().set("goal_position", 1_048_576) == ErrorCode.DATA_RANGE
+
+
+def test_extended_mode_counts_turns_and_position_mode_forgets_them():
+    servo = Sdk(mode=EXTENDED).on(goal_position=-10_000)
+    servo.pass_time(5)
+    assert servo["present_position"] == pytest.approx(-10_000, abs=5)
+    assert servo.client.position() == pytest.approx(-10_000 / COUNTS, abs=5 / COUNTS)
+    servo.write(torque_enable=0, operating_mode=POSITION)
+    assert servo["present_position"] == pytest.approx(-10_000 % 4096, abs=5)
+
+
+def test_turning_it_by_hand_counts_turns_until_position_mode_is_switched_on():
+    turned = replace(MX64, position=2.25 * 2 * math.pi)
+    servo = Sdk(mode=CURRENT, true=turned)
+    assert servo["present_position"] == 2.25 * 4096
+    servo.write(operating_mode=CURRENT_POSITION)
+    assert servo["present_position"] == 2.25 * 4096
+    servo.write(operating_mode=POSITION)
+    assert servo["present_position"] == 1024
+    servo = Sdk(true=turned)
+    assert servo["present_position"] == 2.25 * 4096
+    assert servo.on()["present_position"] == 1024
+
+
+@pytest.mark.parametrize("drive_mode", [0, 1])
+@pytest.mark.parametrize("model", [X, X540])
+def test_homing_offset_and_reverse_hold_for_goals_as_for_present_positions(model, drive_mode):
+    servo = Sdk(model, drive_mode=drive_mode, homing_offset=500).on()
+    start = servo["present_position"]
+    assert start == 2048 + 500
+    servo.write(goal_position=start + 300)
+    servo.pass_time(1)
+    assert servo["present_position"] == pytest.approx(start + 300, abs=4)
+    sign = -1 if drive_mode else 1
+    assert (servo.client.position() - math.pi) * COUNTS == pytest.approx(sign * 300, abs=4)
+
+
+@pytest.mark.parametrize(("model", "sign"), [(X, 1), (X540, -1), ("XW430-T200", -1)])
+def test_reverse_inverts_velocity_and_pwm_of_some_models_only(model, sign):
+    true = replace(FREE, torque_constant=1.5)
+    servo = Sdk(model, VELOCITY, true, drive_mode=1).on(goal_velocity=50)
+    servo.pass_time(2)
+    assert servo["present_velocity"] == pytest.approx(50, abs=1)
+    assert servo.servo.state(servo.client.clock.now_ns()).velocity * sign > 0
+    servo = Sdk(model, PWM, true, drive_mode=1).on(goal_pwm=200)
+    servo.pass_time(0.5)
+    assert servo["present_pwm"] == 200
+    assert servo["present_velocity"] > 0
+    assert servo.servo.state(servo.client.clock.now_ns()).velocity * sign > 0
+
+
+@pytest.mark.parametrize(("model", "goal"), [(X, 150), (X, -80), (SMALL, 200), (LOAD, 100)])
+def test_velocity_mode_settles_at_its_goal(model, goal):
+    servo = Sdk(model, VELOCITY).on(goal_velocity=goal)
+    servo.pass_time(3)
+    assert servo["present_velocity"] == pytest.approx(goal, abs=1)
+    assert servo["velocity_trajectory"] == goal
+    assert servo["moving"] == 1
+    servo.write(goal_velocity=0)
+    servo.pass_time(3)
+    assert servo["moving"] == 0
+
+
+def test_velocity_mode_ramps_with_its_profile_acceleration():
+    """214.577 rev/min² per unit, 0.229 rev/min per unit: 64 ms x goal / acceleration."""
+    servo = Sdk(mode=VELOCITY, true=FREE).on(profile_acceleration=10, goal_velocity=100)
+    servo.pass_time(0.32)
+    assert servo["velocity_trajectory"] == pytest.approx(50, abs=1)
+    servo.pass_time(0.33)
+    assert servo["velocity_trajectory"] == 100
+
+
+@pytest.mark.parametrize("name", [n for n, m in MODELS.items() if m.no_load_rpm])
+@pytest.mark.parametrize("duty", [885, -300])
+def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name, duty):
+    true = TrueServo(inertia=0.0005, torque_limit=20.0)
+    servo = Sdk(name, PWM, true).on(goal_pwm=duty)
+    servo.pass_time(1.5)
+    expected = MODELS[name].no_load_rpm / 0.229 * duty / 885
+    assert servo["present_velocity"] == pytest.approx(expected, abs=1)
+    assert servo["present_pwm"] == duty
+    if "present_current" in servo.registers:
+        assert abs(servo["present_current"]) <= 1
+
+
+@pytest.mark.parametrize("name", [X, SMALL, LOAD, "XH540-V270"])
+def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name):
+    """Held by friction; in an XL330 the supply sees duty times the current that flows."""
+    model = MODELS[name]
+    servo = Sdk(name, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885 // 3)
+    servo.pass_time(0.1)
+    assert servo.client.torque() == pytest.approx(model.stall_torque / 3, rel=1e-3)
+    if model.current_mode:
+        share = 1 / 9 if model.senses_supply_current else 1 / 3
+        expected = model.stall_current * share * 1e3 / model.current_unit_ma
+        assert servo["present_current"] == pytest.approx(expected, abs=1)
+    else:
+        assert servo["present_load"] == pytest.approx(333, abs=1)
+
+
+def test_the_speed_rises_as_that_of_a_motor_at_a_voltage_does():
+    """m w' = k_t (U - k_e w) / R: an exponential, whatever the controller's period.
+
+    Goal PWM is at PWM Limit after the change of mode, so enabling torque is enough.
+    """
+    servo = Sdk(mode=PWM, true=TrueServo(inertia=0.012, torque_limit=20.0)).on()
+    begun = servo.client.clock.now_ns() - 11 * 2500  # a reply of 11 bytes after the write
+    stall, no_load = 4.1, 46 * RPM
+    for _ in range(5):
+        servo.pass_time(0.0037)
+        now = servo.client.clock.now_ns()
+        expected = no_load * -math.expm1(-(now - begun) * 1e-9 * stall / no_load / 0.012)
+        assert servo.servo.state(now).velocity == pytest.approx(expected, rel=1e-6)
+
+
+def test_pwm_slope_takes_18_ms_to_full_duty():
+    """The manual's own example: 5 V at 140 x 1.977 mV/ms."""
+    servo = Sdk(SMALL, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885)
+    servo.pass_time(0.009)
+    assert servo["present_pwm"] == pytest.approx(885 / 2, abs=60)
+    servo.pass_time(0.007)
+    assert servo["present_pwm"] < 885
+    servo.pass_time(0.004)
+    assert servo["present_pwm"] == 885
+
+
+def test_goal_pwm_limits_the_other_modes():
+    servo = Sdk(true=FREE).on(goal_pwm=200, goal_position=4000)
+    servo.pass_time(0.3)
+    assert servo["present_pwm"] == 200
+    assert servo["present_velocity"] == pytest.approx(200 / 885 * 46 / 0.229, abs=1)
+
+
+def test_current_based_position_gives_way_where_goal_current_says():
+    """A hand of 4 N·m/rad leads half a radian beyond: 100 x 2.69 mA hold no more than 0.48 N·m."""
+    limit = 100 * 2.69e-3 * 4.1 / 2.3
+    hand = replace(MX64, coulomb=0.02, hand="lean", hand_origin=math.pi)
+    soft = Sdk(mode=CURRENT_POSITION, true=hand).on(goal_current=100)
+    firm = Sdk(mode=CURRENT_POSITION, true=hand).on(goal_current=1193)
+    for servo in (soft, firm):
+        servo.pass_time(4)
+    assert soft.client.torque() == pytest.approx(-limit, rel=1e-9)
+    assert soft["present_current"] == -100
+    # What the limit does not hold, and up to the friction either way, the hand's spring takes up.
+    given_way = soft.client.position() - math.pi
+    assert given_way == pytest.approx(0.5 - limit / 4, abs=0.02 / 4 + 0.001)
+    assert firm.client.position() - math.pi < 0.15
+
+
+def test_current_based_position_reaches_its_goal():
+    servo = Sdk(mode=CURRENT_POSITION).on(goal_position=9000)
+    servo.pass_time(4)
+    assert servo["present_position"] == pytest.approx(9000, abs=5)
+
+
+@pytest.mark.parametrize("true", [FREE, MX64])
+def test_a_trapezoid_takes_the_manuals_time(true):
+    """t1 = 64 ms x 100 / 40; 3000 counts at 100 x 0.229 rev/min, and t1 once more."""
+    servo = Sdk(mode=EXTENDED, true=replace(true, position=math.pi))
+    servo.on(profile_acceleration=40, profile_velocity=100, goal_position=5048)
+    duration = 3000 / (100 * 0.229 / 60 * 4096) + 0.16
+    servo.pass_time(duration / 2)
+    assert servo["moving_status"] == 0x32
+    assert servo["velocity_trajectory"] == 100
+    assert servo["position_trajectory"] == pytest.approx(2048 + 1500, abs=5)
+    servo.pass_time(duration / 2 - 0.01)
+    assert servo["moving_status"] & 0x02
+    servo.pass_time(0.02)
+    assert servo["moving_status"] & 0x32 == 0x30
+    assert servo["position_trajectory"] == 5048
+    servo.pass_time(0.5)
+    assert servo["present_position"] == pytest.approx(5048, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("profile", "kind"),
+    [((0, 0), 0x00), ((100, 0), 0x10), ((100, 5), 0x20), ((100, 200), 0x30), ((0, 50), 0x00)],
+)
+def test_moving_status_names_the_profile(profile, kind):
+    speed, acceleration = profile
+    servo = Sdk().on(profile_acceleration=acceleration, profile_velocity=speed, goal_position=2448)
+    servo.pass_time(0.05)
+    assert servo["moving_status"] & 0x30 == kind
+
+
+def test_a_time_based_profile_takes_its_time():
+    servo = Sdk(drive_mode=4).on(profile_acceleration=200, profile_velocity=1000)
+    servo.write(goal_position=3048)
+    servo.pass_time(0.5)
+    assert servo["position_trajectory"] == pytest.approx(2548, abs=2)
+    servo.pass_time(0.495)
+    assert servo["moving"] == 1
+    assert servo["moving_status"] & 0x02
+    servo.pass_time(0.3)
+    assert servo["moving"] == 0
+    assert servo["present_position"] == pytest.approx(3048, abs=5)
+
+
+def test_a_new_goal_on_the_way_is_met_without_a_jump_in_velocity():
+    servo = Sdk(mode=EXTENDED).on(profile_acceleration=20, profile_velocity=100, goal_position=6000)
+    servo.pass_time(0.5)
+    assert servo["velocity_trajectory"] == 100
+    servo.write(goal_position=0)
+    assert servo["velocity_trajectory"] == pytest.approx(100, abs=2)
+    servo.pass_time(0.32)
+    assert servo["velocity_trajectory"] == pytest.approx(0, abs=2)
+    servo.pass_time(4)
+    assert servo["present_position"] == pytest.approx(0, abs=5)
+
+
+def test_one_that_is_held_says_it_does_not_follow():
+    servo = Sdk(true=replace(MX64, coulomb=50.0)).on(profile_velocity=100, goal_position=3048)
+    servo.pass_time(1)
+    assert servo["moving_status"] & 0x09 == 0x08
+    assert servo["present_position"] == 2048
+
+
+def test_a_change_of_mode_resets_goals_gains_and_profile():
+    servo = Sdk()
+    changed = {
+        "position_p_gain": 100,
+        "position_d_gain": 7,
+        "velocity_i_gain": 5,
+        "profile_velocity": 90,
+        "profile_acceleration": 9,
+        "goal_pwm": 100,
+        "goal_current": 10,
+    }
+    servo.write(**changed)
+    servo.write(operating_mode=CURRENT_POSITION)
+    for name in changed:
+        assert servo[name] == servo.registers[name].default or name.startswith("goal_")
+    assert (servo["goal_pwm"], servo["goal_current"]) == (885, 1193)
+
+
+def test_torque_off_leaves_it_limp_on_its_way():
+    servo = Sdk(mode=VELOCITY, true=FREE).on(goal_velocity=100)
+    servo.pass_time(1)
+    speed = servo.servo.state(servo.client.clock.now_ns()).velocity
+    servo.write(torque_enable=0)
+    servo.pass_time(1)
+    assert servo.client.torque() == 0
+    assert servo.servo.state(servo.client.clock.now_ns()).velocity == pytest.approx(speed, rel=0.01)
+    assert servo["present_pwm"] == 0
+
+
+@pytest.mark.parametrize("mode", [VELOCITY, POSITION, EXTENDED, PWM])
+def test_a_reboot_under_way_leaves_it_limp(mode):
+    servo = Sdk(mode=mode, true=FREE)
+    servo.on(goal_pwm=800, **({"goal_velocity": 100} if mode == VELOCITY else {}))
+    if mode in (POSITION, EXTENDED):
+        servo.write(goal_position=4000)
+    servo.pass_time(0.05)
+    assert servo.handler.reboot(servo.port, 1) == (sdk.COMM_SUCCESS, 0)
+    assert servo.client.torque() == 0
+    servo.pass_time(0.5)
+    assert servo.client.torque() == 0
+
+
+@pytest.mark.parametrize("mode", [VELOCITY, POSITION, CURRENT_POSITION, PWM])
+def test_the_bus_watchdog_stops_it(mode):
+    servo = Sdk(mode=mode)
+    goal = {VELOCITY: {"goal_velocity": 100}, PWM: {"goal_pwm": 500}}.get(
+        mode, {"profile_velocity": 60, "goal_position": 4000}
+    )
+    servo.on(bus_watchdog=5, **goal)
+    servo.pass_time(0.099)
+    assert abs(servo.servo.state(servo.client.clock.now_ns()).velocity) > 0.5
+    servo.pass_time(1)
+    stopped = servo.client.position()
+    assert servo["bus_watchdog"] == 255
+    assert servo["moving"] == 0
+    assert servo.set(next(reversed(goal)), 100) == ErrorCode.DATA_RANGE
+    servo.write(bus_watchdog=0)
+    servo.pass_time(0.5)
+    assert servo.client.position() == pytest.approx(stopped, abs=0.02)
+
+
+def test_looking_often_or_rarely_makes_no_difference():
+    ends = []
+    for looks in (1, 500):
+        servo = Sdk(true=replace(MX64, hand="push", hand_origin=math.pi, backlash=0.0044))
+        servo.on(profile_velocity=50, profile_acceleration=20, goal_position=3000)
+        begun, span = servo.client.clock.now_ns(), 2_000 * MS
+        for n in range(1, looks + 1):
+            servo.servo.state(begun + span * n // looks)
+        ends.append(servo.servo.state(begun + span))
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+
+
+def test_backlash_lies_between_the_encoder_and_the_shaft():
+    """0.25° as published for the 430 and 540 series: the controller does not feel half of it."""
+    play = math.radians(0.25)
+    servo = Sdk(true=replace(MX64, coulomb=0.001, backlash=play)).on(goal_position=2300)
+    servo.pass_time(1)
+    shaft = servo.client.position() * COUNTS
+    assert servo["present_position"] == pytest.approx(2300, abs=2)
+    assert abs(shaft - servo["present_position"]) <= play * COUNTS / 2 + 1
