@@ -20,6 +20,7 @@ from controller.doctor.timing_process import Orders
 from controller.processes import Child, first_line
 from controller.realtime import Setting, pick_cores
 from controller.supervisor import emulator_arguments
+from controller.tick import COLLECT_SHARE
 from hw.clock import MonotonicClock
 from hw.dynamixel.examine.adapter import examine_latency_timer, examine_port, set_latency_timer
 from hw.dynamixel.examine.cycles import Phase, Replies, Series
@@ -40,6 +41,13 @@ from hw.dynamixel.servo import drivable
 from hw.dynamixel.tables import BAUD_RATES, MODELS, Model, model_by_number
 from hw.errors import BaudRefusedError, PortError, ServoError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings
+
+SERIES_S: Final = 0.1
+"""Duration of the cycles at one phase"""
+REPLIES: Final = 200
+"""Single reads that are timed"""
+WAKES: Final = 300
+"""Wake-ups without a bus"""
 
 _START_S: Final = 60.0
 _MEASURE_S: Final = 120.0
@@ -222,7 +230,7 @@ class _Checkup:
                     self._note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after
                 self._add(timer)
-                return search(line, settings.baud, {settings.id})
+                return search(line, settings.baud, {settings.id}, to_the_end=False)
         except BaudRefusedError as error:
             return Search(settings.baud, [], 0, str(error))
 
@@ -260,7 +268,7 @@ class _Checkup:
             except (ServoLostError, UnfitServoError) as error:
                 return Change(name, before, str(error), False), found
         with opened(settings.port, settings.baud, self._clock) as line:
-            answered = search(line, settings.baud, {found.id}).servos
+            answered = search(line, settings.baud, {found.id}, to_the_end=False).servos
         now = next((servo for servo in answered if servo.id == found.id), None)
         if now is None:
             return Change(name, before, f"silent at {settings.baud}", False), found
@@ -371,6 +379,10 @@ class _Checkup:
             port=port,
             id=config.servo.id,
             period_ns=config.period_ns,
+            collect_ns=int(COLLECT_SHARE * config.period_ns),
+            series_s=SERIES_S,
+            replies=REPLIES,
+            wakes=WAKES,
             profile=config.realtime.profile,
             priority=config.realtime.priority,
             spin_ns=None if spin_us is None else round(spin_us * 1000),

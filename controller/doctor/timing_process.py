@@ -16,18 +16,14 @@ from typing import Any
 
 from controller import realtime
 from controller.loop import Waiter, waiter_for
-from controller.tick import COLLECT_SHARE
 from hw.clock import MonotonicClock
 from hw.dynamixel.examine.cycles import SCHEDULES, run_series, time_replies
 from hw.dynamixel.serial_line import FdLine
 from hw.errors import ServoError
 
 PHASES = 10
-SERIES_S = 0.1
-"""Duration of the series at one phase"""
 LEAST_CYCLES, MOST_CYCLES = 20, 200
-REPLIES = 100
-WAKES = 300
+"""At one phase"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +34,14 @@ class Orders:
     """Descriptor of the open serial port; None: there is none, only the machine is measured"""
     id: int
     period_ns: int
+    collect_ns: int
+    """How long after its wake-up a tick gives a reply up"""
+    series_s: float
+    """Duration of the cycles at one phase"""
+    replies: int
+    """Single reads to time"""
+    wakes: int
+    """Wake-ups to time without a bus"""
     profile: realtime.Profile
     priority: int
     spin_ns: int | None
@@ -56,7 +60,7 @@ def main() -> None:
     waiter = waiter_for(clock, orders.spin_ns)
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],
-        "lateness_ns": _wakes(waiter, orders.period_ns),
+        "lateness_ns": _wakes(waiter, orders),
         "replies": None,
         "series": [],
         "failed": None,
@@ -69,20 +73,20 @@ def main() -> None:
     sys.stdout.write(json.dumps(answer) + "\n")
 
 
-def _wakes(waiter: Waiter, period_ns: int) -> list[int]:
+def _wakes(waiter: Waiter, orders: Orders) -> list[int]:
     """How late wake-ups on the grid are without a bus [ns], in order of size."""
     lateness = []
     deadline_ns = time.monotonic_ns()
-    for _ in range(WAKES):
-        deadline_ns = max(deadline_ns + period_ns, time.monotonic_ns())
+    for _ in range(orders.wakes):
+        deadline_ns = max(deadline_ns + orders.period_ns, time.monotonic_ns())
         lateness.append(waiter.wait(deadline_ns) - deadline_ns)
     return sorted(lateness)
 
 
 def _bus(line: FdLine, orders: Orders, waiter: Waiter) -> dict[str, Any]:
     period_ns = orders.period_ns
-    cycles = round(SERIES_S * 1e9 / period_ns)
-    replies = time_replies(line, orders.id, REPLIES, period_ns)
+    cycles = round(orders.series_s * 1e9 / period_ns)
+    replies = time_replies(line, orders.id, orders.replies, period_ns)
     series = [
         run_series(
             line,
@@ -90,7 +94,7 @@ def _bus(line: FdLine, orders: Orders, waiter: Waiter) -> dict[str, Any]:
             schedule,
             wait=waiter.wait,
             period_ns=period_ns,
-            collect_ns=int(COLLECT_SHARE * period_ns),
+            collect_ns=orders.collect_ns,
             phases=PHASES,
             cycles=min(max(cycles, LEAST_CYCLES), MOST_CYCLES),
         )

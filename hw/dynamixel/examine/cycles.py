@@ -9,6 +9,7 @@ Nothing but reads is sent, the reads of the running cycle; the goal's time on th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, get_args
@@ -85,13 +86,13 @@ class Series:
 
 
 def percentile(ordered: list[int], share: float) -> int:
-    """A percentile of numbers that are in order; the largest where there are too few.
+    """A percentile of numbers that are in order: that share of them is not above it.
 
     Args:
         ordered: At least one.
         share: E.g. 0.99.
     """
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
 
 
 def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from hw.dynamixel.examine.finding import Change, Finding
-from hw.dynamixel.inspection import WATCHDOG_FIRMWARE, hardware_errors
+from hw.dynamixel.hardware_errors import error_names, what_to_do
+from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.sdk import Sdk, Table
@@ -52,7 +53,6 @@ _MODES: Final = {
     5: "current-based position",
     16: "PWM",
 }
-_SHUTDOWN: Final = {0: "input voltage", 2: "overheating", 4: "electrical shock", 5: "overload"}
 _WARM: Final = 10
 """Degrees below the limit from where on a person should know"""
 _PATIENCE_NS: Final = 40_000_000
@@ -181,14 +181,14 @@ def _torque(examined: Examined) -> Iterator[Judgement]:
 
 def _error(examined: Examined) -> Iterator[Judgement]:
     error = examined.values["hardware_error_status"] or 0
-    names = hardware_errors(error) or "unknown"
+    names = error_names(error) or "unknown"
     yield Judgement(
         Finding(
             "hardware error",
             not error,
             f"{names} (0x{error:02x})" if error else "none",
             "none",
-            "remove the cause, then reboot it or switch its power off and on" if error else "",
+            what_to_do(error) if error else "",
             fixable=error != 0,
         ),
         Repair() if error else None,
@@ -201,7 +201,7 @@ def _drive_mode(examined: Examined) -> Iterator[Judgement]:
         return
     for bit, name, bad, good, why in (
         (0x01, "direction", "reverse", "normal", "a wall might push the wrong way"),
-        (0x02, "slave mode", "slave", "not a slave", "another servo commands its torque"),
+        (0x02, "dual joint", "slave", "no slave", "another servo commands its torque"),
         (0x08, "torque on by goal update", "on", "off", "a late goal switches torque back on"),
     ):
         found = bool(mode & bit)
@@ -302,7 +302,7 @@ def _limits(examined: Examined, torque_limit: float, torque_step: float) -> Iter
     shutdown = values["shutdown"] or 0
     factory = model.registers_at(examined.firmware)["shutdown"].default
     missing = factory & ~shutdown
-    names = ", ".join(name for bit, name in _SHUTDOWN.items() if missing >> bit & 1)
+    names = error_names(missing)
     yield Judgement(
         Finding(
             "shutdown",
@@ -352,7 +352,7 @@ def _state(examined: Examined) -> Iterator[Judgement]:
     if inside and abs(voltage - model.voltage) > 0.15 * model.voltage:
         fix = f"its stall figures hold at {model.voltage:g} V; expect another largest torque"
     wanted = f"{low:.1f} to {high:.1f} V"
-    yield Judgement(Finding("voltage", inside, f"{voltage:.1f} V", wanted, fix))
+    yield Judgement(Finding("supply", inside, f"{voltage:.1f} V", wanted, fix))
     now, limit = values["present_temperature"] or 0, values["temperature_limit"] or 0
     fix = ""
     if now >= limit:

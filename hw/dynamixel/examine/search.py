@@ -63,13 +63,14 @@ class Search(NamedTuple):
     """Why the rate was not tried: the adapter cannot make it"""
 
 
-def search(line: Line, baud: int, ids: Collection[int] = IDS) -> Search:
+def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: bool = True) -> Search:
     """Who answers at a line's present rate.
 
     Args:
         line: The bus.
         baud: Its rate [bit/s].
         ids: Whom to ask one by one, unless the ping to all has found them.
+        to_the_end: Wait for every id there can be where a ping to all was answered at all.
 
     Raises:
         ServoLostError: The port is gone.
@@ -82,7 +83,7 @@ def search(line: Line, baud: int, ids: Collection[int] = IDS) -> Search:
     line.write(encode(BROADCAST, Instruction.PING))
     last = max(wanted, default=0)
     heard.listen(_REQUEST * byte_ns + (last + 1) * (_SLOT_NS + _REPLY * byte_ns) + _HOLD_NS)
-    if heard.servos or heard.garbled:
+    if to_the_end and (heard.servos or heard.garbled):
         heard.listen((MAX_ID - last) * _SLOT_NS + _HOLD_NS)
 
     for servo_id in sorted(wanted - heard.servos.keys()):

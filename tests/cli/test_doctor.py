@@ -1,0 +1,185 @@
+"""The doctor on emulated buses with something wrong: what it finds, mends, and leaves alone.
+
+What is measured is not held here: a machine that runs tests stalls at will. The judging of it has
+tests of its own.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from controller.cli import main as cli
+from hw.clock import MonotonicClock
+from hw.dynamixel.examine.registers import Contact
+from hw.dynamixel.examine.search import opened
+from hw.dynamixel.tables import MODELS
+from tests.hw.dynamixel.test_emulated_server import emulate
+
+TIMED = {
+    "reply time",
+    "sustainable rate",
+    "schedule immediate",
+    "schedule pipelined",
+    "schedule",
+    "wake-up lateness",
+}
+QUIET = ["--set", "realtime.profile=off"]
+
+
+def doctor(capsys, *arguments):
+    status = call(["doctor", *arguments])
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return status, captured.out, captured.err
+
+
+def call(words):
+    try:
+        return cli.main(words)
+    except SystemExit as ended:
+        return ended.code
+
+
+def report(capsys, *arguments):
+    status, out, _ = doctor(capsys, *arguments, *QUIET, "--json")
+    found = json.loads(out)
+    checks = {check["name"]: check for check in found["checks"]}
+    assert all(
+        {"name", "ok", "found", "wanted", "fix"} <= check.keys() for check in checks.values()
+    )
+    wrong = {name for name, check in checks.items() if not check["ok"]}
+    assert status == (4 if not found["reached"] else 1 if wrong else 0)
+    return status, checks, wrong - TIMED, found
+
+
+def at(port):
+    return ["xm430-w350", "--set", f"servo.port={port}"]
+
+
+def set_registers(port, **values):
+    with opened(port, 4_000_000, MonotonicClock()) as line:
+        table = Contact.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
+        for name, value in values.items():
+            table.write(name, value)
+
+
+@pytest.mark.parametrize("option", ["--yes", "--change-baud"])
+def test_options_of_fix_alone_are_refused(capsys, option):
+    status, out, err = doctor(capsys, "simulated", option)
+    assert (status, out) == (2, "")
+    assert "--fix" in err
+
+
+def test_a_simulated_servo_has_no_bus_to_look_at(capsys):
+    _, checks, wrong, found = report(capsys, "simulated")
+    assert wrong == set()
+    assert found["reached"]
+    assert not checks["port"]["applies"]
+    assert "simulated" in checks["servo answers"]["found"]
+    assert checks["wake-up lateness"]["applies"]
+
+
+def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_the_same(
+    capsys, tmp_path
+):
+    status, checks, wrong, found = report(capsys, *at(tmp_path / "ttyUSB0"))
+    assert status == 4
+    assert wrong == {"port"}
+    assert "servo answers" in found["not_examined"]
+    assert "kernel" in checks
+
+
+@pytest.mark.realtime
+def test_a_servo_as_from_the_factory_is_mended_when_asked(capsys):
+    with emulate() as (_, port):
+        status, checks, wrong, found = report(capsys, *at(port))
+        assert status == 1
+        assert wrong == {"return delay"}
+        assert checks["return delay"]["found"] == "250 (500 µs)"
+        assert found["changes"] == []
+        assert checks["torque"]["found"] == "off"
+        assert checks["latency timer"]["applies"] is False
+        assert {series["schedule"] for series in found["cycles"]} == {"immediate", "pipelined"}
+        assert all(len(series["phases"]) == 10 for series in found["cycles"])
+        _, checks, wrong, found = report(capsys, *at(port), "--fix")
+        assert wrong == set()
+        assert found["changes"] == [
+            {"name": "return delay", "before": "250", "after": "0", "verified": True}
+        ]
+        assert checks["return delay"]["found"] == "250 (500 µs), now 0 (0 µs)"
+
+
+@pytest.mark.realtime
+def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(capsys):
+    with emulate("--baud", "57600") as (_, port):
+        status, checks, wrong, found = report(capsys, *at(port), "--fix")
+        assert status == 1
+        assert wrong == {"servo answers"}
+        assert checks["servo answers"]["found"] == "at 57600 bit/s"
+        assert "servo.baud=57600" in checks["servo answers"]["fix"]
+        assert checks["model"]["ok"]
+        assert found["not_examined"] == ["reply time", "schedule"]
+        _, checks, wrong, found = report(capsys, *at(port), "--fix", "--change-baud")
+        assert wrong == set()
+        assert found["changes"][0]["after"] == "4000000"
+        assert "reply time" in checks
+
+
+@pytest.mark.realtime
+def test_another_id_and_another_model_are_named(capsys):
+    with emulate("--servo", "XL430-W250:5") as (_, port):
+        _, checks, wrong, _ = report(capsys, *at(port))
+        assert wrong == {"servo answers"}
+        assert "XL430-W250 id 5 at 4000000 bit/s" in checks["servo answers"]["found"]
+        _, checks, wrong, _ = report(capsys, *at(port), "--set", "servo.id=5")
+        assert "model" in wrong
+        assert "no current mode" in checks["model"]["fix"]
+
+
+@pytest.mark.realtime
+def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(capsys):
+    with emulate() as (_, port):
+        set_registers(
+            port, return_delay_time=0, drive_mode=9, startup_configuration=1, torque_enable=1
+        )
+        _, checks, wrong, found = report(capsys, *at(port))
+        assert wrong == {
+            "torque",
+            "direction",
+            "torque on by goal update",
+            "start-up configuration",
+        }
+        assert "reply time" in found["not_examined"]
+        assert "cycles" in found and found["cycles"] == []
+        assert doctor(capsys, *at(port), *QUIET)[1].count("WRONG") >= 4
+        _, _, wrong, found = report(capsys, *at(port), "--fix", "--yes")
+        assert wrong == set()
+        assert [change["name"] for change in found["changes"]][0] == "torque"
+        assert all(change["verified"] for change in found["changes"])
+
+
+@pytest.mark.realtime
+def test_a_port_that_somebody_else_has_names_him(capsys):
+    with emulate() as (_, port), Path(port).open("rb") as end:
+        other = subprocess.Popen(
+            [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=end.fileno()
+        )
+        try:
+            status, checks, wrong, _ = report(capsys, *at(port))
+        finally:
+            other.communicate(b"\n")
+    assert status == 4
+    assert wrong == {"used by"}
+    assert str(other.pid) in checks["used by"]["found"]
+
+
+@pytest.mark.realtime
+def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(capsys):
+    status, out, err = doctor(capsys, "emulated-xm430", *QUIET)
+    assert status == 1
+    assert "The torque was never enabled" in out
+    assert "return delay" in out
+    assert "registers of XM430-W350 id 1" in err

@@ -1,0 +1,63 @@
+"""What the scan command lists, and what it says of wrong input."""
+
+import json
+
+import pytest
+
+from controller.cli import main as cli
+from tests.hw.dynamixel.test_emulated_server import emulate
+
+
+def scan(capsys, *arguments):
+    status = cli.main(["scan", *arguments])
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return status, captured.out, captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--baud", "12345"], ["--baud", "12345", "57600"]),
+        (["--baud", "fast"], ["--baud", "fast"]),
+        (["--ids", "1-x"], ["--ids", "1-x"]),
+        (["--ids", "20-1"], ["--ids", "20-1"]),
+        (["--ids", "253"], ["--ids", "252"]),
+    ],
+)
+def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):
+    status, out, err = scan(capsys, *arguments)
+    assert (status, out) == (2, "")
+    for word in words:
+        assert word in err
+
+
+def test_without_an_adapter_the_port_is_asked_for(capsys, monkeypatch):
+    monkeypatch.setattr("hw.dynamixel.examine.adapter.list_ports.comports", list)
+    status, out, err = scan(capsys)
+    assert (status, out) == (4, "")
+    assert "--port" in err
+
+
+def test_a_port_that_is_not_there_ends_with_4(capsys, tmp_path):
+    status, _, err = scan(capsys, "--port", str(tmp_path / "ttyUSB0"))
+    assert status == 4
+    assert "does not exist" in err
+
+
+@pytest.mark.realtime
+def test_servos_are_found_at_whatever_rate_they_are(capsys):
+    with emulate("--servo", "XM430-W350:3", "--servo", "XL430-W250:7", "--baud=57600") as (_, port):
+        status, out, err = scan(capsys, "--port", port, "--json")
+        found = json.loads(out)
+        assert status == 0
+        assert [(s["id"], s["baud"], s["model"]) for s in found["servos"]] == [
+            (3, 57600, "XM430-W350"),
+            (7, 57600, "XL430-W250"),
+        ]
+        assert [s["current_mode"] for s in found["servos"]] == [True, False]
+        assert len(found["bauds"]) == 8
+        assert "4000000 bit/s" in err
+        status, out, _ = scan(capsys, "--port", port, "--baud=1e6,2000000")
+        assert status == 4
+        assert "Nothing answers" in out

@@ -1,0 +1,351 @@
+"""Looking at a bus without driving it: who answers, what is wrong, mending, and reply times."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import pytest
+
+from hw.clock import SimulatedClock
+from hw.dynamixel.codec import Instruction, Parser
+from hw.dynamixel.emulated.adapter import Adapter
+from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.memory_line import MemoryLine
+from hw.dynamixel.emulated.servo import EmulatedServo
+from hw.dynamixel.examine import adapter as adapters
+from hw.dynamixel.examine.cycles import run_series, time_replies
+from hw.dynamixel.examine.registers import Contact, judge, mend, read_all, set_status_level
+from hw.dynamixel.examine.search import search
+from hw.dynamixel.port import kept_settings, open_port
+from hw.dynamixel.sdk import Sdk
+from hw.dynamixel.tables import MODELS
+from hw.errors import PortError
+from hw.settings import TrueServo
+
+MS = 1_000_000
+BAUD = 4_000_000
+TORQUE_ENABLE = 64
+WRITING = {Instruction.WRITE, Instruction.REG_WRITE, Instruction.SYNC_WRITE}
+
+
+class Bus:
+    """Servos in memory, (model, id) each, and every frame that was sent to them."""
+
+    def __init__(self, *servos, baud=BAUD, timer_ns=0, phase_ns=0, return_delay=None):
+        self.clock = SimulatedClock(7 * MS)
+        now = self.clock.now_ns()
+        self.servos = {
+            i: EmulatedServo(MODELS[m], i, 48, TrueServo(0.01), start_ns=now, baud=baud)
+            for m, i in servos or (("XM430-W350", 1),)
+        }
+        adapter = Adapter(timer_ns, 510, now + phase_ns) if timer_ns else None
+        bus = EmulatedBus(list(self.servos.values()), baud=BAUD, start_ns=now, adapter=adapter)
+        self._line = MemoryLine(bus, self.clock)
+        self.sent = []
+        if return_delay is not None:
+            self.set(return_delay_time=return_delay)
+
+    def write(self, data):
+        self.sent += Parser().feed(data)
+        self._line.write(data)
+
+    def read(self):
+        return self._line.read()
+
+    def wait(self, deadline_ns):
+        return self._line.wait(deadline_ns)
+
+    def close(self):
+        pass
+
+    def contact(self):
+        return Contact.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
+
+    def set(self, **values):
+        """Set registers as a client would have, by the vendor's SDK."""
+        table = self.contact().table
+        for name, value in values.items():
+            table.write(name, value)
+        self.sent.clear()
+
+    def judged(self, torque_limit=4.0):
+        examined = read_all(self.contact(), MODELS["XM430-W350"], 48)
+        return judge(examined, torque_limit, 0.0048)
+
+    def finding(self, name):
+        return next(j.finding for j in self.judged() if j.finding.name == name)
+
+    def wrote(self):
+        return [f for f in self.sent if f.instruction in WRITING]
+
+
+def test_everybody_on_the_bus_is_found_with_model_and_firmware():
+    bus = Bus(("XM430-W350", 3), ("XL330-M288", 1), ("XL430-W250", 17))
+    found = search(bus, BAUD)
+    assert [(s.id, s.model, s.firmware) for s in found.servos] == [
+        (1, "XL330-M288", 48),
+        (3, "XM430-W350", 48),
+        (17, "XL430-W250", 48),
+    ]
+    assert found.garbled == 0
+
+
+def test_a_high_id_is_found_when_it_is_asked_for_or_another_one_answers():
+    assert search(Bus(("XM430-W350", 200)), BAUD).servos == []
+    assert [s.id for s in search(Bus(("XM430-W350", 200)), BAUD, {200}).servos] == [200]
+    assert [s.id for s in search(Bus(("XM430-W350", 2), ("XM430-W350", 200)), BAUD).servos] == [
+        2,
+        200,
+    ]
+
+
+def test_a_servo_at_another_rate_is_silence_and_costs_little_time():
+    bus = Bus(baud=57600)
+    begun = bus.clock.now_ns()
+    found = search(bus, BAUD)
+    assert found.servos == []
+    assert found.garbled == 0
+    # 21 slots of 3 ms, 21 pings of 2.5 ms, and twice what an adapter may hold
+    assert bus.clock.now_ns() - begun < 200 * MS
+
+
+def test_a_slow_adapter_hides_nobody():
+    assert [s.id for s in search(Bus(timer_ns=16 * MS), BAUD).servos] == [1]
+
+
+def test_searching_writes_no_register():
+    bus = Bus()
+    search(bus, BAUD)
+    assert {frame.instruction for frame in bus.sent} == {Instruction.PING}
+
+
+@dataclass
+class Fault:
+    register: str
+    value: int
+    name: str
+    found: str
+    mended: str
+
+
+FAULTS = [
+    Fault("return_delay_time", 250, "return delay", "250 (500 µs)", "0 (0 µs)"),
+    Fault("drive_mode", 1, "direction", "reverse", "normal"),
+    Fault("drive_mode", 8, "torque on by goal update", "on", "off"),
+    Fault("startup_configuration", 1, "start-up configuration", "torque on at power-up", "0"),
+    Fault("startup_configuration", 2, "start-up configuration", "old goals restored", "0"),
+    Fault("secondary_id", 9, "secondary id", "9", "none"),
+    Fault("shutdown", 52 - 4, "shutdown", "48, without overheating", "52"),
+    Fault("torque_enable", 1, "torque", "on", "off"),
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.name}-{fault.value}")
+def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault):
+    bus = Bus(return_delay=0)
+    bus.set(**{fault.register: fault.value})
+    wrong = [j for j in bus.judged() if not j.finding.ok]
+    assert [j.finding.name for j in wrong] == [fault.name]
+    assert wrong[0].finding.found == fault.found
+    assert wrong[0].finding.fixable
+    assert bus.wrote() == []
+    change = mend(bus.contact(), fault.name, wrong[0].repair)
+    assert change.verified
+    assert [frame.params[0] for frame in bus.wrote()] == [
+        MODELS["XM430-W350"].registers[fault.register].address
+    ]
+    assert bus.finding(fault.name).found == fault.mended
+    assert all(j.finding.ok for j in bus.judged())
+
+
+def test_mending_one_bit_of_drive_mode_leaves_the_others():
+    bus = Bus()
+    bus.set(drive_mode=1 + 4 + 8)
+    for judgement in bus.judged():
+        if judgement.finding.name == "direction":
+            assert mend(bus.contact(), "direction", judgement.repair).after == str(4 + 8)
+
+
+def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more():
+    bus = Bus()
+    bus.set(max_voltage_limit=110)  # the emulated supply gives 12 V
+    bus.wait(bus.clock.now_ns() + 10 * MS)
+    error = next(j for j in bus.judged() if j.finding.name == "hardware error")
+    assert error.finding.found == "input voltage (0x01)"
+    assert not bus.finding("supply").ok
+    assert not mend(bus.contact(), "hardware error", error.repair).verified  # it is still there
+    bus.set(max_voltage_limit=160)
+    assert mend(bus.contact(), "hardware error", error.repair).verified
+    assert bus.finding("hardware error").ok
+
+
+def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended():
+    bus = Bus(return_delay=250)
+    bus.set(torque_enable=1)
+    delay = next(j for j in bus.judged() if j.finding.name == "return delay")
+    change = mend(bus.contact(), "return delay", delay.repair)
+    assert not change.verified
+    assert "refuses" in change.after
+    assert bus.finding("return delay").found == "250 (500 µs)"
+
+
+def test_a_servo_that_answers_no_reads_is_made_to():
+    bus = Bus()
+    table = bus.contact().table
+    table.sdk.write_unanswered(table.registers["status_return_level"], 0)
+    change = set_status_level(bus.contact())
+    assert change == ("status return level", "no replies to reads", "2", True)
+
+
+def test_torque_is_never_enabled_by_any_repair():
+    bus = Bus()
+    bus.set(drive_mode=9, startup_configuration=3, secondary_id=4, shutdown=0, torque_enable=1)
+    for finding, repair in bus.judged():
+        if repair is not None:
+            assert mend(bus.contact(), finding.name, repair).verified
+    enabled = [f for f in bus.wrote() if f.params[0] == TORQUE_ENABLE and f.params[2] != 0]
+    assert enabled == []
+    assert not Sdk(bus, BAUD, 1, "").read(MODELS["XM430-W350"].registers["torque_enable"])
+
+
+def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
+    bus = Bus()
+    bus.set(current_limit=100)
+    low = bus.finding("current limit")
+    assert low.ok
+    assert "0.48 N·m" in low.found
+    assert "servo.torque_limit" in low.fix
+    bus.set(current_limit=0)
+    assert not bus.finding("current limit").ok
+
+
+# Time
+
+
+def series(bus, schedule, period_ns=MS):
+    def wait(instant_ns):
+        bus.clock.wait_until(instant_ns)
+        return bus.clock.now_ns()
+
+    return run_series(
+        bus,
+        1,
+        schedule,
+        wait=wait,
+        period_ns=period_ns,
+        collect_ns=period_ns * 8 // 10,
+        phases=10,
+        cycles=20,
+    )
+
+
+def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase():
+    bus = Bus(return_delay=0)
+    replies = time_replies(bus, 1, 50, MS)
+    # 14 bytes there, 27 or 28 back, 2.5 µs each
+    assert 102_500 <= replies.took_ns[0] <= replies.took_ns[-1] <= 105_000
+    for schedule in ("immediate", "pipelined"):
+        found = series(bus, schedule)
+        assert found.worst == 0
+        assert found.skipped == 0
+        assert len(found.phases) == 10
+
+
+def test_return_delay_shows_in_the_replies():
+    found = time_replies(Bus(return_delay=250), 1, 20, MS)
+    assert 602_500 <= found.took_ns[0] <= found.took_ns[-1] <= 605_000
+
+
+def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_at_none():
+    bus = Bus(timer_ns=MS, return_delay=0)
+    found = series(bus, "immediate")
+    shares = [phase.share for phase in found.phases]
+    # A reply is ready 0.1 ms after its request and is given up 0.8 ms after: the timer expires in
+    # that time at 7 of 10 phases, and a reply of the other 3 is lost every time.
+    assert sorted(shares).count(0.0) == 7
+    assert sorted(shares).count(1.0) == 3
+    found = series(bus, "pipelined")
+    assert found.worst == 0
+    # Not older than the period, and the time until the timer expires after the wake-up.
+    assert found.ages_ns[-1] <= 1.8 * MS
+
+
+def test_every_phase_is_met_wherever_the_timers_grid_lies():
+    for phase_ns in (0, 330_000, 770_000):
+        found = series(Bus(timer_ns=MS, phase_ns=phase_ns, return_delay=0), "immediate")
+        assert sum(phase.share > 0.5 for phase in found.phases) in (2, 3)
+
+
+def test_nothing_but_reads_is_sent():
+    bus = Bus(return_delay=0)
+    bus.sent.clear()
+    time_replies(bus, 1, 5, MS)
+    series(bus, "immediate")
+    series(bus, "pipelined")
+    assert {frame.instruction for frame in bus.sent} == {Instruction.READ}
+
+
+# Adapters
+
+
+def test_known_adapters_are_named_and_others_by_their_numbers():
+    assert "U2D2" in adapters.kind_of(0x0403, 0x6014, "USB <-> Serial Converter")
+    assert "OpenRB" in adapters.kind_of(0x2F5D, 0x2202, None)
+    assert "dead:beef" in adapters.kind_of(0xDEAD, 0xBEEF, None)
+    assert "not on USB" in adapters.kind_of(None, None, None)
+
+
+def test_the_only_adapter_is_taken_and_several_are_listed():
+    first = adapters.Adapter("/dev/ttyUSB0", "FTDI")
+    assert adapters.only_adapter([first]) == "/dev/ttyUSB0"
+    with pytest.raises(PortError, match=r"--port.*ttyUSB0: FTDI; /dev/ttyACM0: ROBOTIS"):
+        adapters.only_adapter([first, adapters.Adapter("/dev/ttyACM0", "ROBOTIS")])
+    with pytest.raises(PortError, match="No USB serial adapter"):
+        adapters.only_adapter([])
+
+
+@pytest.mark.parametrize(
+    ("text", "ok", "words"),
+    [
+        ("16", False, ["16 ms", "echo 1 | sudo tee"]),
+        ("1", True, ["1 ms"]),
+        ("0", True, ["0 ms", "U2D2"]),
+        (None, True, ["does not apply"]),
+    ],
+)
+def test_the_latency_timer_is_judged_where_there_is_one(tmp_path, text, ok, words):
+    timer = tmp_path / "ttyUSB9" / "device" / "latency_timer"
+    if text is not None:
+        timer.parent.mkdir(parents=True)
+        timer.write_text(text)
+    finding = adapters.examine_latency_timer("/dev/ttyUSB9", tmp_path)
+    assert finding.ok is ok
+    for word in words:
+        assert word in f"{finding.found} {finding.fix}"
+    if text == "16":
+        assert adapters.set_latency_timer("/dev/ttyUSB9", tmp_path)
+        assert adapters.examine_latency_timer("/dev/ttyUSB9", tmp_path).ok
+
+
+def test_a_port_that_is_none_is_said_so(tmp_path):
+    (missing,) = adapters.examine_port(str(tmp_path / "ttyUSB0"))
+    assert not missing.ok
+    assert "does not exist" in missing.found
+    (tmp_path / "file").write_text("")
+    assert "no device" in adapters.examine_port(str(tmp_path / "file"))[-1].found
+    assert "not a serial port" in adapters.examine_port("/dev/null")[-1].found
+
+
+def test_settings_of_a_port_are_put_back():
+    master, slave = os.openpty()
+    path = os.ttyname(slave)
+    import termios
+
+    before = termios.tcgetattr(slave)
+    with kept_settings(path):
+        os.close(open_port(path, 1_000_000))
+        assert termios.tcgetattr(slave) != before
+    assert termios.tcgetattr(slave) == before
+    os.close(master)
+    os.close(slave)
