@@ -2,8 +2,9 @@
 
 A DC motor without inductance: ``duty U = R i + k_e w``, ``torque = k_t i``. ``R`` and ``k_e`` come
 from the published stall current and no-load speed, ``k_t`` from stall torque over stall current;
-what the gear takes is the difference between ``k_e`` and ``k_t``. The no-load speed is that of a
-motor without friction: the mechanism's own friction is a load like any other.
+the gear is why ``k_t`` is the smaller of the two (but for XL330-M077 and XC430-W150, whose figures
+do not fit together that well). The no-load speed is that of a motor without friction: the
+mechanism's own friction is a load like any other.
 
 Models of the X330 family measure the current of the supply. Through the inverter ``U i_s = (duty U)
 i``, so ``i_s = duty i``, and at a standstill the torque goes with the square root of the current
@@ -56,10 +57,14 @@ class Motor:
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """What the servo measures [A] when ``current`` [A] flows through the motor."""
+        """What the servo measures [A] when ``current`` [A] flows through the motor.
+
+        The supply's current has the sign of the motor's, as a direction; the manual's Goal Current
+        has one too.
+        """
         if not self.senses_supply:
             return current
-        return self.duty(current, volts, speed) * current
+        return abs(self.duty(current, volts, speed)) * current
 
     def from_sensed(self, sensed: float, volts: float, speed: float) -> float:
         """The motor current [A] at which ``sensed`` [A] is measured; 0 for 0.

@@ -293,6 +293,7 @@ class EmulatedServo:
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns
         self.drive.release(now_ns)
+        self.drive.health.settle(now_ns)
         self.table.power_up()
         self.drive.update(now_ns)
 

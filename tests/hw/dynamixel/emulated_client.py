@@ -37,11 +37,22 @@ class Client:
         fast: bool = True,
         adapter: Adapter | None = None,
         faults: Faults | None = None,
+        back_emf: bool = False,
+        recorded: bool = True,
     ) -> None:
         self.clock = SimulatedClock(5 * MS)
         start = self.clock.now_ns()
         self.servos = {
-            i: EmulatedServo(MODELS[model], i, firmware, true, start_ns=start, baud=BAUD, tick=tick)
+            i: EmulatedServo(
+                MODELS[model],
+                i,
+                firmware,
+                true,
+                start_ns=start,
+                baud=BAUD,
+                tick=tick,
+                back_emf=back_emf,
+            )
             for model, i in servos or (("XM430-W350", 1),)
         }
         self.record = io.StringIO()
@@ -50,7 +61,7 @@ class Client:
             list(self.servos.values()),
             baud=BAUD,
             start_ns=start,
-            witness=self.witness,
+            witness=self.witness if recorded else None,
             adapter=adapter,
             faults=faults,
         )

@@ -32,7 +32,7 @@ class Sdk:
     def __init__(
         self, model: str = X, mode: int = POSITION, true: TrueServo = MX64, **before: int
     ) -> None:
-        self.client = Client((model, 1), true=true)
+        self.client = Client((model, 1), true=true, recorded=False)
         self.servo = self.client.servos[1]
         self.registers = MODELS[model].registers
         self.port = LinePort(self.client.line, BAUD)
