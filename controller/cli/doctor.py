@@ -84,6 +84,7 @@ def _cycles(series: Series) -> dict[str, Any]:
     return {
         "schedule": series.schedule,
         "skipped": series.skipped,
+        "repeated": series.repeated,
         "phases": [
             {
                 "offset_us": phase.offset_ns / 1000,

@@ -46,7 +46,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     def tell(baud: int) -> None:
         click.echo(f"  {baud} bit/s ...", err=True)
 
-    searches = scan(path, rates, wanted, MonotonicClock(), tell)
+    searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))
     return 0 if found["servos"] else HARDWARE

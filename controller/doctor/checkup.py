@@ -202,11 +202,14 @@ class _Checkup:
         self._tell("no answer there: searching the other baud rates")
         rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
         ids = {*IDS, settings.id}
-        searches = [here, *scan(settings.port, rates, ids, self._clock)]
+        searches = [here]
+        with contextlib.closing(scan(settings.port, rates, ids, self._clock)) as scanning:
+            for one in scanning:
+                mine = next((servo for servo in one.servos if servo.id == settings.id), None)
+                if mine is not None:
+                    return self._elsewhere(settings, mine, wanted)
+                searches.append(one)
         servos = [servo for one in searches for servo in one.servos]
-        mine = next((servo for servo in servos if servo.id == settings.id), None)
-        if mine is not None:
-            return self._elsewhere(settings, mine, wanted)
         self.report.reached = bool(servos)
         listed = ", ".join(map(_name, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]

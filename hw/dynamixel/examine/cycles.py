@@ -28,6 +28,8 @@ SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
 _PATIENCE_NS: Final = 60_000_000
 _LATE_SHARE: Final = 4
 """A tick that is served later than a period over this says nothing of the adapter"""
+_DOUBTFUL: Final = 0.02
+"""A phase that misses a larger share is run again"""
 
 Wait = Callable[[int], int]
 """Waits until an instant [ns]; the present time [ns]"""
@@ -73,6 +75,8 @@ class Series:
     """Of all wake-ups behind their deadlines, in order of size"""
     skipped: int
     """Ticks that came too late to say anything of the bus"""
+    repeated: int = 0
+    """Phases that were run twice, since many replies were missed; the better run counts"""
 
     @property
     def worst(self) -> float:
@@ -158,40 +162,71 @@ def run_series(
     Raises:
         ServoLostError: The port is gone.
     """
-    link = Link(line, servo_id)
-    origin_ns = line.clock.now_ns() + period_ns
+    runner = _Runner(line, servo_id, schedule, wait, period_ns, collect_ns)
     done: list[Phase] = []
-    lateness: list[int] = []
-    skipped = 0
+    repeated = 0
     for number in range(phases):
         offset_ns = number * period_ns // phases
-        behind_ns = line.clock.now_ns() + period_ns - origin_ns - offset_ns
-        deadline_ns = origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
+        phase = runner.run(offset_ns, cycles)
+        if phase.missed > _DOUBTFUL * phase.cycles:
+            # A stall of the machine strikes once; what the adapter spoils stays spoiled.
+            repeated += 1
+            again = runner.run(offset_ns, cycles)
+            phase = min(phase, again, key=lambda one: one.missed / max(1, one.cycles))
+        done.append(phase)
+    return Series(schedule, done, sorted(runner.lateness), runner.skipped, repeated)
+
+
+class _Runner:
+    def __init__(
+        self,
+        line: Line,
+        servo_id: int,
+        schedule: Schedule,
+        wait: Wait,
+        period_ns: int,
+        collect_ns: int,
+    ) -> None:
+        self.lateness: list[int] = []
+        self.skipped = 0
+        self._link = Link(line, servo_id)
+        self._now_ns = line.clock.now_ns
+        self._pipelined = schedule == "pipelined"
+        self._wait = wait
+        self._period_ns = period_ns
+        self._collect_ns = collect_ns
+        self._origin_ns = self._now_ns()
+
+    def run(self, offset_ns: int, cycles: int) -> Phase:
+        """One series on the grid that lies ``offset_ns`` behind the first one's."""
+        link, now_ns, period_ns = self._link, self._now_ns, self._period_ns
+        behind_ns = now_ns() + period_ns - self._origin_ns - offset_ns
+        deadline_ns = self._origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
         ages: list[int] = []
         missed = counted = 0
-        asked = valid = False
+        if self._pipelined:
+            link.request()
+        valid = not self._pipelined  # the first answer has had more than a period
         for _ in range(cycles + 1):
-            woke_ns = wait(deadline_ns)
-            late_ns = woke_ns - deadline_ns
-            lateness.append(late_ns)
-            punctual = late_ns < period_ns // _LATE_SHARE
-            skipped += not punctual
-            if schedule == "immediate":
+            woke_ns = self._wait(deadline_ns)
+            self.lateness.append(woke_ns - deadline_ns)
+            punctual = woke_ns - deadline_ns < period_ns // _LATE_SHARE
+            self.skipped += not punctual
+            if not self._pipelined:
                 link.request()
-                asked = valid = True
-            if asked:
-                sample = link.collect(woke_ns + collect_ns)
-                if punctual and valid:
-                    counted += 1
-                    missed += sample.outcome is not Outcome.OK
-                    if sample.outcome is Outcome.OK:
-                        ages.append(line.clock.now_ns() - sample.sampled_ns)
-            if schedule == "pipelined":
+            sample = link.collect(woke_ns + self._collect_ns)
+            used_ns = now_ns()
+            if self._pipelined:
                 link.request()
-                asked, valid = True, punctual
-            passed = max(1, -(-(line.clock.now_ns() - deadline_ns) // period_ns))
+            if punctual and valid:
+                counted += 1
+                if sample.outcome is Outcome.OK:
+                    ages.append(used_ns - sample.sampled_ns)
+                else:
+                    missed += 1
+            valid = punctual or not self._pipelined
+            passed = max(1, -(-(now_ns() - deadline_ns) // period_ns))
             deadline_ns += passed * period_ns
-        if schedule == "pipelined":
-            link.collect(line.clock.now_ns() + collect_ns)
-        done.append(Phase(offset_ns, counted, missed, sorted(ages)))
-    return Series(schedule, done, sorted(lateness), skipped)
+        if self._pipelined:
+            link.collect(now_ns() + self._collect_ns)
+        return Phase(offset_ns, counted, missed, sorted(ages))

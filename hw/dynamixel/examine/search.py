@@ -9,7 +9,7 @@ all at once garble each other, and so does noise. No register is written, and no
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
@@ -99,8 +99,8 @@ def scan(
     ids: Collection[int],
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
-) -> list[Search]:
-    """Search a port at several rates; its settings are put back at the end.
+) -> Generator[Search]:
+    """Search a port at several rates, one after the other; its settings are put back at the end.
 
     Args:
         path: The port.
@@ -113,16 +113,15 @@ def scan(
         PortError: The port cannot be used.
         ServoLostError: The port is gone.
     """
-    found = []
     with port.kept_settings(path):
         for baud in bauds:
             tell(baud)
             try:
                 with opened(path, baud, clock) as line:
-                    found.append(search(line, baud, ids))
+                    found = search(line, baud, ids)
             except BaudRefusedError as error:
-                found.append(Search(baud, [], 0, str(error)))
-    return found
+                found = Search(baud, [], 0, str(error))
+            yield found
 
 
 @contextmanager
