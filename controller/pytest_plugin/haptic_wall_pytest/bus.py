@@ -1,0 +1,300 @@
+"""The emulated bus as a process: started, told what goes wrong, asked what is true, ended."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from .record import BusRow, read_rows, written_until
+
+_PATIENCE_S: Final = 30.0
+"""For the process to start, to answer or to end: a loaded machine may take seconds."""
+_POLL_S: Final = 0.02
+_READ_SIZE: Final = 65536
+_PROGRAM: Final = "controller.cli.main"
+
+
+class BusError(Exception):
+    """The emulated bus did not start, died, or was asked for what it does not do."""
+
+
+class DynamixelBus:
+    """An emulated bus in a process of its own, from ``with`` to its end.
+
+    Args:
+        servos: ``MODEL``, ``MODEL:ID`` or ``MODEL:ID:FIRMWARE`` each.
+        baud: What the servos listen at [bit/s].
+        latency_timer: The USB adapter's [ms]; 0: replies are handed over at once.
+        block: What the adapter hands over without waiting [bytes]; None: 510.
+        faults: What goes wrong from the start, as for ``inject``.
+        seed: Decides where the servos' clocks start, and what the faults strike.
+        truth: What the servos truly are, by name without ``servo.``, e.g. ``{"position": 1.0}``;
+            see ``haptic-wall emulate --help``. SI units.
+    """
+
+    def __init__(
+        self,
+        servos: Sequence[str] = ("XM430-W350:1",),
+        *,
+        baud: int = 4_000_000,
+        latency_timer: int = 0,
+        block: int | None = None,
+        faults: Sequence[str] = (),
+        seed: int = 0,
+        truth: Mapping[str, float | str] | None = None,
+    ) -> None:
+        for name, value in (("servos", servos), ("faults", faults)):
+            if isinstance(value, str):
+                raise BusError(f"{name}: found the text {value!r}, wanted a list: [{value!r}]")
+        self.baud = baud
+        self.ids = tuple(_id(servo) for servo in servos)
+        """Of the servos, as they were given"""
+        self.port = ""
+        """What a client opens; the same also when the adapter was unplugged and is back"""
+        self._given = {_name(fault) for fault in faults}
+        self._arguments = ["--baud", str(baud), "--seed", str(seed)]
+        self._arguments += ["--latency-timer", str(latency_timer)]
+        self._arguments += [] if block is None else ["--block", str(block)]
+        for option, values in (
+            ("--servo", servos),
+            ("--fault", faults),
+            ("--set", [f"servo.{name}={value}" for name, value in (truth or {}).items()]),
+        ):
+            self._arguments += [part for value in values for part in (option, value)]
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._record = Path()
+        self._unheard = {"out": b"", "error": b""}
+        self._rows: list[BusRow] | None = None
+        """All of them, once the bus has ended"""
+
+    def __enter__(self) -> Self:
+        """Start the process and wait for its port.
+
+        Raises:
+            BusError: It does not start; the message ends with what it said.
+        """
+        self._folder = tempfile.TemporaryDirectory(prefix="dynamixel-bus-")
+        self.port = str(Path(self._folder.name) / "port")
+        self._record = Path(self._folder.name) / "record.csv"
+        try:
+            self._process = subprocess.Popen(
+                [
+                    # -P: the working folder may hold a package of the same name.
+                    *(sys.executable, "-P", "-m", _PROGRAM, "emulate", "--die-with-parent"),
+                    *("--link", self.port, "--record", str(self._record), *self._arguments),
+                ],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=_environment(),
+                start_new_session=True,  # a Ctrl-C is for the tests, which then end it in order
+            )
+            self._answer("/")
+        except BaseException:
+            self._release()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the process, if it was not stopped before.
+
+        Raises:
+            BusError: As ``stop`` does.
+        """
+        self.stop()
+
+    def inject(self, fault: str) -> None:
+        """From now on let this go wrong.
+
+        Args:
+            fault: For instance ``drop:p=0.05``, ``corrupt:every=10,way=reply``,
+                ``hardware-error:bits=overload,id=1`` or ``unplug:for=0.5``.
+
+        Raises:
+            BusError: It is no fault, or for an id that no servo has.
+        """
+        self._tell(fault, "on ")
+        self._given.add(_name(fault))
+
+    def lift(self, name: str) -> None:
+        """End all faults of this name, ``drop`` for instance.
+
+        Raises:
+            BusError: No fault has this name.
+        """
+        self._tell(f"off {name}", "off ")
+        self._given.discard(name)
+
+    def clear(self) -> None:
+        """End every fault there is. What has happened stays: latched errors, lost settings."""
+        for name in sorted(self._given):
+            self.lift(name)
+
+    def stop(self) -> None:
+        """End the process; ``rows`` is then complete and costs no time. Safe to call twice.
+
+        Raises:
+            BusError: It had died before, or did not end in order; the message ends with what it
+                said.
+        """
+        process = self._process
+        if process is None:
+            return
+        died = process.poll() is not None
+        if not died:
+            process.terminate()
+        try:
+            process.wait(_PATIENCE_S)
+            complaint = self._complaint()
+            self._rows = read_rows(self._record)
+        finally:
+            self._release()
+        if died:
+            raise BusError(f"The emulated bus died: status {process.returncode}.{complaint}")
+        if process.returncode:
+            raise BusError(f"The emulated bus ended with {process.returncode}.{complaint}")
+
+    @property
+    def rows(self) -> list[BusRow]:
+        """Everything until now, in order of time.
+
+        While the bus runs, this waits until the record has been written so far: half a second.
+
+        Raises:
+            BusError: The bus has died, or was never started.
+        """
+        if self._rows is not None:
+            return self._rows
+        process = self._running()
+        now_s = time.monotonic()
+        while written_until(self._record) < now_s:
+            if process.poll() is not None:
+                raise BusError(f"The emulated bus has died.{self._complaint()}")
+            if time.monotonic() > now_s + _PATIENCE_S:
+                raise BusError(f"The emulated bus has recorded nothing for {_PATIENCE_S:.0f} s.")
+            time.sleep(_POLL_S)
+        return [row for row in read_rows(self._record) if row.time_s <= now_s]
+
+    def events(self, event: str, id: int | None = None) -> list[BusRow]:  # noqa: A002
+        """The rows of one kind, of one servo or of all.
+
+        Args:
+            event: ``rx``, ``tx``, ``state`` or ``fault``.
+            id: As it stands in the row; None: any.
+        """
+        return [row for row in self.rows if row.event == event and id in (None, row.id)]
+
+    def state(self, id: int | None = None) -> BusRow:  # noqa: A002
+        """Where a servo truly is, how fast it moves, and the torque that acts on it.
+
+        Args:
+            id: Of the servo; None: the first.
+
+        Raises:
+            BusError: No servo has this id.
+        """
+        wanted = self.ids[0] if id is None else id
+        if wanted not in self.ids:
+            raise BusError(f"No servo has the id {wanted}: the bus has {list(self.ids)}.")
+        return self.events("state", wanted)[-1]
+
+    def position(self, id: int | None = None) -> float:  # noqa: A002
+        """Where a servo truly is [rad]; see ``state``."""
+        return self.state(id).position_rad
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None:
+            raise BusError("The emulated bus does not run: use it inside of its `with` block.")
+        return self._process
+
+    def _tell(self, line: str, sign: str) -> None:
+        """Say a line on the process's standard input, and hear that it was done."""
+        process = self._running()
+        assert process.stdin is not None
+        try:
+            process.stdin.write(" ".join(line.split()).encode() + b"\n")
+            process.stdin.flush()
+        except BrokenPipeError:
+            raise BusError(f"The emulated bus has died.{self._complaint()}") from None
+        self._answer(sign)
+
+    def _answer(self, sign: str) -> None:
+        """Wait for a line of the process that begins with ``sign``.
+
+        Raises:
+            BusError: It complained, died, or said nothing.
+        """
+        process = self._running()
+        assert process.stdout is not None
+        assert process.stderr is not None
+        names = {process.stdout.fileno(): "out", process.stderr.fileno(): "error"}
+        end_s = time.monotonic() + _PATIENCE_S
+        while ready := select.select([*names], (), (), max(0.0, end_s - time.monotonic()))[0]:
+            for descriptor in ready:
+                name = names[descriptor]
+                data = os.read(descriptor, _READ_SIZE)
+                if not data:
+                    process.wait(_PATIENCE_S)
+                    raise BusError(f"The emulated bus does not run.{self._complaint()}")
+                *lines, self._unheard[name] = (self._unheard[name] + data).split(b"\n")
+                text = b"\n".join(lines).decode(errors="replace")
+                if name == "error" and lines:
+                    raise BusError(text)
+                if any(line.startswith(sign) for line in text.splitlines()):
+                    return
+        raise BusError(f"The emulated bus has said nothing for {_PATIENCE_S:.0f} s.")
+
+    def _complaint(self) -> str:
+        """What a process that has ended said on standard error and nobody has heard."""
+        process = self._running()
+        assert process.stderr is not None
+        text = (self._unheard["error"] + process.stderr.read()).decode(errors="replace").strip()
+        return f" It said:\n{text}" if text else ""
+
+    def _release(self) -> None:
+        """Leave no process, pipe or file behind."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            for pipe in (process.stdin, process.stdout, process.stderr):
+                assert pipe is not None
+                with suppress(BrokenPipeError):
+                    pipe.close()
+            process.wait(_PATIENCE_S)
+        if self._folder is not None:
+            self._folder.cleanup()
+
+
+def _name(fault: str) -> str:
+    return fault.partition(":")[0].strip()
+
+
+def _id(servo: str) -> int:
+    given = servo.split(":")[1:2]
+    try:
+        return int(given[0]) if given else 1
+    except ValueError:
+        raise BusError(f"servos: found {servo!r}, wanted MODEL[:ID[:FIRMWARE]]") from None
+
+
+def _environment() -> dict[str, str]:
+    """The tests' own, but where it leads to modules of theirs: one may be called as one of ours."""
+    ours = str(Path(__file__).resolve().parents[1])
+    places = [p for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
+    kept = [p for p in places if str(Path(p).resolve()) == ours]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(kept), "PYTHONUNBUFFERED": "1"}
