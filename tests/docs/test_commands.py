@@ -79,6 +79,18 @@ def run_quickly(words, folder, capsys):
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
 
 
+def look(words, folder, capsys):
+    """A ``scan`` or ``doctor``, at a port where nothing is unless it brings its own bus."""
+    nowhere = folder / "ttyUSB0"
+    if words[0] == "scan":
+        assert call([*words, "--port", str(nowhere)]) == 4
+    elif load_config(words[1]).config.servo.kind == "emulated":
+        assert call([*words, "--set", "realtime.profile=off"]) in (0, 1)  # it also judges time
+    else:
+        assert call([*words, "--set", f"servo.port={nowhere}"]) == 4
+    assert "Traceback" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
 def test_commands_of_the_program(found, folder, capsys):
     _, (first, *words) = found
@@ -87,6 +99,9 @@ def test_commands_of_the_program(found, folder, capsys):
     if words[:1] == ["run"]:
         status, wanted = run_quickly(words[1:], folder, capsys)
         assert status == wanted
+        return
+    if words[0] in ("scan", "doctor"):
+        look(words, folder, capsys)
         return
     if words[0] == "log":
         assert call(["run", "--log", words[1], "--duration=0.1", "--set=loop.clock=simulated"]) == 0
