@@ -134,36 +134,38 @@ class Drive:
 
     def motion(self, position: int, now_ns: int) -> Motion:
         """What the controllers are at, with the shaft at ``position`` [counts]."""
-        if self._active in (None, CURRENT_MODE, PWM_MODE):
+        if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
             return Motion(0, False, 0, position)
         return self.controllers.motion(position, now_ns)
 
     def position(self) -> int:
         """Present Position [counts], at the time advanced to."""
         counts = self.encoder.counts() - self._lost
-        return self.table.position_inverted * counts + self._memory["homing_offset"]
+        if self.table.reversed:
+            counts = -counts
+        return counts + self._memory["homing_offset"]
 
     def forget_turns(self) -> None:
         """Present Position back within one turn, but for the homing offset."""
         counts, sign = self.encoder.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
-    def current(self) -> float:
-        """What the servo measures of its current [A], in the motor's direction."""
-        motor, mechanism = self.motor, self.mechanism
-        current = mechanism.torque / motor.torque_constant
-        return motor.sensed(current, self.table.supply, mechanism.velocity)
+    def electrical(self) -> tuple[float, float]:
+        """The current that is measured [A], and the share of the supply on the motor.
 
-    def duty(self) -> float:
-        """The share of the supply that is on the motor, in its direction; 0 while limp."""
-        if self._active is not None:
-            return self._duty
-        torque = self.mechanism.torque
-        if torque == 0.0:
-            return 0.0
-        motor = self.motor
+        Both in the motor's direction, both 0 while it is limp.
+        """
+        mechanism, motor = self.mechanism, self.motor
+        torque = mechanism.torque
+        active = self._active is not None
+        if torque == 0.0 and not active:
+            return 0.0, 0.0
+        speed, volts = mechanism.velocity, self.table.supply
         current = torque / motor.torque_constant
-        return _clamp(motor.duty(current, self.table.supply, self.mechanism.velocity), 1.0)
+        duty = self._duty if active else motor.duty(current, volts, speed)
+        if motor.senses_supply:
+            current = motor.sensed(current, volts, speed)
+        return current, min(max(duty, -1.0), 1.0)
 
     def release(self, now_ns: int) -> None:
         """Whatever the controllers are at ends, and the motor is limp."""

@@ -10,8 +10,7 @@ from hw.dynamixel.tables import VELOCITY_UNIT
 
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """Realtime Tick to Present Temperature, in the order of their addresses"""
-_INT16 = (-0x8000, 0x7FFF)
-_INT32 = (-0x8000_0000, 0x7FFF_FFFF)
+_LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
 _LOAD_FULL = 1000
 """Present Load at full output [0.1 %]"""
 
@@ -30,29 +29,28 @@ def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
     table, health = drive.table, drive.health
     if now_ns >= health.due_ns:
         health.settle(now_ns)
-    position = _clamp(drive.position(), _INT32)
-    velocity = 0 if drive.encoder.stuck else round(drive.mechanism.velocity / VELOCITY_UNIT)
-    duty = drive.duty()
+    # A motor nobody stops may leave what the registers can say.
+    position = min(max(drive.position(), _LOWEST), _HIGHEST)
+    velocity = 0
+    if not drive.encoder.stuck:
+        velocity = min(max(round(drive.mechanism.velocity / VELOCITY_UNIT), -_HIGHEST), _HIGHEST)
+    amperes, duty = drive.electrical()
     unit = drive.current_unit
-    current = round(drive.current() / unit) if unit else round(duty * _LOAD_FULL)
+    current = round(amperes / unit) if unit else round(duty * _LOAD_FULL)
     pwm = round(duty * PWM_FULL)
     if table.inverts_current:
         velocity, current, pwm = -velocity, -current, -pwm
-    motion = drive.motion(position, now_ns)
+    status, ongoing, lead_velocity, lead_position = drive.motion(position, now_ns)
     return _PRESENT.pack(
         tick,
-        motion.ongoing or abs(velocity) > table.memory["moving_threshold"],
-        motion.status,
-        _clamp(pwm, _INT16),
-        _clamp(current, _INT16),
-        _clamp(velocity, _INT32),
+        ongoing or abs(velocity) > table.memory["moving_threshold"],
+        status,
+        pwm,
+        min(max(current, -0x8000), 0x7FFF),
+        velocity,
         position,
-        motion.velocity,
-        motion.position,
+        lead_velocity,
+        lead_position,
         table.volts,
         round(table.temperature),
     )
-
-
-def _clamp(value: int, bounds: tuple[int, int]) -> int:
-    return min(max(value, bounds[0]), bounds[1])

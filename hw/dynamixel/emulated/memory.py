@@ -6,7 +6,7 @@ scattered registers can be had in one piece.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.tables import Register
@@ -59,6 +59,9 @@ class Memory:
 
     def get(self, name: str) -> int:
         """The register's value; 0 where the model or its firmware has no such register."""
+        value = self._values.get(name)
+        if value is not None:
+            return value
         return self[name] if name in self.registers else 0
 
     def overwrite(self, data: bytes) -> None:
@@ -99,7 +102,9 @@ class Memory:
         """
         if not data:
             return ErrorCode.DATA_LENGTH
-        targets = [self._target(at) for at in range(address, address + len(data))]
+        targets: Sequence[int] = range(address, address + len(data))
+        if address + len(data) > self._measured.stop:  # something indirect may be there
+            targets = [self._target(at) for at in targets]
         values = []
         done = 0
         while done < len(data):
@@ -108,8 +113,8 @@ class Memory:
             if register is None or not register.writable:
                 return ErrorCode.ACCESS
             end = done + register.size
-            whole = list(range(register.address, register.address + register.size))
-            if targets[done:end] != whole:
+            whole = range(register.address, register.address + register.size)
+            if tuple(targets[done:end]) != tuple(whole):
                 return ErrorCode.DATA_LENGTH
             value = register.decode(data[done:end])
             if not register.minimum <= value <= register.maximum:

@@ -67,6 +67,7 @@ class ControlTable:
         "memory",
         "supply",
         "temperature",
+        "volts",
     )
 
     def __init__(self, model: Model, firmware: int) -> None:
@@ -77,16 +78,13 @@ class ControlTable:
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
         self._backup: dict[str, int] | None = None
         self.supply = model.voltage
-        """Of the servo [V]"""
+        """Of the servo [V]; ``feed`` sets it"""
+        self.volts = round(model.voltage * 10)
+        """Present Input Voltage [0.1 V]"""
         self.temperature = TEMPERATURE
         """Inside [°C]"""
         self.enabled_by_goal = False
         """Torque was last switched on by writing a goal, not by Torque Enable"""
-
-    @property
-    def volts(self) -> int:
-        """Present Input Voltage [0.1 V]."""
-        return round(self.supply * 10)
 
     @property
     def position_inverted(self) -> int:
@@ -101,7 +99,7 @@ class ControlTable:
     @property
     def inverts_current(self) -> bool:
         """Reversed X540 and XW invert velocity, current and PWM too, says the manual, no others."""
-        return self.reversed and self._model.family in ("X540", "XW540", "XW430")
+        return self._model.family in ("X540", "XW540", "XW430") and self.reversed
 
     @property
     def tripped(self) -> bool:
@@ -115,13 +113,9 @@ class ControlTable:
 
     @property
     def current(self) -> int:
-        """The current wanted of the motor in current mode [current units], within Current Limit."""
+        """What current mode wants of the motor [current units], within Current Limit."""
         memory = self.memory
-        if (
-            not memory["torque_enable"]
-            or memory["operating_mode"] != CURRENT_MODE
-            or memory.get("bus_watchdog") == WATCHDOG_TRIPPED
-        ):
+        if not memory["torque_enable"] or memory.get("bus_watchdog") == WATCHDOG_TRIPPED:
             return 0
         limit = memory["current_limit"]
         wanted = min(max(memory["goal_current"], -limit), limit)
@@ -166,6 +160,12 @@ class ControlTable:
         self.memory["bus_watchdog"] = WATCHDOG_TRIPPED
         if self.memory["operating_mode"] == CURRENT_MODE:
             self.memory["goal_current"] = 0
+
+    def feed(self, volts: float) -> None:
+        """Supply it with this voltage [V]; outside its limits it errs."""
+        self.supply = volts
+        self.volts = round(volts * 10)
+        self.check_health()
 
     def latch(self, bits: int) -> None:
         """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""

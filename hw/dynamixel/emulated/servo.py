@@ -17,6 +17,7 @@ from hw.dynamixel.emulated.rules import ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
+    EEPROM_END,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     WATCHDOG_UNIT_NS,
@@ -163,12 +164,14 @@ class EmulatedServo:
         whether packets for other servos do too is open, and here they do not.
         """
         self._heard_ns = now_ns
-        self.keep_up(now_ns)
+        if now_ns >= self.drive.next_ns:
+            self.keep_up(now_ns)
 
     def keep_up(self, now_ns: int) -> None:
         """Do what its controllers have to do by ``now_ns`` [ns], so that it is not left for later.
 
-        Nothing depends on it but how long the next instruction takes to compute.
+        But for faults and errors, nothing depends on it but how long the next instruction takes to
+        compute.
         """
         if now_ns >= self.drive.next_ns:
             self.drive.advance(now_ns)
@@ -176,8 +179,7 @@ class EmulatedServo:
     def set_supply(self, volts: float, now_ns: int) -> None:
         """From ``now_ns`` [ns] it is supplied with this voltage [V]; outside its limits it errs."""
         self.drive.advance(now_ns)
-        self.table.supply = volts
-        self.table.check_health()
+        self.table.feed(volts)
         self.drive.update(now_ns)
 
     def set_ambient(self, celsius: float, now_ns: int) -> None:
@@ -205,18 +207,20 @@ class EmulatedServo:
 
     def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
         """Write, with every consequence, at ``now_ns`` [ns]."""
-        self.keep_up(now_ns)
-        mode = self.memory["operating_mode"]
+        drive = self.drive
+        if now_ns >= drive.next_ns:
+            drive.advance(now_ns)
+        mode = self.memory["operating_mode"] if address < EEPROM_END else None
         error = self.table.write(address, data, ram_only=ram_only)
         if error == ErrorCode.NONE:
-            if mode != self.memory["operating_mode"]:
+            if mode is not None and mode != self.memory["operating_mode"]:
                 self._change_mode(now_ns)
             if self.memory["torque_enable"] and not self._held:
                 # The scripted hand belongs to whoever tries the wall: it waits for the torque,
                 # and does not disturb a start-up that looks at the shaft.
                 self._held = True
                 self.mechanism.let_hand(now_ns)
-            self.drive.update(now_ns)
+            drive.update(now_ns)
         return error
 
     def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
