@@ -51,9 +51,8 @@ def move(servo, degrees, within_s=3.0, tolerance=2.0):
     try:
         servo.write(GOAL_POSITION, 4, round(degrees * COUNTS_PER_DEGREE))
         end = time.monotonic() + within_s
-        while (
-            abs(servo.read(POSITION, 4) / COUNTS_PER_DEGREE - degrees) > tolerance
-            or servo.read(MOVING, 1)
+        while abs(servo.read(POSITION, 4) / COUNTS_PER_DEGREE - degrees) > tolerance or servo.read(
+            MOVING, 1
         ):
             if time.monotonic() > end:
                 raise ServoError(f"servo {servo.id} did not get there in {within_s} s")
