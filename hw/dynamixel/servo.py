@@ -11,6 +11,7 @@ from hw.dynamixel.health import HealthWatch
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.reach import Reach
+from hw.dynamixel.samples import Sample
 from hw.dynamixel.startup import start_up, watchdog_units
 from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
 from hw.dynamixel.watchdog import Armed, rearm
@@ -128,8 +129,7 @@ class DynamixelServo:
         """
         now_ns = self._now_ns()
         if now_ns - self._heard_ns > self._silence_ns:
-            self._look_after_watchdog(now_ns - self._heard_ns)
-            self._heard_ns = now_ns
+            self.resume()
         self._link.request(self._health.length(now_ns) if self._running else 0)
 
     def collect(self, deadline_ns: int) -> Reading:
@@ -145,8 +145,34 @@ class DynamixelServo:
             ServoHealthError: The servo is in no state to be driven any longer.
             RuntimeError: There was no request.
         """
-        outcome, counts, current, alert, sampled_ns = self._link.collect(deadline_ns)
+        sample = self._link.collect(deadline_ns)
         self.waited_ns = self._link.waited_ns
+        if sample.outcome is Outcome.OK and not sample.alert:
+            # What it has latched would say more than what follows from it.
+            self._judge_health()
+        return self._reading(sample)
+
+    def read_from(self, sample: Sample) -> Reading:
+        """A reading from a sample that somebody else collected, who reads several servos at once.
+
+        Raises:
+            ServoLostError: The port is gone.
+            TorqueLostError: It was not heard for long, and its torque is gone.
+        """
+        silence_ns = sample.sampled_ns - self._heard_ns
+        if sample.outcome is Outcome.OK and silence_ns > self._silence_ns:
+            self._look_after_watchdog(silence_ns)
+        return self._reading(sample)
+
+    def resume(self) -> None:
+        """See to the Bus Watchdog after a pause; see ``request``."""
+        now_ns = self._now_ns()
+        if now_ns - self._heard_ns > self._silence_ns:
+            self._look_after_watchdog(now_ns - self._heard_ns)
+            self._heard_ns = now_ns
+
+    def _reading(self, sample: Sample) -> Reading:
+        outcome, counts, current, alert, sampled_ns = sample
         if outcome is not Outcome.OK:
             if self._running and self._link.restarted:
                 self._raise_restarted()
@@ -155,10 +181,7 @@ class DynamixelServo:
         if not self._reach.holds(counts, sampled_ns):
             self.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
-        if alert:  # what it has latched says more than what follows from it
-            self._alert = True
-        elif not self._health.judge(self._link.block, self.facts.name):
-            self._look_after_watchdog(0)
+        self._alert = self._alert or alert
         return Reading(
             outcome, counts * POSITION_UNIT, counts, sampled_ns, current * self._step, alert
         )
@@ -174,6 +197,17 @@ class DynamixelServo:
             ValueError: The torque is not a finite number.
             RuntimeError: The servo is not started.
         """
+        goal = self.goal(torque)
+        self._link.send_current(goal)
+        return goal * self._step
+
+    def goal(self, torque: float) -> int:
+        """The goal current for a torque [N·m], for somebody who sends it at once.
+
+        Raises:
+            ValueError: The torque is not a finite number.
+            RuntimeError: The servo is not started.
+        """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
         if not math.isfinite(torque):
@@ -181,8 +215,7 @@ class DynamixelServo:
         limit = self._limit
         goal = max(-limit, min(limit, round(torque / self._step)))
         self._goal = goal
-        self._link.send_current(goal)
-        return goal * self._step
+        return goal
 
     def stop(self) -> bool:
         """Zero torque at once, then torque off, read back. Safe at any time, and twice.
@@ -215,6 +248,10 @@ class DynamixelServo:
         except ServoLostError:
             self._confirmed_off = False
         return self._confirmed_off
+
+    def _judge_health(self) -> None:
+        if not self._health.judge(self._link.block, self.facts.name):
+            self._look_after_watchdog(0)
 
     def _name_the_error(self) -> None:
         """Ask which hardware error is latched, for people; torque is off."""

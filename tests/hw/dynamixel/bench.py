@@ -67,15 +67,17 @@ class Bench:
         model: str = "XM430-W350",
         firmware: int = 48,
         baud: int = BAUD,
+        bus_baud: int = BAUD,
         **settings: object,
     ) -> None:
+        """A servo set to ``baud`` on a bus whose host and driver talk at ``bus_baud``."""
         self.clock = SimulatedClock(start_ns=123_456_789)
         now_ns = self.clock.now_ns()
         self.truth = EmulatedServo(MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud)
-        self.bus = EmulatedBus([self.truth], baud=BAUD, start_ns=now_ns)
+        self.bus = EmulatedBus([self.truth], baud=bus_baud, start_ns=now_ns)
         self.memory_line = MemoryLine(self.bus, self.clock)
         self.line = SpyLine(self.memory_line, self.truth)
-        self.settings = replace(SETTINGS, **settings)  # type: ignore[arg-type]
+        self.settings = replace(SETTINGS, baud=bus_baud, **settings)  # type: ignore[arg-type]
         self.servo = DynamixelServo(self.settings, self.line)
 
     @property

@@ -1,0 +1,189 @@
+"""Several servos on one bus as one thing: read in one cycle, commanded in one frame.
+
+Each is started and stopped by its own driver, checks and probe included. In between the group reads
+them by the quickest way that all of them know, and a servo that does not answer costs its own
+reading alone. Health is not watched while a group runs, but for what a reply says by itself: a
+latched hardware error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from hw.clock import Clock
+from hw.dynamixel.line import Line
+from hw.dynamixel.servo import DynamixelServo
+from hw.dynamixel.together import Together, Way
+from hw.errors import ServoError, UnfitServoError
+from hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from hw.settings import DynamixelSettings
+
+_TRIES: Final = 3
+_PATIENCE_NS: Final = 20_000_000
+
+
+class DynamixelGroup:
+    """Servos on a line, in the order of their settings.
+
+    Args:
+        settings: Of each; the ids differ.
+        line: The bus; ``close`` closes it.
+
+    Raises:
+        UnfitServoError: Two have the same id, or a model cannot be driven in torque.
+    """
+
+    def __init__(self, settings: Sequence[DynamixelSettings], line: Line) -> None:
+        ids = [one.id for one in settings]
+        if not ids or len(set(ids)) != len(ids):
+            raise UnfitServoError(
+                f"A group needs servos with an id each, but has {ids}: give each another one."
+            )
+        self._line = line
+        self._shared = _SharedLine(line)
+        self._ids = ids
+        self._servos = [DynamixelServo(one, self._shared) for one in settings]
+        self._together = Together(line, ids, Way.SYNC)
+        self._running = False
+
+    @property
+    def way(self) -> Way:
+        """How the servos are read; found by ``start``."""
+        return self._together.way
+
+    @property
+    def facts(self) -> list[Facts]:
+        """What does not change while a servo is open, of each."""
+        return [servo.facts for servo in self._servos]
+
+    @property
+    def counts(self) -> list[BusCounts]:
+        """What happened on the bus since the start, of each."""
+        return self._together.counts
+
+    @property
+    def restarted(self) -> list[int]:
+        """Ids of those that have restarted and so have no torque; no reading of theirs is good.
+
+        The others go on. Stop the group and start it again to have all.
+        """
+        return self._together.restarted
+
+    @property
+    def waited_ns(self) -> int:
+        """How long the last ``collect`` waited for the bus [ns]."""
+        return self._together.waited_ns
+
+    def start(self) -> list[list[Check]]:
+        """Run the checked start-up of each, one after the other; then find out how to read them.
+
+        Returns:
+            The checks of each.
+
+        Raises:
+            ServoError: One could not be started; the torque of all is off.
+        """
+        try:
+            checks = [servo.start() for servo in self._servos]
+            self._together = self._quickest()
+            for servo in self._servos:
+                servo.resume()  # the first may have been idle for long
+        except BaseException as error:
+            if not self.stop() and isinstance(error, ServoError):
+                raise type(error)(
+                    f"{error} Torque off of another could not be read back: switch the power off."
+                ) from error
+            raise
+        self._running = True
+        return checks
+
+    def request(self) -> None:
+        """Ask all for their positions. Does not wait.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        self._together.request()
+
+    def collect(self, deadline_ns: int) -> list[Reading]:
+        """The answers to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+
+        Raises:
+            ServoLostError: The port is gone.
+            TorqueLostError: One that was away is back without its torque.
+        """
+        samples = self._together.collect(deadline_ns)
+        readings = []
+        for servo, sample, counts in zip(self._servos, samples, self._together.counts, strict=True):
+            reading = servo.read_from(sample)
+            counts.refused += reading.outcome is Outcome.REFUSED
+            readings.append(reading)
+        return readings
+
+    def write(self, torques: Sequence[float]) -> list[float]:
+        """Send each its torque [N·m], limited and rounded, in one frame.
+
+        Returns:
+            The torques really sent [N·m].
+
+        Raises:
+            ServoLostError: The port is gone.
+            ValueError: A torque is not a finite number, or there is not one for each.
+            RuntimeError: The group is not started.
+        """
+        goals = [servo.goal(torque) for servo, torque in zip(self._servos, torques, strict=True)]
+        self._together.send_currents(goals)
+        return [
+            goal * servo.facts.torque_step for servo, goal in zip(self._servos, goals, strict=True)
+        ]
+
+    def stop(self) -> bool:
+        """Zero torque of all at once, then torque off of each, read back.
+
+        Returns:
+            Whether torque off was read back of all.
+        """
+        if self._running:
+            self._running = False
+            try:
+                self._together.send_currents([0] * len(self._servos))
+            except ServoError:
+                return False
+        stopped = [servo.stop() for servo in self._servos]  # each, whatever the others say
+        return all(stopped)
+
+    def close(self) -> None:
+        """Stop all, and let go of the line."""
+        try:
+            self.stop()
+        finally:
+            self._line.close()
+
+    def _quickest(self) -> Together:
+        """The first way to read them in which all of them answer."""
+        for way in Way:
+            together = Together(self._line, self._ids, way)
+            for _ in range(_TRIES):
+                together.request()
+                samples = together.collect(self._line.clock.now_ns() + _PATIENCE_NS)
+                if all(sample.outcome is Outcome.OK for sample in samples):
+                    together.counts = [BusCounts() for _ in self._ids]
+                    return together
+        raise UnfitServoError(
+            "The servos answer one by one but not in one cycle: check the cable, and that no two "
+            "have the same id."
+        )
+
+
+class _SharedLine:
+    """A line that several drivers use in turn; closing it is the group's."""
+
+    def __init__(self, line: Line) -> None:
+        self.clock: Clock = line.clock
+        self.write = line.write
+        self.read = line.read
+        self.wait = line.wait
+
+    def close(self) -> None:
+        """Left to the group."""

@@ -1,0 +1,325 @@
+"""Each fault of bus and servo through the driver: what it costs, how it counts, how it is named.
+
+On the emulated bus in memory: its faults are seeded and its time is simulated, so every run is the
+same.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import asdict, replace
+
+import pytest
+
+from hw.dynamixel.tables import MODELS, POSITION_UNIT
+from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
+from hw.servo import Outcome, Reading
+from tests.hw.dynamixel.bench import TRUE, Bench
+
+FREE = replace(TRUE, coulomb=0.0, damping=0.0)
+MAX_SPEED = 15.0
+SPEED = 5.0
+"""Of the shaft in most tests [rad/s]: three counts a period"""
+PERIOD_NS = 1_000_000
+WATCHED_NS = 200_000_000
+"""Within which what is watched is noticed"""
+
+
+def moving(*, max_speed: float = MAX_SPEED, **settings: object) -> Bench:
+    """A started servo that has been brought to ``SPEED`` and is left alone."""
+    bench = Bench(FREE, max_speed=max_speed, **settings)  # type: ignore[arg-type]
+    bench.servo.start()
+    while bench.state.velocity < SPEED:
+        bench.cycle(1.0)
+    return bench
+
+
+def cycle(bench: Bench, torque: float = 0.0) -> Reading:
+    begun = bench.clock.now_ns()
+    bench.servo.request()
+    reading = bench.servo.collect(begun + 800_000)
+    bench.servo.write(torque)
+    bench.clock.wait_until(begun + PERIOD_NS)
+    return reading
+
+
+def counts(bench: Bench) -> dict[str, int]:
+    """What was counted, without what is zero and without the cycles."""
+    return {k: v for k, v in asdict(bench.servo.counts).items() if v and k != "cycles"}
+
+
+def fresh(bench: Bench) -> None:
+    bench.servo.counts.cycles = 0
+    for name in ("lost", "late", "corrupt", "refused"):
+        setattr(bench.servo.counts, name, 0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "kinds", "failed"),
+    [
+        ("drop:p=0.1,way=reply", {"lost"}, 0.1),
+        ("drop:p=0.1,way=request", {"lost"}, 0.1),
+        ("corrupt:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # a flipped length leaves no frame
+        ("corrupt:p=0.1,way=request", {"corrupt", "lost"}, 0.1),  # the servo says: CRC error
+        ("truncate:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # nothing may be left
+        ("duplicate:p=0.1,way=reply", {"late"}, 0.0),
+        ("late:ms=1.5,p=0.1,way=reply", {"lost", "late"}, 0.1),
+        ("late:ms=3,p=0.1,way=reply", {"lost", "late"}, 0.3),  # it keeps the wire meanwhile
+        ("wrong-id:p=0.1,way=reply", {"lost"}, 0.1),
+        ("noise:p=0.1,way=reply", set(), 0.0),
+    ],
+)
+def test_a_struck_reply_costs_no_more_than_the_periods_it_misses_and_is_counted_as_what_it_was(
+    fault: str, kinds: set[str], failed: float
+) -> None:
+    bench = moving()
+    fresh(bench)
+    bench.bus.inject(fault, bench.clock.now_ns())
+    bad = 0
+    for _ in range(1000):
+        reading = cycle(bench)
+        if reading.outcome is Outcome.OK:
+            # What is read is where the shaft was when it was asked, to half a count and the time
+            # that bytes take (0.1 ms).
+            truth = bench.state
+            since = (bench.clock.now_ns() - reading.sampled_ns) * 1e-9
+            then = truth.position - truth.velocity * since
+            assert abs(reading.position - then) < POSITION_UNIT + 2e-4 * SPEED
+        else:
+            assert math.isnan(reading.position)
+            bad += 1
+    found = bench.servo.counts
+    assert found.cycles == 1000
+    assert bad == found.lost + found.corrupt + found.refused
+    assert set(counts(bench)) <= kinds
+    # Binomial: three times the deviation of 1000 draws at 0.1 is 28.
+    assert bad == pytest.approx(1000 * failed, abs=30 * (1 + 10 * failed) if failed else 0)
+
+
+def test_the_age_of_the_sample_in_use_grows_with_each_reading_lost() -> None:
+    bench = moving()
+    used = cycle(bench).sampled_ns
+    bench.bus.inject("drop:times=3,way=reply", bench.clock.now_ns())
+    ages = []
+    for _ in range(4):
+        begun = bench.clock.now_ns()
+        reading = cycle(bench)
+        used = reading.sampled_ns if reading.outcome is Outcome.OK else used
+        ages.append(begun - used)
+    assert ages == [1 * PERIOD_NS, 2 * PERIOD_NS, 3 * PERIOD_NS, 0]
+
+
+def test_a_jump_that_goes_away_is_refused_and_costs_its_periods() -> None:
+    bench = moving()
+    fresh(bench)
+    bench.bus.inject("jump:counts=500,for=0.002", bench.clock.now_ns() + 200_000)
+    outcomes = [cycle(bench).outcome for _ in range(10)]
+    assert outcomes.count(Outcome.REFUSED) == 2
+    assert outcomes[-5:] == [Outcome.OK] * 5
+    assert counts(bench) == {"refused": 2}
+
+
+def test_a_jump_that_stays_is_passed_on_after_three_periods() -> None:
+    """It is no hiccup then: whoever watches the speed must see it."""
+    bench = moving()
+    before = cycle(bench).position
+    bench.bus.inject("jump:counts=500", bench.clock.now_ns())
+    readings = [cycle(bench) for _ in range(5)]
+    outcomes = [reading.outcome for reading in readings]
+    assert outcomes == [Outcome.REFUSED] * 3 + [Outcome.OK] * 2
+    assert readings[3].position - before > MAX_SPEED * 4e-3
+
+
+def test_motion_at_the_speed_limit_is_never_refused_even_after_losses() -> None:
+    bench = moving(max_speed=SPEED)
+    fresh(bench)
+    bench.bus.inject("drop:p=0.2,way=reply", bench.clock.now_ns())
+    for _ in range(500):
+        cycle(bench)
+    assert set(counts(bench)) == {"lost"}
+    assert bench.state.velocity == pytest.approx(SPEED, rel=0.02)
+
+
+def test_without_a_speed_limit_nothing_is_refused() -> None:
+    bench = moving(max_speed=0.0)
+    bench.bus.inject("jump:counts=500", bench.clock.now_ns())
+    assert all(cycle(bench).outcome is Outcome.OK for _ in range(5))
+
+
+# The servo's health
+
+
+def until_it_ends(bench: Bench, torque: float = 0.2, seconds: float = 1.0) -> int:
+    """Cycle until something is raised; how long that took [ns]."""
+    begun = bench.clock.now_ns()
+    try:
+        for _ in range(round(seconds * 1000)):
+            cycle(bench, torque)
+    finally:
+        bench.took_ns = bench.clock.now_ns() - begun  # type: ignore[attr-defined]
+    return begun
+
+
+def started(**settings: object) -> Bench:
+    bench = Bench(TRUE, max_speed=MAX_SPEED, **settings)  # type: ignore[arg-type]
+    bench.servo.start()
+    for _ in range(10):
+        cycle(bench)
+    return bench
+
+
+def torque_enable(bench: Bench) -> None:
+    bench.truth.memory["torque_enable"] = 0
+
+
+def watchdog_off(bench: Bench) -> None:
+    bench.truth.memory["bus_watchdog"] = 0
+
+
+@pytest.mark.parametrize(("baud", "rounds"), [(4_000_000, 1), (2_000_000, 1)], ids=["4M", "2M"])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (torque_enable, "torque off, and it was not switched off by this program"),
+        (watchdog_off, "Bus Watchdog .* is not what it was set to"),
+    ],
+)
+def test_what_another_program_changes_is_noticed_and_named(
+    baud: int, rounds: int, change: Callable[[Bench], None], message: str
+) -> None:
+    bench = started(baud=baud, bus_baud=baud)
+    change(bench)
+    with pytest.raises(TorqueLostError, match=message):
+        until_it_ends(bench)
+    assert bench.took_ns <= rounds * WATCHED_NS + PERIOD_NS  # type: ignore[attr-defined]
+    assert bench.servo.stop() is True
+
+
+def test_a_watchdog_that_another_program_changed_is_armed_again_at_zero_torque() -> None:
+    bench = started()
+    watchdog_off(bench)
+    until_it_ends(bench, torque=0.0, seconds=0.3)
+    assert bench.truth.memory["bus_watchdog"] == 2
+
+
+@pytest.mark.parametrize(
+    ("volts", "message"), [(80, r"supplied with 8 V, wanted 9\.5 to 16 V"), (170, "17 V")]
+)
+def test_a_supply_out_of_its_limits_ends_the_run(volts: int, message: str) -> None:
+    bench = started()
+    _pin(bench, "present_input_voltage", volts)
+    with pytest.raises(ServoHealthError, match=message):
+        until_it_ends(bench)
+    assert bench.took_ns <= 2 * WATCHED_NS + PERIOD_NS  # type: ignore[attr-defined]
+
+
+def test_a_dip_of_the_supply_is_nothing() -> None:
+    bench = started()
+    _pin(bench, "present_input_voltage", 80)
+    until_it_ends(bench, seconds=0.19)
+    _pin(bench, "present_input_voltage", 120)
+    until_it_ends(bench)
+
+
+def test_heat_ends_the_run_before_the_servo_does() -> None:
+    bench = started()
+    _pin(bench, "present_temperature", 78)
+    until_it_ends(bench, seconds=0.5)
+    _pin(bench, "present_temperature", 79)
+    with pytest.raises(ServoHealthError, match="has 79 °C, wanted at most 78 °C"):
+        until_it_ends(bench)
+
+
+def _pin(bench: Bench, register: str, value: int) -> None:
+    """Have the servo give this value for a register, whatever its emulation computes."""
+    address = MODELS["XM430-W350"].registers[register].address
+    size = 2 if register == "present_input_voltage" else 1
+    real = type(bench.truth).read
+
+    def read(at: int, length: int, now_ns: int) -> bytes | None:
+        data = real(bench.truth, at, length, now_ns)
+        if data is None or not at <= address < at + length:
+            return data
+        image = bytearray(data)
+        image[address - at : address - at + size] = value.to_bytes(size, "little")
+        return bytes(image)
+
+    bench.truth.read = read  # type: ignore[method-assign]
+
+
+def test_a_restart_is_named_where_the_loss_limits_outlast_it() -> None:
+    bench = started(watchdog_s=2.0)
+    bench.bus.inject("brown-out", bench.clock.now_ns())
+    with pytest.raises(TorqueLostError, match="has restarted"):
+        until_it_ends(bench, seconds=3.0)
+
+
+def test_an_unplugged_servo_is_lost_and_nothing_is_made_up() -> None:
+    bench = started()
+    bench.bus.inject("unplug", bench.clock.now_ns())
+    with pytest.raises(ServoLostError, match="does not answer any more"):
+        until_it_ends(bench)
+    assert bench.took_ns < 60_000_000  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("bits", "message"),
+    [
+        ("overload", r"has latched: overload; free its shaft.*reboot it"),
+        ("overheating+voltage", r"latched: input voltage, overheating; bring its supply .*cool"),
+        ("encoder", "position cannot be trusted"),
+        ("shock", "short circuit"),
+    ],
+)
+def test_a_hardware_error_is_told_in_the_next_reading_and_named_after_the_stop(
+    bits: str, message: str
+) -> None:
+    bench = started()
+    bench.bus.inject(f"hardware-error:bits={bits}", bench.clock.now_ns())
+    assert any(cycle(bench).alert for _ in range(2))
+    assert bench.servo.stop() is True
+    assert re.search(message, bench.servo.trouble)
+
+
+def test_a_servo_without_trouble_names_none() -> None:
+    bench = started()
+    assert bench.servo.stop() is True
+    assert bench.servo.trouble == ""
+
+
+# What it costs
+
+
+def test_watching_costs_no_period_and_a_hundredth_of_the_bus() -> None:
+    """At 4 Mbit/s: 83 bytes more than a sample's 16 in one of 200 periods."""
+    bench = started()
+    fresh(bench)
+    frames = len(bench.line.frames)
+    for _ in range(1000):
+        assert cycle(bench).outcome is Outcome.OK
+    assert counts(bench) == {}
+    assert len(bench.line.frames) - frames == 2000  # a request and a goal each, nothing besides
+
+
+@pytest.mark.parametrize(
+    ("baud", "period_s", "watched"),
+    [
+        (4_000_000, 1e-3, "torque enable, bus watchdog, supply, temperature; every 0.2 s"),
+        (1_000_000, 1e-3, "bus watchdog, supply, temperature; every 0.4 s"),
+        (1_000_000, 2e-3, "torque enable, bus watchdog, supply, temperature; every 0.2 s"),
+        (57_600, 20e-3, "bus watchdog, supply, temperature; every 0.4 s"),
+        (57_600, 14e-3, "supply, temperature; every 0.2 s"),
+    ],
+)
+def test_what_is_watched_is_what_fits_and_is_said(baud: int, period_s: float, watched: str) -> None:
+    bench = Bench(baud=baud, bus_baud=baud, period_s=period_s, watchdog_s=0.2)
+    assert bench.found("watched while it runs") == watched
+    for _ in range(100):
+        begun = bench.clock.now_ns()
+        bench.servo.request()
+        reading = bench.servo.collect(begun + round(0.8e9 * period_s))
+        assert reading.outcome is Outcome.OK
+        bench.servo.write(0.0)
+        bench.clock.wait_until(begun + round(period_s * 1e9))
