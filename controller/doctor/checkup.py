@@ -25,15 +25,8 @@ from hw.clock import MonotonicClock
 from hw.dynamixel.examine.adapter import examine_latency_timer, examine_port, set_latency_timer
 from hw.dynamixel.examine.cycles import Phase, Replies, Series
 from hw.dynamixel.examine.finding import Change, Finding, Findings, not_applicable
-from hw.dynamixel.examine.registers import (
-    Contact,
-    Judgement,
-    Repair,
-    judge,
-    mend,
-    read_all,
-    set_status_level,
-)
+from hw.dynamixel.examine.judgement import Judgement, Repair, judge
+from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
 from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
 from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from hw.dynamixel.port import kept_settings, open_port

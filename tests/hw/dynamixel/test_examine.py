@@ -15,7 +15,8 @@ from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.examine import adapter as adapters
 from hw.dynamixel.examine.cycles import run_series, time_replies
-from hw.dynamixel.examine.registers import Contact, judge, mend, read_all, set_status_level
+from hw.dynamixel.examine.judgement import judge
+from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
 from hw.dynamixel.examine.search import search
 from hw.dynamixel.port import kept_settings, open_port
 from hw.dynamixel.sdk import Sdk
@@ -207,6 +208,30 @@ def test_torque_is_never_enabled_by_any_repair():
     enabled = [f for f in bus.wrote() if f.params[0] == TORQUE_ENABLE and f.params[2] != 0]
     assert enabled == []
     assert not Sdk(bus, BAUD, 1, "").read(MODELS["XM430-W350"].registers["torque_enable"])
+
+
+class DoublingBus(Bus):
+    """Every reply comes once more, behind the next request."""
+
+    _copy = _late = b""
+
+    def write(self, data):
+        super().write(data)
+        self._late, self._copy = self._copy, b""
+
+    def read(self):
+        fresh = super().read()
+        self._copy = fresh or self._copy
+        late, self._late = self._late, b""
+        return late + fresh
+
+    def wait(self, deadline_ns):
+        return bool(self._late) or super().wait(deadline_ns)
+
+
+def test_a_doubled_reply_is_not_taken_for_another_register():
+    bus = DoublingBus(return_delay=0)
+    assert all(judgement.finding.ok for judgement in bus.judged())
 
 
 def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
