@@ -1,0 +1,211 @@
+"""Clients as they are installed, on the emulated bus's port: dynamixel-sdk and rustypot.
+
+Neither is changed, but for the time they give a reply: a busy machine may need more than 34 ms.
+"""
+
+import math
+import os
+import select
+import time
+
+import dynamixel_sdk as sdk
+import pytest
+
+from hw.dynamixel.codec import ALERT, ErrorCode
+
+pytestmark = pytest.mark.realtime
+
+X, SMALL = "XM430-W350", "XL330-M288"
+LED, GOAL_CURRENT, GOAL_VELOCITY, GOAL_POSITION, POSITION = 65, 102, 104, 116, 132
+ALL = sdk.BROADCAST_ID
+PATIENCE_S, SHORT_S = 5.0, 0.1
+LIGHT = {"inertia": 5e-4, "damping": 1e-3, "coulomb": 0.005}
+three = pytest.mark.dynamixel_bus(servos=[f"{X}:1", f"{X}:2", f"{SMALL}:7"], truth=LIGHT)
+
+
+class Sdk:
+    def __init__(self, bus):
+        self.port = sdk.PortHandler(bus.port)
+        self.port.baudrate = bus.baud
+        assert self.port.openPort()
+        self.handler = sdk.PacketHandler(2.0)
+        self.patience_s = PATIENCE_S
+        self.port.setPacketTimeout = lambda _: self.port.setPacketTimeoutMillis(
+            1e3 * self.patience_s
+        )
+
+
+@pytest.fixture
+def vendor(dynamixel_bus):
+    client = Sdk(dynamixel_bus)
+    yield client
+    client.port.closePort()
+
+
+@pytest.fixture
+def rusty(dynamixel_bus):
+    rustypot = pytest.importorskip("rustypot")
+    client = rustypot.Xl330PyController(dynamixel_bus.port, dynamixel_bus.baud, PATIENCE_S)
+    yield client
+    client.close()
+
+
+def wait_until(happened):
+    end = time.monotonic() + 30
+    while not happened():
+        assert time.monotonic() < end
+
+
+@three
+def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(vendor, dynamixel_bus):
+    write = sdk.GroupBulkWrite(vendor.port, vendor.handler)
+    assert write.addParam(1, LED, 1, [1])
+    assert write.addParam(7, GOAL_POSITION, 4, list((3000).to_bytes(4, "little")))
+    assert write.txPacket() == sdk.COMM_SUCCESS
+    for fast in (False, True):
+        read = sdk.GroupBulkRead(vendor.port, vendor.handler)
+        assert read.addParam(7, GOAL_POSITION, 4)
+        assert read.addParam(1, LED, 1)
+        assert (read.fastBulkRead() if fast else read.txRxPacket()) == sdk.COMM_SUCCESS
+        assert (read.getData(7, GOAL_POSITION, 4), read.getData(1, LED, 1)) == (3000, 1)
+        together = sdk.GroupSyncRead(vendor.port, vendor.handler, POSITION, 4)
+        for i in (7, 1, 2):
+            assert together.addParam(i)
+        assert (together.fastSyncRead() if fast else together.txRxPacket()) == sdk.COMM_SUCCESS
+        assert [together.getData(i, POSITION, 4) for i in (1, 2, 7)] == [2048] * 3
+    assert dynamixel_bus.position(7) == pytest.approx(math.pi)  # torque is off
+
+
+@three
+def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor):
+    port, handler = vendor.port, vendor.handler
+    done = (sdk.COMM_SUCCESS, 0)
+    for i in (1, 2):
+        assert handler.regWriteTxRx(port, i, LED, 1, [1]) == done
+    handler.action(port, ALL)
+    assert [handler.read1ByteTxRx(port, i, LED)[0] for i in (1, 2)] == [1, 1]
+    assert handler.write4ByteTxRx(port, 2, 20, 1000) == done  # Homing Offset
+    assert handler.factoryReset(port, 2, 0x02) == done
+    assert handler.reboot(port, 1) == done
+    vendor.patience_s = SHORT_S
+    wait_until(lambda: all(handler.ping(port, i)[1] == sdk.COMM_SUCCESS for i in (1, 2)))
+    vendor.patience_s = PATIENCE_S
+    assert handler.read4ByteTxRx(port, 2, 20) == (0, *done)
+    assert handler.read1ByteTxRx(port, 1, LED) == (0, *done)
+
+
+def test_the_vendor_is_told_each_error_by_its_name(vendor, dynamixel_bus):
+    port, handler = vendor.port, vendor.handler
+    assert handler.write1ByteTxRx(port, 1, 64, 1) == (sdk.COMM_SUCCESS, 0)
+    assert handler.write1ByteTxRx(port, 1, 11, 0)[1] == ErrorCode.ACCESS
+    assert handler.write1ByteTxRx(port, 1, 64, 0) == (sdk.COMM_SUCCESS, 0)
+    assert handler.write1ByteTxRx(port, 1, 11, 2)[1] == ErrorCode.DATA_RANGE
+    assert handler.write2ByteTxRx(port, 1, GOAL_CURRENT, 1194)[1] == ErrorCode.DATA_LIMIT
+    assert handler.write1ByteTxRx(port, 1, GOAL_CURRENT, 1)[1] == ErrorCode.DATA_LENGTH
+    # read4ByteTxRx would raise an IndexError here: its own habit with a reply that has no data.
+    assert handler.readTxRx(port, 1, 2000, 4) == ([], sdk.COMM_SUCCESS, ErrorCode.DATA_RANGE)
+    dynamixel_bus.inject("corrupt:way=request,times=1")
+    vendor.patience_s = SHORT_S
+    _, result, error = handler.ping(port, 1)
+    assert (result, error) in ((sdk.COMM_SUCCESS, ErrorCode.CRC), (sdk.COMM_RX_TIMEOUT, 0))
+    assert handler.ping(port, 9)[1] == sdk.COMM_RX_TIMEOUT
+    vendor.patience_s = PATIENCE_S
+    dynamixel_bus.inject("hardware-error:bits=overload")
+    assert handler.ping(port, 1) == (1020, sdk.COMM_SUCCESS, ALERT)
+
+
+@three
+def test_rustypot_finds_reads_and_writes(rusty):
+    assert rusty.ping(1)
+    assert rusty.broadcast_scan() == {1: 1020, 2: 1020, 7: 1200}
+    rusty.set_timeout(PATIENCE_S)
+    assert [rusty.read_model_number(i)[0] for i in (1, 7)] == [1020, 1200]
+    rusty.write_led(7, True)
+    assert rusty.read_led(7)[0] == 1
+    rusty.write_raw_data(1, GOAL_POSITION, [1, 2, 0, 0])
+    assert rusty.read_raw_data(1, GOAL_POSITION, 4) == [1, 2, 0, 0]
+
+
+@three
+def test_rustypot_reads_and_moves_several_servos_at_once(rusty, dynamixel_bus):
+    ids, goals = [1, 2, 7], [0.4, -0.3, 0.2]
+    rusty.sync_write_operating_mode(ids, [3, 3, 3])
+    rusty.sync_write_torque_enable(ids, [True] * 3)
+    assert [bool(on) for on in rusty.sync_read_torque_enable(ids)] == [True] * 3
+    rusty.sync_write_goal_position(ids, goals)
+    assert rusty.sync_read_goal_position(ids) == pytest.approx(goals, abs=math.tau / 4096)
+    wait_until(lambda: rusty.sync_read_present_position(ids) == pytest.approx(goals, abs=0.02))
+    for fast in (True, False):
+        rusty.set_fast_sync_read(fast)
+        rusty.sync_write_torque_enable(ids, [False] * 3)
+        told = rusty.sync_read_present_position(ids)
+        blocks = rusty.sync_read_raw_data(ids, 120, 16)
+        assert [len(block) for block in blocks] == [16] * 3
+        assert told == pytest.approx(goals, abs=0.1)
+    told = rusty.sync_read_present_position(ids)
+    dynamixel_bus.stop()
+    asked = dynamixel_bus.events("rx")[-1].time_s
+    for i, angle in zip(ids, told, strict=True):
+        after = next(row for row in dynamixel_bus.events("state", i) if row.time_s >= asked)
+        # It counts from the middle of the turn, the servo from its start; a millisecond passes.
+        near = math.tau / 4096 + 2e-3 * abs(after.velocity_rad_s) + 1e-3
+        assert angle + math.pi == pytest.approx(after.position_rad, abs=near)
+
+
+@pytest.mark.dynamixel_bus(servos=[f"{X}:1", f"{X}:2", f"{X}:3:40"])
+def test_rustypot_is_told_what_is_wrong_and_never_hangs(rusty, dynamixel_bus):
+    rusty.write_torque_enable(1, True)
+    assert rusty.write_raw_data_with_error(1, 11, [0]) == ErrorCode.ACCESS
+    assert rusty.write_raw_data_with_error(1, GOAL_CURRENT, [0xFF, 0x7F]) == ErrorCode.DATA_LIMIT
+    dynamixel_bus.inject("hardware-error:bits=overload,id=1")
+    assert rusty.read_raw_data_with_error(1, 70, 1) == ([32], ALERT)
+    rusty.set_timeout(SHORT_S)
+    assert not rusty.ping(9)
+    with pytest.raises(RuntimeError, match="9"):
+        rusty.sync_read_present_position([1, 9, 2])
+    settle(rusty)
+    rusty.set_fast_sync_read(True)
+    with pytest.raises(RuntimeError, match="3"):  # its firmware is too old
+        rusty.sync_read_present_position([1, 2, 3])
+    rusty.set_fast_sync_read(False)
+    dynamixel_bus.inject("drop:p=1,way=reply")
+    with pytest.raises(RuntimeError, match="timed out|Timeout"):
+        rusty.read_present_position(2)
+    dynamixel_bus.clear()
+    dynamixel_bus.inject("corrupt:p=1,flips=3,way=reply")
+    with pytest.raises(RuntimeError):
+        rusty.read_present_position(2)
+    dynamixel_bus.clear()
+    settle(rusty)
+    assert rusty.read_raw_data(2, POSITION, 4) == [0, 8, 0, 0]
+
+
+def settle(rusty):
+    """A reply that comes after it was given up is taken for the next: its own habit."""
+    wait_until(lambda: rusty.ping(2))
+
+
+def test_rustypot_stuffs_a_header_in_its_data(rusty, dynamixel_bus):
+    """Goal current -1, goal velocity 0x..00FD: both ends must mean the same six bytes."""
+    data = [0xFF, 0xFF, 0xFD, 0x00, 0x00, 0x00]
+    rusty.write_raw_data(1, 44, [44, 1, 0, 0])  # Velocity Limit 300
+    assert rusty.write_raw_data_with_error(1, GOAL_CURRENT, data) == 0
+    assert rusty.read_raw_data(1, GOAL_CURRENT, 6) == data
+    dynamixel_bus.stop()
+    frames = [row.params[2:] for row in dynamixel_bus.events("rx") if row.instruction == 3]
+    assert bytes(data) in frames
+
+
+def test_a_client_that_shouts_nonsense_is_survived(dynamixel_bus):
+    """As much noise as goes in for a second, then the vendor's client as if nothing had been."""
+    terminal = os.open(dynamixel_bus.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    noise = os.urandom(4096)
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        if select.select([], [terminal], [], 0.1)[1]:
+            os.write(terminal, noise)
+    os.close(terminal)
+    client = Sdk(dynamixel_bus)
+    client.patience_s = SHORT_S
+    wait_until(lambda: client.handler.ping(client.port, 1)[1] == sdk.COMM_SUCCESS)
+    client.port.closePort()
