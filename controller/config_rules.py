@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -178,6 +179,30 @@ def _emulated_gain(config: Config) -> Iterator[Problem]:
             f"found nothing, wanted a number or {{value, low, high}}: servo.torque_constant "
             f"{config.servo.torque_constant:g} makes the emulated servo differ from its model's "
             "data sheet, which the driver goes by",
+        )
+
+
+@_reads("servo.backend", "servo.model", "servo.torque_constant")
+def _model_makes_torque(config: Config) -> Iterator[Problem]:
+    name = config.servo.model
+    if config.servo.backend != "dynamixel" or name is None:
+        return
+    from hw.open import torque_models  # not at the top: most configurations have no bus
+
+    models = torque_models()
+    if name not in models:
+        near = difflib.get_close_matches(name.upper(), models, n=1, cutoff=0.6)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        yield Problem(
+            "servo.model",
+            f"found {name!r}, wanted one of the models with current control: "
+            f"{', '.join(models)}{hint}",
+        )
+    elif not models[name] and config.servo.torque_constant is None:
+        yield Problem(
+            "servo.torque_constant",
+            f"found nothing, wanted a measured torque per current [N·m/A]: that of the {name} is "
+            "not published",
         )
 
 

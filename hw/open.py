@@ -20,6 +20,20 @@ EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
 
 
+def torque_models() -> dict[str, bool]:
+    """The models that can be commanded in torque, and whether their torque constant is published.
+
+    Of those whose constant is not, it must be measured and configured.
+    """
+    from hw.dynamixel.tables import MODELS
+
+    return {
+        model.name: model.torque_constant is not None
+        for model in MODELS.values()
+        if model.current_mode
+    }
+
+
 def open_port(settings: DynamixelSettings) -> int:
     """Open the servo's serial port for this process and those it hands the descriptor to.
 

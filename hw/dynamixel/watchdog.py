@@ -11,8 +11,9 @@ from hw.dynamixel.tables import MODELS
 
 _BUS_WATCHDOG: Final = MODELS["XM430-W350"].registers["bus_watchdog"]
 """The same in every model"""
-_PATIENCE_NS: Final = (3_000_000, 3_000_000, 6_000_000, 6_000_000, 12_000_000)
-"""For each reply of each attempt [ns], beside its time on the wire"""
+_PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
+"""For each reply of each attempt [ns], beside its time on the wire; the last outlasts an adapter's
+16 ms timer"""
 _LOOK_BYTES: Final = 11
 """Read from Bus Watchdog on, one more at each attempt: lengths of no other request, so that no late
 reply to one, and none to an earlier attempt, is taken for the answer"""
