@@ -413,3 +413,13 @@ def test_backlash_lies_between_the_encoder_and_the_shaft():
     shaft = servo.client.position() * COUNTS
     assert servo["present_position"] == pytest.approx(2300, abs=2)
     assert abs(shaft - servo["present_position"]) <= play * COUNTS / 2 + 1
+
+
+def test_the_example_of_the_page_takes_the_time_it_says():
+    servo = Sdk(mode=EXTENDED, profile_velocity=60, profile_acceleration=20).on(
+        goal_position=10_000
+    )
+    servo.pass_time(8.6)
+    assert servo["moving"] == 1
+    servo.pass_time(0.2)
+    assert servo["present_position"] == pytest.approx(10_000, abs=20)
