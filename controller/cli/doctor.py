@@ -12,7 +12,8 @@ import click
 
 from controller.cli.options import answer, as_json, config_argument, json_option, set_option
 from controller.config_load import load_config
-from controller.doctor.checkup import Consent, Report, examine
+from controller.doctor.checkup import examine
+from controller.doctor.report import Consent, Report
 from controller.errors import UserError
 from hw.dynamixel.examine.cycles import Series, percentile
 from hw.dynamixel.examine.finding import Finding

@@ -8,42 +8,34 @@ may keep its Bus Watchdog quiet, and so the torque alive.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 from controller.config import Config
 from controller.doctor import machine, timing
-from controller.doctor.timing_process import Orders
+from controller.doctor.locate import Locator, name_of
+from controller.doctor.measure import measure
+from controller.doctor.report import Consent, Report, Tell
 from controller.processes import Child, first_line
 from controller.realtime import Setting, pick_cores
 from controller.supervisor import emulator_arguments
-from controller.tick import COLLECT_SHARE
 from hw.clock import MonotonicClock
-from hw.dynamixel.examine.adapter import examine_latency_timer, examine_port, set_latency_timer
+from hw.dynamixel.examine.adapter import examine_port
 from hw.dynamixel.examine.cycles import Phase, Replies, Series
-from hw.dynamixel.examine.finding import Change, Finding, Findings, not_applicable
+from hw.dynamixel.examine.finding import Change, Finding, not_applicable
 from hw.dynamixel.examine.judgement import Judgement, Repair, judge
 from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
-from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
+from hw.dynamixel.examine.search import Found, opened
 from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from hw.dynamixel.port import kept_settings, open_port
 from hw.dynamixel.servo import drivable
-from hw.dynamixel.tables import BAUD_RATES, MODELS, Model, model_by_number
-from hw.errors import BaudRefusedError, PortError, ServoError, ServoLostError, UnfitServoError
+from hw.dynamixel.tables import MODELS, Model, model_by_number
+from hw.errors import PortError, ServoError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings
 
-SERIES_S: Final = 0.1
-"""Duration of the cycles at one phase"""
-REPLIES: Final = 200
-"""Single reads that are timed"""
-WAKES: Final = 300
-"""Wake-ups without a bus"""
-
 _START_S: Final = 60.0
-_MEASURE_S: Final = 120.0
 _END_S: Final = 2.0
 _ON_THE_BUS: Final = (
     "port",
@@ -59,24 +51,6 @@ _ON_THE_BUS: Final = (
     "reply time",
     "schedule",
 )
-
-Tell = Callable[[str], None]
-Consent = Callable[[str], bool]
-"""Asked before each change; whether it may be made"""
-
-
-@dataclass(slots=True)
-class Report:
-    """What was found, mended, and could not be looked at."""
-
-    findings: Findings = field(default_factory=Findings)
-    changes: list[Change] = field(default_factory=list)
-    not_examined: list[str] = field(default_factory=list)
-    reached: bool = True
-    """The port could be used, and a servo answered somewhere on it"""
-    suits: str | None = None
-    """The schedule that suits; None: none does, or it was not measured"""
-    cycles: list[Series] = field(default_factory=list)
 
 
 def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bool) -> Report:
@@ -99,7 +73,7 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     else:
         why = "the servo is simulated in this process"
         checkup.report.findings.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
-        checkup.machine(checkup.measure(None))
+        checkup.machine(measure(config, None))
     return checkup.report
 
 
@@ -131,8 +105,8 @@ class _Checkup:
         self._config = config
         self._tell = tell
         self._consent = consent
-        self._change_baud = change_baud
         self._clock = MonotonicClock()
+        self._locator = Locator(self.report, self._clock, tell, consent, change_baud)
         self._add = self.report.findings.add
 
     # The bus
@@ -144,21 +118,21 @@ class _Checkup:
         measured = None
         if self.report.findings.wrong:
             self.report.reached = False
-            self._leave_out("latency timer", "baud rate", "servo answers")
+            self.report.leave_out("latency timer", "baud rate", "servo answers")
         else:
             with kept_settings(settings.port):
                 measured = self._servo(settings)
         if measured is None:
-            self._leave_out("reply time", "schedule")
-            measured = self.measure(None)
+            self.report.leave_out("reply time", "schedule")
+            measured = measure(self._config, None)
         self.machine(measured)
 
     def _servo(self, settings: DynamixelSettings) -> dict[str, Any] | None:
         """The servo's checks; the measurements, if they could be made."""
         try:
-            found = self._find(settings)
+            found = self._locator.find(settings)
             if found is None:
-                self._leave_out("model", "firmware", "registers")
+                self.report.leave_out("model", "firmware", "registers")
                 return None
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
@@ -166,7 +140,7 @@ class _Checkup:
             self._tell("reply time, and both schedules at every phase")
             descriptor = open_port(settings.port, settings.baud)
             try:
-                return self.measure(descriptor)
+                return measure(self._config, descriptor)
             finally:
                 os.close(descriptor)
         except PortError as error:
@@ -177,113 +151,20 @@ class _Checkup:
             self._add(Finding("servo answers", False, str(error), "answers always", fix))
         return None
 
-    def _find(self, settings: DynamixelSettings) -> Found | None:
-        """Where the servo answers: at the configured rate, else at another."""
-        here = self._look(settings)
-        if here.refused:
-            fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
-            self._add(Finding("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
-        else:
-            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "made by the adapter"))
-        mine = next((servo for servo in here.servos if servo.id == settings.id), None)
-        wanted = f"id {settings.id} at {settings.baud} bit/s"
-        if mine is not None:
-            others = [_name(servo) for servo in here.servos if servo is not mine]
-            found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
-            self._add(Finding("servo answers", True, found, wanted))
-            return mine
-        self._tell("no answer there: searching the other baud rates")
-        rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
-        ids = {*IDS, settings.id}
-        searches = [here]
-        with contextlib.closing(scan(settings.port, rates, ids, self._clock)) as scanning:
-            for one in scanning:
-                mine = next((servo for servo in one.servos if servo.id == settings.id), None)
-                if mine is not None:
-                    return self._elsewhere(settings, mine, wanted)
-                searches.append(one)
-        servos = [servo for one in searches for servo in one.servos]
-        self.report.reached = bool(servos)
-        listed = ", ".join(map(_name, servos))
-        garbled = [str(one.baud) for one in searches if one.garbled]
-        found, fix = "nothing answers at any rate", "check power and cable"
-        if servos:
-            found, fix = f"no, but {listed}", "set servo.id and servo.baud to what is there"
-        elif garbled:
-            found = f"garbage at {', '.join(garbled)} bit/s"
-            fix = "leave only one servo connected and change its id: two have the same one"
-        self._add(Finding("servo answers", False, found, wanted, fix))
-        return None
-
-    def _look(self, settings: DynamixelSettings) -> Search:
-        """Who answers at the configured rate; with the port open, its latency timer as well."""
-        try:
-            with opened(settings.port, settings.baud, self._clock) as line:
-                timer = examine_latency_timer(settings.port)
-                if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
-                    set_latency_timer(settings.port)
-                    after = examine_latency_timer(settings.port)
-                    self._note(Change(timer.name, timer.found, after.found, after.ok))
-                    timer = after
-                self._add(timer)
-                return search(line, settings.baud, {settings.id}, to_the_end=False)
-        except BaudRefusedError as error:
-            return Search(settings.baud, [], 0, str(error))
-
-    def _elsewhere(self, settings: DynamixelSettings, found: Found, wanted: str) -> Found:
-        """It answers at another rate: say so, and change its rate where that is asked for."""
-        question = f"baud rate of {_name(found)} -> {settings.baud}"
-        if self._change_baud and self._may(question):
-            change, now = self._set_baud(settings, found)
-            self._note(change)
-            if change.verified:
-                text = f"yes; it was at {found.baud} bit/s"
-                self._add(Finding("servo answers", True, text, wanted))
-                return now
-        fix = (
-            f"set servo.baud={found.baud}, or change the servo's rate with "
-            "haptic-wall doctor CONFIG --fix --change-baud"
-        )
-        text = f"at {found.baud} bit/s"
-        self._add(Finding("servo answers", False, text, wanted, fix, fixable=True))
-        return found
-
-    def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
-        """Write Baud Rate, and look where the servo is then."""
-        name, before = "baud rate", str(found.baud)
-        model = model_by_number(found.model_number)
-        value = BAUD_RATES.index(settings.baud)
-        if model is None or value > model.registers["baud_rate"].maximum:
-            return Change(name, before, f"{settings.baud} is none it can have", False), found
-        with opened(settings.port, found.baud, self._clock) as line:
-            table = Contact.of(line, found.baud, found.id, settings.port, model).table
-            try:
-                if table.read("torque_enable"):
-                    return Change(name, before, "its torque is on, so it is locked", False), found
-                table.sdk.write_unanswered(table.registers["baud_rate"], value)
-            except (ServoLostError, UnfitServoError) as error:
-                return Change(name, before, str(error), False), found
-        with opened(settings.port, settings.baud, self._clock) as line:
-            answered = search(line, settings.baud, {found.id}, to_the_end=False).servos
-        now = next((servo for servo in answered if servo.id == found.id), None)
-        if now is None:
-            return Change(name, before, f"silent at {settings.baud}", False), found
-        return Change(name, before, str(now.baud), True), now
-
     # The servo
 
     def _set_up(self, settings: DynamixelSettings, found: Found) -> bool:
         """Model, firmware and registers; whether its torque is off, so that it may be timed."""
         model = self._model(settings, found)
         if model is None:
-            self._leave_out("firmware", "registers")
+            self.report.leave_out("firmware", "registers")
             return False
-        self._tell(f"registers of {_name(found)}")
+        self._tell(f"registers of {name_of(found)}")
         self._firmware(model, found.firmware)
         with opened(settings.port, found.baud, self._clock) as line:
             servo = Contact.of(line, found.baud, found.id, settings.port, model)
             if not self._status_level(servo):
-                self._leave_out("registers")
+                self.report.leave_out("registers")
                 return False
             judged = self._judge(servo, settings, model, found.firmware)
             if self._consent is not None and self._mend(servo, judged):
@@ -366,36 +247,6 @@ class _Checkup:
 
     # The machine
 
-    def measure(self, port: int | None) -> dict[str, Any]:
-        """Have the timing measured, in a process of its own on the loop's core."""
-        config = self._config
-        core, _ = pick_cores(config.realtime.core)
-        spin_us = config.realtime.spin_us
-        orders = Orders(
-            port=port,
-            id=config.servo.id,
-            period_ns=config.period_ns,
-            collect_ns=int(COLLECT_SHARE * config.period_ns),
-            series_s=SERIES_S,
-            replies=REPLIES,
-            wakes=WAKES,
-            profile=config.realtime.profile,
-            priority=config.realtime.priority,
-            spin_ns=None if spin_us is None else round(spin_us * 1000),
-            core=core,
-            parent=os.getpid(),
-        )
-        descriptors = [] if port is None else [port]
-        child = Child("timing", ["controller.doctor.timing_process"], asdict(orders), descriptors)
-        try:
-            line = first_line(child, _MEASURE_S)
-            if line is None:
-                raise ServoError(f"the measurement ended early: it {child.exit_text()}")
-        finally:
-            child.dismiss(_END_S)
-        answer: dict[str, Any] = json.loads(line)
-        return answer
-
     def machine(self, measured: dict[str, Any]) -> None:
         """What was measured of the bus, if it was, and of the machine."""
         config = self._config
@@ -423,9 +274,6 @@ class _Checkup:
         self.report.cycles = series
         self.report.suits = timing.suits(series, wanted.most_missed)
 
-    def _leave_out(self, *names: str) -> None:
-        self.report.not_examined += names
-
 
 def _series(found: list[dict[str, Any]]) -> list[Series]:
     return [
@@ -448,7 +296,3 @@ def _question(finding: Finding, repair: Repair) -> str:
     if repair.register == "torque_enable":
         return "torque: on -> off (what hangs on the shaft will fall)"
     return f"{finding.name}: {finding.found} -> {finding.wanted}"
-
-
-def _name(servo: Found) -> str:
-    return f"{servo.model or 'unknown model'} id {servo.id} at {servo.baud} bit/s"

@@ -31,9 +31,9 @@ QUIET = ["--set", "realtime.profile=off"]
 
 @pytest.fixture(autouse=True)
 def short_measurements(monkeypatch):
-    monkeypatch.setattr("controller.doctor.checkup.SERIES_S", 0.02)
-    monkeypatch.setattr("controller.doctor.checkup.REPLIES", 20)
-    monkeypatch.setattr("controller.doctor.checkup.WAKES", 20)
+    monkeypatch.setattr("controller.doctor.measure.SERIES_S", 0.02)
+    monkeypatch.setattr("controller.doctor.measure.REPLIES", 20)
+    monkeypatch.setattr("controller.doctor.measure.WAKES", 20)
 
 
 def doctor(capsys, *arguments):

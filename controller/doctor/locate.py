@@ -1,0 +1,153 @@
+"""Where a servo is: at the configured baud rate, or at which other one; and bringing it here."""
+
+from __future__ import annotations
+
+import contextlib
+
+from controller.doctor.report import Consent, Report, Tell
+from hw.clock import Clock
+from hw.dynamixel.examine.adapter import examine_latency_timer, set_latency_timer
+from hw.dynamixel.examine.finding import Change, Finding
+from hw.dynamixel.examine.registers import Contact
+from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
+from hw.dynamixel.tables import BAUD_RATES, model_by_number
+from hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
+from hw.settings import DynamixelSettings
+
+
+class Locator:
+    """Finds one servo on a port that can be used.
+
+    Args:
+        report: Where findings go.
+        clock: Real time.
+        tell: Called with what is being looked at.
+        consent: Asked before each change; None: nothing is changed.
+        change_baud: Whether the servo's baud rate may be changed too.
+    """
+
+    def __init__(
+        self,
+        report: Report,
+        clock: Clock,
+        tell: Tell,
+        consent: Consent | None,
+        change_baud: bool,
+    ) -> None:
+        self._report = report
+        self._add = report.findings.add
+        self._clock = clock
+        self._tell = tell
+        self._consent = consent
+        self._change_baud = change_baud
+
+    def find(self, settings: DynamixelSettings) -> Found | None:
+        """Where the servo answers: at the configured rate, else at another; None: nowhere.
+
+        Args:
+            settings: Which servo, and where it should be.
+
+        Raises:
+            PortError: The port cannot be used any more.
+            ServoLostError: The same.
+        """
+        here = self._look(settings)
+        if here.refused:
+            fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
+            self._add(Finding("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
+        else:
+            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "made by the adapter"))
+        mine = next((servo for servo in here.servos if servo.id == settings.id), None)
+        wanted = f"id {settings.id} at {settings.baud} bit/s"
+        if mine is not None:
+            others = [name_of(servo) for servo in here.servos if servo is not mine]
+            found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
+            self._add(Finding("servo answers", True, found, wanted))
+            return mine
+        self._tell("no answer there: searching the other baud rates")
+        rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
+        ids = {*IDS, settings.id}
+        searches = [here]
+        with contextlib.closing(scan(settings.port, rates, ids, self._clock)) as scanning:
+            for one in scanning:
+                mine = next((servo for servo in one.servos if servo.id == settings.id), None)
+                if mine is not None:
+                    return self._elsewhere(settings, mine, wanted)
+                searches.append(one)
+        servos = [servo for one in searches for servo in one.servos]
+        self._report.reached = bool(servos)
+        listed = ", ".join(map(name_of, servos))
+        garbled = [str(one.baud) for one in searches if one.garbled]
+        found, fix = "nothing answers at any rate", "check power and cable"
+        if servos:
+            found, fix = f"no, but {listed}", "set servo.id and servo.baud to what is there"
+        elif garbled:
+            found = f"garbage at {', '.join(garbled)} bit/s"
+            fix = "leave only one servo connected and change its id: two have the same one"
+        self._add(Finding("servo answers", False, found, wanted, fix))
+        return None
+
+    def _look(self, settings: DynamixelSettings) -> Search:
+        """Who answers at the configured rate; with the port open, its latency timer as well."""
+        try:
+            with opened(settings.port, settings.baud, self._clock) as line:
+                timer = examine_latency_timer(settings.port)
+                if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
+                    set_latency_timer(settings.port)
+                    after = examine_latency_timer(settings.port)
+                    self._report.changes.append(
+                        Change(timer.name, timer.found, after.found, after.ok)
+                    )
+                    timer = after
+                self._add(timer)
+                return search(line, settings.baud, {settings.id}, to_the_end=False)
+        except BaudRefusedError as error:
+            return Search(settings.baud, [], 0, str(error))
+
+    def _elsewhere(self, settings: DynamixelSettings, found: Found, wanted: str) -> Found:
+        """It answers at another rate: say so, and change its rate where that is asked for."""
+        question = f"baud rate of {name_of(found)} -> {settings.baud}"
+        if self._change_baud and self._may(question):
+            change, now = self._set_baud(settings, found)
+            self._report.changes.append(change)
+            if change.verified:
+                text = f"yes; it was at {found.baud} bit/s"
+                self._add(Finding("servo answers", True, text, wanted))
+                return now
+        fix = (
+            f"set servo.baud={found.baud}, or change the servo's rate with "
+            "haptic-wall doctor CONFIG --fix --change-baud"
+        )
+        text = f"at {found.baud} bit/s"
+        self._add(Finding("servo answers", False, text, wanted, fix, fixable=True))
+        return found
+
+    def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
+        """Write Baud Rate, and look where the servo is then."""
+        name, before = "baud rate", str(found.baud)
+        model = model_by_number(found.model_number)
+        value = BAUD_RATES.index(settings.baud)
+        if model is None or value > model.registers["baud_rate"].maximum:
+            return Change(name, before, f"{settings.baud} is none it can have", False), found
+        with opened(settings.port, found.baud, self._clock) as line:
+            table = Contact.of(line, found.baud, found.id, settings.port, model).table
+            try:
+                if table.read("torque_enable"):
+                    return Change(name, before, "its torque is on, so it is locked", False), found
+                table.sdk.write_unanswered(table.registers["baud_rate"], value)
+            except (ServoLostError, UnfitServoError) as error:
+                return Change(name, before, str(error), False), found
+        with opened(settings.port, settings.baud, self._clock) as line:
+            answered = search(line, settings.baud, {found.id}, to_the_end=False).servos
+        now = next((servo for servo in answered if servo.id == found.id), None)
+        if now is None:
+            return Change(name, before, f"silent at {settings.baud}", False), found
+        return Change(name, before, str(now.baud), True), now
+
+    def _may(self, question: str) -> bool:
+        return self._consent is not None and self._consent(question)
+
+
+def name_of(servo: Found) -> str:
+    """A servo's model, id and baud rate, for people."""
+    return f"{servo.model or 'unknown model'} id {servo.id} at {servo.baud} bit/s"

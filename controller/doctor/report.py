@@ -1,0 +1,31 @@
+"""What an examination found, what was mended, and whom it asks before it changes anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hw.dynamixel.examine.cycles import Series
+from hw.dynamixel.examine.finding import Change, Findings
+
+Tell = Callable[[str], None]
+Consent = Callable[[str], bool]
+"""Asked before each change; whether it may be made"""
+
+
+@dataclass(slots=True)
+class Report:
+    """What was found, mended, and could not be looked at."""
+
+    findings: Findings = field(default_factory=Findings)
+    changes: list[Change] = field(default_factory=list)
+    not_examined: list[str] = field(default_factory=list)
+    reached: bool = True
+    """The port could be used, and a servo answered somewhere on it"""
+    suits: str | None = None
+    """The schedule that suits; None: none does, or it was not measured"""
+    cycles: list[Series] = field(default_factory=list)
+
+    def leave_out(self, *names: str) -> None:
+        """Put down what could not be examined."""
+        self.not_examined += names
