@@ -47,7 +47,7 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
     """
     delays = np.unique(np.linspace(0, found.delay.size - 1, _MOST_DELAYS).round().astype(int))
     colours = dict(zip(delays.tolist(), shades(delays.size), strict=True))
-    over_kick = found.kick.size > 1
+    over_kick = _kicks_differ(found)
     with picture(path, PAGE, 3.9 if over_kick else 3.6) as figure:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
         axes = figure.subplots(1, 2 if over_kick else 1, squeeze=False, sharey=True)[0]
@@ -150,6 +150,10 @@ def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
     ax.set_xlabel(f"kick  [rad]   ($B$ = {damping:.3g} N$\\cdot$m$\\cdot$s/rad)")
 
 
+def _kicks_differ(found: CriticalMap) -> bool:
+    return bool(found.kick.min() < found.kick.max())
+
+
 def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
     """The smallest and the largest kick, and their markers."""
     small, large = int(np.argmin(found.kick)), int(np.argmax(found.kick))
@@ -179,7 +183,7 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
     handles.append(
         Line2D([], [], color=GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition")
     )
-    if setting.servo.coulomb > 0.0 and not setting.one_sided and found.kick.size > 1:
+    if setting.servo.coulomb > 0.0 and not setting.one_sided and _kicks_differ(found):
         label = "onset amplitude $A^*$ (theory)"
         handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle="-.", label=label))
     return handles

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and play, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
+_FILES = ("map.csv", "map.json", "map.png")
 _INTERRUPTED = 130
 
 
@@ -88,11 +90,10 @@ def command(
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if out.exists() and not out.is_dir():
         raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
-    with writing("--out", out):
-        out.mkdir(parents=True, exist_ok=True)
+    _prepare(out)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
-    bar = click.progressbar(length=total, label=f"{loaded.name}: {total} walls", file=sys.stderr)
+    bar = click.progressbar(length=total, label=f"{loaded.name}: {total} points", file=sys.stderr)
     with bar:
         try:
             found = critical_map(
@@ -105,12 +106,26 @@ def command(
             )
         except MapInterruptedError as stopped:
             found, interrupted = stopped.partial, True
+    if interrupted and not found.begun:
+        click.echo("interrupted before anything was computed: nothing is written", err=True)
+        sys.exit(_INTERRUPTED)
     files = _write(found, loaded.name, out)
     report = {**_report(found, loaded.name), "files": files}
     answer(as_json(report) if as_json_wanted else _text(found, files))
     if interrupted:
         click.echo("interrupted: what was done until then is kept, the rest is empty", err=True)
         sys.exit(_INTERRUPTED)
+
+
+def _prepare(out: Path) -> None:
+    """Make the folder, and refuse one that cannot be written before time is spent on a map."""
+    with writing("--out", out):
+        out.mkdir(parents=True, exist_ok=True)
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise UserError(f"--out {out}: found a folder without leave to write; name another place")
+    for name in _FILES:
+        if (out / name).is_dir():
+            raise UserError(f"--out {out}: found a folder {name} in it, wanted a file or nothing")
 
 
 def _whole(values: list[float] | tuple[int, ...]) -> list[int]:
@@ -191,7 +206,7 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
 def _write(found: CriticalMap, name: str, out: Path) -> list[Path]:
     from controller.map_plot import plot_map
 
-    files = [out / "map.csv", out / "map.json", out / "map.png"]
+    files = [out / name for name in _FILES]
     points = _points(found)
     with writing("--out", out):
         with files[0].open("w", newline="", encoding="utf-8") as stream:

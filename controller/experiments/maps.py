@@ -7,15 +7,10 @@ does not depend on who computes what, nor on how many do.
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from contextlib import nullcontext
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 
 import numpy as np
 
@@ -23,6 +18,7 @@ from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.many_walls import Walls
 from controller.experiments.onset import onset
+from controller.experiments.processes import cores, held_back_ctrl_c, processes
 from controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from controller.theory.checks import FloatArray, IntArray
 from hw.settings import TrueServo
@@ -133,6 +129,11 @@ class CriticalMap:
         """Whether every point was computed."""
         return not bool(np.isnan(self.stiffness).any())
 
+    @property
+    def begun(self) -> bool:
+        """Whether any point was computed."""
+        return not bool(np.isnan(self.stiffness).all())
+
 
 class MapInterruptedError(KeyboardInterrupt):
     """Ctrl-C, and what was done until then.
@@ -173,6 +174,8 @@ def critical_map(
     Raises:
         ValueError: A value is outside of its domain.
         MapInterruptedError: Ctrl-C; tasks that had not begun were cancelled.
+        PlatformError: A process started for this call was ended from outside.
+        Exception: What a task, or the caller's executor, raised; the other tasks were cancelled.
     """
     damping = np.array(virtual_dampings, dtype=np.float64)
     steps = np.array(delay_steps, dtype=np.int64)
@@ -182,16 +185,16 @@ def critical_map(
     size = max(1, _TASK // kick.size)
     tasks = [
         (i, slice(first, first + size))
-        for i in range(steps.size)
+        # The longest delays, which take longest, first: the cores are done together then.
+        for i in np.argsort(-steps, kind="stable").tolist()
         for first in range(0, damping.size, size)
     ]
-    own = _pool(workers, len(tasks)) if executor is None else None
-    with own or nullcontext():
-        pool = executor or own
+    own = processes(min(workers or cores(), len(tasks))) if executor is None else None
+    with own or nullcontext(executor) as pool:
         assert pool is not None
         places: dict[Future[FloatArray], tuple[int, slice]] = {}
         try:
-            with _held_back_ctrl_c():
+            with held_back_ctrl_c():
                 for i, part in tasks:
                     arguments = (setting, damping[part], int(steps[i]), kick, tolerance)
                     places[pool.submit(compute, *arguments)] = i, part
@@ -249,39 +252,3 @@ def _theory(
         exact=critical_stiffness(*loop),
         one_sided=one_sided_limit(*loop),
     )
-
-
-def _pool(workers: int | None, tasks: int) -> ProcessPoolExecutor:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    count = min(workers or cores or 1, tasks)
-    # Spawned, not forked: the caller may have threads.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_end_with_parent)
-
-
-def _end_with_parent() -> None:
-    """In a process of the pool: do not outlive a parent that was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _held_back_ctrl_c() -> Iterator[None]:
-    """While processes are started: they inherit it, and Ctrl-C is left to this one, afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # Started meanwhile, it would let Ctrl-C through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

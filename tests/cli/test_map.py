@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Executor
 from pathlib import Path
 
 import pytest
 
 from controller.cli.main import main
+from controller.experiments import maps
 from controller.theory import critical_stiffness
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -100,8 +103,53 @@ def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
     assert "found a file, wanted a folder" in err
 
 
+def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_computed(
+    capsys, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(maps, "critical_map", None)  # not called
+    (tmp_path / "map.csv").mkdir()
+    status, _, err = run(capsys, "simulated", "--out", tmp_path)
+    assert status == 2
+    assert "found a folder map.csv in it" in err
+    (tmp_path / "map.csv").rmdir()
+    # root may write anywhere
+    monkeypatch.setattr(os, "access", lambda _, mode, **__: not mode & os.W_OK)
+    status, _, err = run(capsys, "simulated", "--out", tmp_path)
+    assert status == 2
+    assert f"--out {tmp_path}: found a folder without leave to write" in err
+
+
+def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
+    capsys, tmp_path, monkeypatch
+):
+    class Never(Executor):
+        def submit(self, *_, **__):
+            raise KeyboardInterrupt
+
+    computed = functools.partial(maps.critical_map, executor=Never())
+    monkeypatch.setattr(maps, "critical_map", computed)
+    (tmp_path / "map.json").write_text("of yesterday")
+    status, out, err = run(
+        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json"
+    )
+    assert status == 130
+    assert out == ""
+    assert "interrupted before anything was computed: nothing is written" in err
+    assert (tmp_path / "map.json").read_text() == "of yesterday"
+    assert not (tmp_path / "map.png").exists()
+
+
+def test_a_kick_given_twice_is_drawn_as_one(capsys, tmp_path):
+    status, _, _ = run(
+        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0.02", "--delay-steps", "1",
+        "--kick", "0.1,0.1", "--set", "wall.side=both", "--workers", 1,
+    )  # fmt: skip
+    assert status == 0  # a warning of Matplotlib's would be an error here
+
+
 @pytest.mark.realtime
-def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path):
+@pytest.mark.parametrize("impatient", [False, True])
+def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path, impatient):
     arguments = ["-m", "controller.cli.main", "map", "simulated", "--out", str(tmp_path), "--json"]
     with subprocess.Popen(
         [sys.executable, *arguments],
@@ -114,10 +162,12 @@ def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path):
         first = command.stderr.readline() if os.name == "posix" else ""
         time.sleep(1.5)  # nothing is lost if the pool is not up yet
         os.killpg(command.pid, signal.SIGINT)  # as a terminal does: to all of them
+        if impatient:
+            os.killpg(command.pid, signal.SIGINT)
         out, err = command.communicate(timeout=60)
     assert command.returncode == 130, first + err
     assert "Traceback" not in first + err
-    if out:  # it had begun to compute, as it has unless the machine is very busy
+    if out:  # it had computed something, as it has unless the machine is very busy
         assert "interrupted" in err
         assert not json.loads(out)["complete"]
         assert (tmp_path / "map.png").read_bytes().startswith(PNG)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pickle
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -109,8 +110,10 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting):
         )
     partial = stopped.value.partial
     assert not partial.complete
-    assert np.isfinite(partial.stiffness[0]).all()
-    assert np.isnan(partial.stiffness[1]).all()
+    assert partial.begun
+    # the longest delay, which takes longest, is computed first
+    assert np.isfinite(partial.stiffness[1]).all()
+    assert np.isnan(partial.stiffness[0]).all()
     assert [future.cancelled() for future in executor.futures] == [False, True]
 
 
@@ -123,6 +126,33 @@ def test_a_failing_task_is_not_hidden(setting):
 
     with pytest.raises(RuntimeError, match="the cluster is gone"):
         critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Broken())
+
+
+def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_cancelled(setting):
+    class Full(AtOnce):
+        futures: ClassVar[list[Future]] = []
+
+        def submit(self, *_, **__):
+            if self.futures:
+                raise RuntimeError("no more tasks")
+            self.futures.append(Future())
+            return self.futures[-1]
+
+    with pytest.raises(RuntimeError, match="no more tasks"):
+        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Full())
+    assert Full.futures[0].cancelled()
+
+
+def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting):
+    class Cancelling(Executor):
+        def submit(self, *_, **__):
+            future: Future = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(CancelledError):
+        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Cancelling())
 
 
 def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction():

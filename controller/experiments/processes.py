@@ -1,0 +1,83 @@
+"""Processes of our own to compute in: they end with their parent, and at once when it gives up."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+
+from controller.errors import PlatformError
+
+
+def cores() -> int:
+    """How many this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """An executor of that many processes.
+
+    When the block is left with an exception (Ctrl-C is one), they are ended in the midst of what
+    they do: a task may take minutes, and nobody waits for it any more.
+
+    Args:
+        count: >= 1.
+
+    Raises:
+        PlatformError: One of them was ended from outside.
+    """
+    # Spawned, not forked: the caller may have threads.
+    context = multiprocessing.get_context("spawn")
+    stopped, stop = context.Pipe(duplex=False)
+    with stopped, stop:
+        pool = ProcessPoolExecutor(
+            count, mp_context=context, initializer=_end_with_parent, initargs=(stopped,)
+        )
+        try:
+            yield pool
+        except BrokenExecutor as error:
+            raise PlatformError(
+                "a process that computes was ended from outside, perhaps because memory ran out;"
+                " try with fewer workers"
+            ) from error
+        except BaseException:
+            stop.close()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _end_with_parent(stopped: Connection) -> None:
+    """In a process of the pool: do not outlive a parent that was killed, or that gave up."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait([parent.sentinel, stopped])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def held_back_ctrl_c() -> Iterator[None]:
+    """While processes are started: they inherit it, and Ctrl-C is left to this one, afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # Started meanwhile, it would let Ctrl-C through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
