@@ -46,7 +46,7 @@ def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> Float
     light = _light(delta, delay, samples)
     for part in _parts(light, _LIGHT_CHUNK):
         _, result[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
-    for part in _parts(~light, _SCAN_CHUNK):
+    for part in _parts(~light, _scan_chunk(samples)):
         loop = _loop(delta[part], delay[part], samples[part])
         result[part] = all_branches.ceiling(loop.column())
     return result
@@ -75,7 +75,7 @@ def critical(
         a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
         alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
         w[part] = np.where(below, at, 0.0)
-    for part in _parts(some & ~light, _SCAN_CHUNK):
+    for part in _parts(some & ~light, _scan_chunk(samples)):
         plant = _loop(delta[part], delay[part], samples[part]).column()
         # so near the ceiling the lowest crossing can round to below zero, and be taken for none
         below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)
@@ -136,6 +136,11 @@ def _parts(which: NDArray[np.bool_], size: int) -> Iterator[NDArray[np.intp]]:
     index = np.flatnonzero(which)
     for start in range(0, index.size, size):
         yield index[start : start + size]
+
+
+def _scan_chunk(samples: FloatArray) -> int:
+    """Settings scanned at once: fewer where longer differences take more points each."""
+    return max(1, int(_SCAN_CHUNK / (1.0 + np.max(samples, initial=1.0) / 16.0)))
 
 
 def _loop(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_MOST_SAMPLES = 10_000
 
 
 def number(name: str, value: ArrayLike) -> FloatArray:
@@ -16,9 +20,13 @@ def number(name: str, value: ArrayLike) -> FloatArray:
         ValueError: It is not a number, or not finite.
     """
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
+        given = np.asarray(value)
+        # NumPy would take text, dates and the real part of complex numbers
+        array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    if array is None:
+        raise ValueError(f"{name} must be a number, got {value!r}")
     _require(name, array, np.isfinite(array), "finite")
     return array
 
@@ -46,13 +54,14 @@ def not_negative(name: str, value: ArrayLike) -> FloatArray:
 
 
 def samples(name: str, value: ArrayLike) -> FloatArray:
-    """``value`` as an array of whole numbers, each >= 1 (kept as floats for the arithmetic).
+    """``value`` as an array of whole numbers from 1 to 10 000 (floats, for the arithmetic).
 
     Raises:
         ValueError: One is not.
     """
     array = number(name, value)
     _require(name, array, (array >= 1) & (array == np.floor(array)), "a whole number >= 1")
+    _require(name, array, array <= _MOST_SAMPLES, f"at most {_MOST_SAMPLES}")
     return array
 
 
@@ -62,9 +71,27 @@ def whole_number(name: str, value: ArrayLike) -> int:
     Raises:
         ValueError: It is not.
     """
-    array = number(name, value)
-    _require(name, array, (array >= 0) & (array == np.floor(array)), "a whole number >= 0")
-    return int(array)
+    whole = scalar(not_negative, name, value)
+    if whole != int(whole):
+        raise ValueError(f"{name} must be a whole number >= 0, got {whole:g}")
+    return int(whole)
+
+
+def scalar(check: Callable[[str, ArrayLike], FloatArray], name: str, value: ArrayLike) -> float:
+    """``value`` as one number that passes a check.
+
+    Args:
+        check: ``number``, ``positive``, ``not_negative`` or ``samples``.
+        name: For the message.
+        value: The number.
+
+    Raises:
+        ValueError: It is an array, or does not pass.
+    """
+    array = check(name, value)
+    if array.ndim:
+        raise ValueError(f"{name} must be one number, got {array.size}")
+    return float(array)
 
 
 def broadcast(**arrays: FloatArray) -> list[FloatArray]:

@@ -17,6 +17,7 @@ from controller.theory.checks import (
     not_negative,
     number,
     positive,
+    scalar,
     whole_number,
 )
 from controller.theory.loop import HeldLoop
@@ -96,8 +97,8 @@ def characteristic_polynomial(delta: float, alpha: float, beta: float, delay: in
     Source: Gil et al., ICRA 2007, eq. (11).
     """
     d = whole_number("delay", delay)
-    full = held_response(not_negative("delta", delta), 1.0)
-    a, virtual = float(number("alpha", alpha)), float(number("beta", beta))
+    full = held_response(np.array(scalar(not_negative, "delta", delta)), 1.0)
+    a, virtual = scalar(number, "alpha", alpha), scalar(number, "beta", beta)
     phi, eps = float(full.position_per_speed), float(full.speed_per_speed)
     forward = float(full.position_per_torque)  # -p / delta²
     backward = phi * phi - eps * forward  # q / delta²
@@ -126,8 +127,8 @@ def one_sample_polynomial(delta: float, alpha: float, beta: float) -> FloatArray
 
     Source: Gil et al., ICRA 2007, eq. (12), corrected.
     """
-    small = float(positive("delta", delta))
-    a, virtual = float(number("alpha", alpha)), float(number("beta", beta))
+    small = scalar(positive, "delta", delta)
+    a, virtual = scalar(number, "alpha", alpha), scalar(number, "beta", beta)
     eps = float(np.exp(-small))
     p, q = 1 - eps - small, 1 - eps - small * eps
     return np.array(
@@ -240,9 +241,9 @@ def gain_margin(delta: float, beta: float, delay: float) -> float:
 
     Source: Gil et al., ICRA 2007, eq. (15).
     """
-    small, d = not_negative("delta", delta), not_negative("delay", delay)
-    virtual = number("beta", beta)
-    loop = HeldLoop.of(small, d, np.ones(()))
+    small, d = scalar(not_negative, "delta", delta), scalar(not_negative, "delay", delay)
+    virtual = scalar(number, "beta", beta)
+    loop = HeldLoop.of(np.array(small), np.array(d), np.ones(()))
 
     def inverse(w: FloatArray) -> NDArray[np.complex128]:
         """The inverse of the transfer function that the margin is taken of."""

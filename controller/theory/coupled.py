@@ -14,7 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
+from controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+    scalar,
+)
 
 ComplexArray = NDArray[np.complex128]
 
@@ -166,16 +174,37 @@ def is_stable(
     hand: Hand,
     velocity_samples: int = 1,
 ) -> bool:
-    """Whether every closed-loop pole of one wall with one hand is inside the unit circle."""
-    total = inertia + float(np.asarray(hand.mass))
-    unit = period / total
+    """Whether every closed-loop pole of one wall with one hand is inside the unit circle.
+
+    Args:
+        inertia: m > 0 of the device [kg·m²].
+        damping: Viscous damping b >= 0 of the device [N·m·s/rad].
+        stiffness: K [N·m/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+        hand: What holds the device, of single numbers.
+        velocity_samples: N of the velocity difference, >= 1.
+
+    Raises:
+        ValueError: An argument is outside of its domain; the message names it.
+    """
+    total = scalar(positive, "inertia", inertia) + scalar(not_negative, "hand.mass", hand.mass)
+    t = scalar(positive, "period", period)
+    unit = t / total
+    viscous = scalar(not_negative, "damping", damping)
+    viscous += scalar(not_negative, "hand.damping", hand.damping)
+    spring = scalar(not_negative, "hand.stiffness", hand.stiffness)
     plant = HeldHand.of(
-        (damping + float(np.asarray(hand.damping))) * unit,
-        float(np.asarray(hand.stiffness)) * period * unit,
-        delay / period,
-        velocity_samples,
+        viscous * unit,
+        spring * t * unit,
+        scalar(not_negative, "delay", delay) / t,
+        int(scalar(samples, "velocity_samples", velocity_samples)),
     )
-    poles = plant.poles(stiffness * period * unit, virtual_damping * unit)
+    poles = plant.poles(
+        scalar(number, "stiffness", stiffness) * t * unit,
+        scalar(number, "virtual_damping", virtual_damping) * unit,
+    )
     return bool(np.max(np.abs(poles)) < 1)
 
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray, not_negative, number, positive, samples
+from controller.theory.checks import FloatArray, not_negative, number, positive, samples, scalar
 from controller.theory.coupled import HeldHand
 from controller.theory.describing import backlash_gain, quantisation_gain, saturation_gain
 from controller.theory.friction import onset_amplitude
@@ -111,13 +111,13 @@ def limit_cycles(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    m, b = float(positive("inertia", inertia)), float(not_negative("damping", damping))
+    m, b = scalar(positive, "inertia", inertia), scalar(not_negative, "damping", damping)
     k, big_b = (
-        float(positive("stiffness", stiffness)),
-        float(number("virtual_damping", virtual_damping)),
+        scalar(positive, "stiffness", stiffness),
+        scalar(number, "virtual_damping", virtual_damping),
     )
-    t, t_d = float(positive("period", period)), float(not_negative("delay", delay))
-    n = int(samples("velocity_samples", velocity_samples))
+    t, t_d = scalar(positive, "period", period), scalar(not_negative, "delay", delay)
+    n = int(scalar(samples, "velocity_samples", velocity_samples))
     if isinstance(effect, Coulomb):
         onset = onset_amplitude(m, b, effect.friction, k, big_b, t, t_d, n)
         amplitude = float(onset.amplitude)

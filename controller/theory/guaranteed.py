@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass, fields, replace
 
-from controller.theory.checks import number, positive
+from controller.theory.checks import number, positive, scalar
 from controller.theory.exclusion import Outcome
 from controller.theory.ranges import Member, Ranges
-from controller.theory.worst_member import Search, closed_in, scalar
+from controller.theory.worst_member import Search, closed_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def is_stable_over(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    k = scalar("stiffness", positive("stiffness", stiffness))
+    k = scalar(positive, "stiffness", stiffness)
     search = Search.of(ranges, virtual_damping, period, velocity_samples)
     least, worst = search.stiffness()
     if least <= k:
@@ -203,7 +203,7 @@ def _lost(limit: float, known: float) -> float:
 
 
 def _share(tolerance: float) -> float:
-    value = scalar("tolerance", number("tolerance", tolerance))
+    value = scalar(number, "tolerance", tolerance)
     if not 0 < value < 1:
         raise ValueError(f"tolerance must be between 0 and 1, got {value:g}")
     return value

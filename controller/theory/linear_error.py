@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controller.theory.boundary import critical, max_beta
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive
+from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, scalar
 from controller.theory.roots import refined
 
 _POINTS = 1024
@@ -77,9 +77,9 @@ def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, 
 
     Source: Gil et al., ICRA 2007, Fig. 10.
     """
-    size = float(positive("error", error))
-    small = np.atleast_1d(not_negative("delta", delta))
-    d = np.atleast_1d(not_negative("delay", delay))
+    size = scalar(positive, "error", error)
+    small = np.array([scalar(not_negative, "delta", delta)])
+    d = np.array([scalar(not_negative, "delay", delay)])
     width = max_beta(small, d, np.ones(1)) + small
 
     def excess(share: FloatArray, level: FloatArray | float) -> FloatArray:
@@ -118,8 +118,8 @@ def start_error(delta: float, delay: float) -> float:
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    small = np.atleast_1d(not_negative("delta", delta))
-    d = np.atleast_1d(not_negative("delay", delay))
+    small = np.array([scalar(not_negative, "delta", delta)])
+    d = np.array([scalar(not_negative, "delay", delay)])
     width = max_beta(small, d, np.ones(1)) + small
     return float(_error(small, _START * width - small, d)[0])
 

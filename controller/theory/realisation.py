@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.theory.checks import FloatArray, not_negative, number, positive, samples
+from controller.theory.checks import FloatArray, not_negative, number, positive, samples, scalar
 from controller.theory.response import held_response
 
 
@@ -90,12 +90,12 @@ def wall_transfer(
 
     Source: Gil et al., ICRA 2007, eq. (11), the bracket.
     """
-    n = int(samples("velocity_samples", velocity_samples))
-    per_sample = float(number("virtual_damping", virtual_damping)) / (
-        n * float(positive("period", period))
+    n = int(scalar(samples, "velocity_samples", velocity_samples))
+    per_sample = scalar(number, "virtual_damping", virtual_damping) / (
+        n * scalar(positive, "period", period)
     )
     num, den = np.zeros(n + 1), np.zeros(n + 1)
-    num[0], den[0] = float(number("stiffness", stiffness)) + per_sample, 1.0
+    num[0], den[0] = scalar(number, "stiffness", stiffness) + per_sample, 1.0
     num[n] -= per_sample
     return TransferFunction(num, den)
 
@@ -177,9 +177,9 @@ def closed_loop(
 
 
 def _hold(inertia: float, damping: float, period: float, delay: float) -> _Hold:
-    m, t = float(positive("inertia", inertia)), float(positive("period", period))
-    delta = not_negative("damping", damping) * t / m
-    late = float(not_negative("delay", delay)) / t
+    m, t = scalar(positive, "inertia", inertia), scalar(positive, "period", period)
+    delta = np.array(scalar(not_negative, "damping", damping) * t / m)
+    late = scalar(not_negative, "delay", delay) / t
     whole = int(np.floor(late))
     full, rest = held_response(delta, 1.0), held_response(delta, 1.0 - (late - whole))
     # from unit period and inertia to seconds and kg·m²

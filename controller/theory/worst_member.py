@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.theory.checks import FloatArray, number, positive, samples
+from controller.theory.checks import FloatArray, number, positive, samples, scalar
 from controller.theory.exact import critical_stiffness, max_virtual_damping
 from controller.theory.exclusion import Family, Outcome, exclude
 from controller.theory.ranges import Member, Ranges
@@ -39,9 +39,9 @@ class Search:
         """
         return cls(
             ranges,
-            scalar("virtual_damping", number("virtual_damping", virtual_damping)),
-            scalar("period", positive("period", period)),
-            int(scalar("velocity_samples", samples("velocity_samples", velocity_samples))),
+            scalar(number, "virtual_damping", virtual_damping),
+            scalar(positive, "period", period),
+            int(scalar(samples, "velocity_samples", velocity_samples)),
         )
 
     @property
@@ -150,14 +150,3 @@ def closed_in(
         else:
             gap *= 4
     return 0.0, upper, worst, boxes
-
-
-def scalar(name: str, value: FloatArray) -> float:
-    """``value`` as one number.
-
-    Raises:
-        ValueError: It is an array.
-    """
-    if value.ndim:
-        raise ValueError(f"{name} must be one number, got {value.size}")
-    return float(value)

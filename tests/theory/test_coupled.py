@@ -10,6 +10,7 @@ import pytest
 from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
 from controller.theory.arcs import least_reach
 from controller.theory.coupled import Hand, coupled_limit, is_stable
+from controller.theory.hand_boxes import Box, Wall, doubt
 from controller.theory.hands import HandRange, stable_hands
 from tests.theory.oracles import Loop, radius
 
@@ -158,3 +159,32 @@ def test_errors_name_the_argument() -> None:
         stable_hands(0.01, 0.01, 1.0, 0.0, PERIOD, 0.0, HandRange(mass=(2.0, 1.0)))
     with pytest.raises(ValueError, match="damping must be > 0, got 0"):
         stable_hands(0.01, 0.0, 1.0, 0.0, PERIOD, 0.0, HandRange())
+
+
+@pytest.mark.parametrize(
+    ("delay", "damping", "big_b"),
+    # slow and damped: far below what wall and mass alone would oscillate at
+    [(0.1, 60.0, 0.0), (0.1, 60.0, -0.1), (0.02, 60.0, 0.0), (1e-3, 0.01, -0.0109)],
+)
+def test_a_hand_with_a_pole_on_the_circle_is_never_excluded(
+    delay: float, damping: float, big_b: float
+) -> None:
+    m = b = 1e-3
+    hand = Hand(damping=damping)
+    k = float(coupled_limit(m, b, big_b, PERIOD, delay, hand))
+    point = Box((m, m), (b + damping, b + damping), (0.0, 0.0))
+    found = doubt(Wall(m, b, k, big_b, PERIOD, delay, 1), point)
+    assert found is not None
+    assert doubt(Wall(m, b, 0.9 * k, big_b, PERIOD, delay, 1), point) is None
+
+
+def test_wrong_hands_are_refused_by_name() -> None:
+    device = (0.01, 0.01, 10.0, 0.1, PERIOD, 1e-3)
+    with pytest.raises(ValueError, match=r"hands\.mass must be a pair"):
+        stable_hands(*device, HandRange(mass=(0.0, 1.0, 2.0)))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"hands\.stiffness must not fall"):
+        stable_hands(*device, HandRange(stiffness=(1.0, 0.0)))
+    with pytest.raises(ValueError, match=r"hand\.mass must be one number"):
+        is_stable(*device, Hand(mass=[0.0, 1.0]))
+    with pytest.raises(ValueError, match=r"delay must be >= 0"):
+        is_stable(0.01, 0.01, 10.0, 0.1, PERIOD, -1e-3, Hand())

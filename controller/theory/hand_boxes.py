@@ -1,0 +1,172 @@
+"""Whether some hand of a range can put a pole on the unit circle: shown for all of them at once.
+
+At the angle ``theta`` the device with its hand answers at the aliases
+``w_n = (theta + 2 pi n) / T`` with the admittances ``Y_n = 1 / (R + j X_n)``,
+``X_n = M w_n - k / w_n``, and ::
+
+    1 + L = 1 + sum_n C_n Y_n,    C_n = -H (1 - e^{-j theta}) e^{-j w_n t_d} / (T w_n²)
+
+with ``H = K + (B / (N T)) (1 - e^{-j N theta})``. Over a range of hands each ``Y_n`` stays in a
+region bounded by four arcs, whose least extent in any direction has a closed form. If in one
+direction these extents add up to less than what reaches 0, no hand of the range has ``1 + L = 0``
+at that angle. It is shown over a whole cell of angles: ``X_n`` is taken over it, and ``C_n`` by the
+most it can change.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.arcs import least_reach
+from controller.theory.checks import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+_NEAR = np.array([0, -1, 1])  # aliases of which the region is taken as it is
+_FAR = np.array([n for n in range(-24, 25) if abs(n) > 1])  # those that are only bounded
+_DIRECTIONS = np.exp(2j * np.pi * np.arange(32) / 32)
+_ANGLES = 160
+_CELL_HALVINGS = 8
+
+
+class Box(NamedTuple):
+    """A range of device and hand together, each from the least to the most."""
+
+    mass: tuple[float, float]
+    """> 0 [kg·m²]"""
+    damping: tuple[float, float]
+    """> 0 [N·m·s/rad]"""
+    spring: tuple[float, float]
+    """[N·m/rad]"""
+
+
+class Wall(NamedTuple):
+    """A two-sided wall and its device, in SI units."""
+
+    inertia: float
+    damping: float
+    stiffness: float
+    virtual_damping: float
+    period: float
+    delay: float
+    samples: int
+
+
+def doubt(wall: Wall, box: Box) -> float | None:
+    """The frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
+
+    None where none can have it, at any angle: cells of angles in which that is not shown at once
+    are halved, unless it is the width of the box that prevents it.
+
+    Args:
+        wall: The wall.
+        box: Device and hand.
+    """
+    theta, half_cell = _angles(wall, box)
+    worst = 0
+    for _ in range(_CELL_HALVINGS):
+        left = _clear(wall, box, theta, half_cell) <= 0
+        if not np.any(left):
+            return None
+        theta, half_cell = theta[left], half_cell[left]
+        clear = _clear(wall, box, theta, 0.0 * half_cell)
+        worst = int(np.argmin(clear))
+        if clear[worst] <= 0:
+            break
+        half_cell = np.tile(0.5 * half_cell, 2)
+        theta = np.tile(theta, 2) + half_cell * np.repeat([-1.0, 1.0], theta.size)
+    return float(theta[worst]) / wall.period
+
+
+def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> FloatArray:
+    """How far 1 + L stays from 0 with all hands of the box, over the cell of each angle.
+
+    Args:
+        wall: The wall.
+        box: Device and hand.
+        theta: Middles of the cells.
+        half_cell: Halves of their widths.
+    """
+    at, width = theta[:, None] / wall.period, half_cell[:, None] / wall.period
+    r, turns = box.damping, 2 * np.pi / wall.period
+    near, far = at + turns * _NEAR, at + turns * _FAR
+    low, high = _reactance(box, near, width)
+    weights, change = _weights(wall, near, width)
+    # what no hand can reach, in every direction: angles × aliases × directions
+    extent = least_reach(
+        weights[:, :, None] * np.conj(_DIRECTIONS), r, low[:, :, None], high[:, :, None]
+    ).sum(axis=1)
+    rest = (change * _most_admittance(r, low, high)).sum(axis=1)
+    low, high = _reactance(box, far, width)
+    weights, change = _weights(wall, far, width)
+    size, most = np.abs(weights) + change, _most_admittance(r, low, high)
+    rest += (size * most).sum(axis=1)
+    # beyond the last alias the weights fall with its square: their sum is below n × the last. Where
+    # the mass outweighs the spring, the admittances fall too.
+    by_mass = np.stack([high[:, 0] < 0, low[:, -1] > 0], axis=1)
+    most = np.where(by_mass, most[:, [0, -1]], 1 / r[0])
+    rest += (_FAR.max() + 1) * (size[:, [0, -1]] * most).sum(axis=1)
+    clear: FloatArray = np.max(np.real(_DIRECTIONS) + extent - rest[:, None], axis=1)
+    return clear
+
+
+def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
+    """Angles around the circle, and half the cell of each.
+
+    They start at a tenth of the frequency that the wall's own spring gives the greatest mass, or
+    where the wall's torque lags by half a radian, or its damper's late part comes near its spring:
+    below all of these the springs outweigh the rest, and the loop cannot oscillate.
+    """
+    late = wall.delay + wall.samples * wall.period
+    w = min(0.1 * math.sqrt(wall.stiffness / box.mass[1]), 0.5 / late)
+    if wall.virtual_damping != 0:
+        w = min(w, 0.3 * math.sqrt(wall.stiffness / abs(wall.virtual_damping) / late))
+    start = min(wall.period * w, 0.5)
+    even = np.pi / (_ANGLES + 24 * int(wall.delay / wall.period + wall.samples))
+    count = max(2, int(math.log(1 / start) / 0.03))
+    edges = np.concatenate([np.geomspace(start, 1.0, count), [np.pi]])
+    steps = np.ceil(np.diff(edges) / even).astype(int)
+    edges = np.concatenate(
+        [
+            np.linspace(a, b, n, endpoint=False)
+            for a, b, n in zip(edges[:-1], edges[1:], steps, strict=True)
+        ]
+        + [np.array([np.pi])]
+    )
+    return 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+
+
+def _weights(wall: Wall, w: FloatArray, width: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """C_n at the aliases ``w`` (angles × aliases), and the most it changes within ``width``."""
+    n = wall.samples
+    theta = w * wall.period
+    h = wall.stiffness + wall.virtual_damping / (n * wall.period) * (1 - np.exp(-1j * n * theta))
+    held = (1 - np.exp(-1j * theta)) / wall.period
+    weights: ComplexArray = -h * held * np.exp(-1j * w * wall.delay) / w**2
+    slow = _slowest(w, width)
+    most = (np.abs(h) + abs(wall.virtual_damping) * width) * (np.abs(held) + width) / slow**2
+    return weights, most * (1 + wall.delay * width) - np.abs(weights)
+
+
+def _slowest(w: FloatArray, width: FloatArray) -> FloatArray:
+    """The least abs(w) within ``width``; cells do not reach down to 0."""
+    return np.maximum(np.abs(w) - width, 1e-3 * np.abs(w))
+
+
+def _most_admittance(r: tuple[float, float], low: FloatArray, high: FloatArray) -> FloatArray:
+    """The greatest abs(1 / (R + jX)) over ranges of R and X."""
+    nearest = np.where((low > 0) | (high < 0), np.minimum(np.abs(low), np.abs(high)), 0.0)
+    most: FloatArray = 1 / np.hypot(r[0], nearest)
+    return most
+
+
+def _reactance(box: Box, w: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Range of M w - k/w over the box and over w - width to w + width (of one sign)."""
+    slow, fast = _slowest(w, width), np.abs(w) + width
+    low = box.mass[0] * slow - box.spring[1] / slow
+    high = box.mass[1] * fast - box.spring[0] / fast
+    return np.where(w > 0, low, -high), np.where(w > 0, high, -low)
