@@ -43,7 +43,7 @@ _MOST_PERIODS = 500
     metavar="B[,B...]",
     help="Of each point [N·m·s/rad]; default: shares of the ceiling.",
 )
-@click.option("--velocity-samples", type=click.IntRange(min=1), default=1, metavar="N",
+@click.option("--velocity-samples", type=click.IntRange(1, 64), default=1, metavar="N",
               help="Samples the velocity difference spans (1).")  # fmt: skip
 @click.option("--side", type=click.Choice(["one", "both"]), default="one",
               help="Whether the wall also pulls: says which limits count (one).")  # fmt: skip
@@ -73,8 +73,11 @@ def command(
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     question = _question(given)
-    chosen = default_dampings(question) if dampings is None else dampings
-    found = report(question, chosen)
+    try:
+        chosen = default_dampings(question) if dampings is None else dampings
+        found = report(question, chosen)
+    except ValueError as error:  # numbers so extreme that only the theory can tell
+        raise UserError(f"{error}; are all in SI units?") from None
     if plot is not None:
         from controller.boundary_plot import plot_boundary
 

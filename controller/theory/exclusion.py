@@ -119,6 +119,9 @@ def exclude(family: Family, budget: int) -> Outcome:
         family: The members.
         budget: Boxes to look at before giving up.
     """
+    shortest, longest = family.delay
+    if 2 * _FIRST_SPLIT * (longest - shortest) > budget:
+        return Outcome(False, 0, (family.edge[1], longest))
     boxes, looked_at = _first(family), 0
     while True:
         looked_at += boxes.whole.size

@@ -54,7 +54,10 @@ def linear_limit(
         delay=not_negative("delay", delay),
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
-    result: FloatArray = np.maximum((b + big_b) / (t / 2 + t_d), 0.0)
+    with np.errstate(over="ignore"):
+        result: FloatArray = np.maximum((b + big_b) / (t / 2 + t_d), 0.0)
+    if not np.all(np.isfinite(result)):
+        raise ValueError("period is too small: (b + B) / (T/2 + t_d) must be a finite number")
     return result
 
 

@@ -24,6 +24,7 @@ from controller.theory.dimensionless import settings
 
 _ZOOMS = 12
 _ZOOM_POINTS = 9
+_NEVER_PASSIVE = 1e9  # B / b: at some angle the damper alone puts in more than b takes
 
 
 def passive_limit(
@@ -56,7 +57,9 @@ def passive_limit(
     s = settings(1.0, damping, virtual_damping, period, delay, velocity_samples)
     # per unit of b/T, so that the numbers are near 1
     undamped = s.delta == 0
-    ratio = s.beta / np.where(undamped, 1.0, s.delta)
+    with np.errstate(over="ignore"):
+        ratio = s.beta / np.where(undamped, 1.0, s.delta)
+    ratio = np.clip(ratio, -_NEVER_PASSIVE, _NEVER_PASSIVE)
     kappa = np.array(
         [
             _kappa(*row)

@@ -63,9 +63,9 @@ def servo(name: str) -> ServoFacts:
     if found is not None:
         return found
     near = get_close_matches(_plain(name), plain, n=1, cutoff=0.5)
-    suggestion = f"did you mean {plain[near[0]].name}? " if near else ""
+    suggestion = f"did you mean {plain[near[0]].name}? Choose" if near else "choose"
     raise ValueError(
-        f"servo {name!r} is not known; {suggestion}Choose one of {', '.join(SERVOS)}, "
+        f"servo {name!r} is not known; {suggestion} one of {', '.join(SERVOS)}, "
         "or give its inertia and damping as numbers"
     )
 

@@ -255,7 +255,11 @@ def test_shapes_broadcast_and_scalars_stay_scalars() -> None:
         ({"period": -1e-3}, "period must be > 0, got -0.001"),
         ({"delay": [0.0, -1.0]}, "delay must be >= 0, got -1"),
         ({"velocity_samples": 1.5}, "velocity_samples must be a whole number >= 1, got 1.5"),
+        ({"velocity_samples": 2**70}, "velocity_samples must be at most 10000"),
         ({"inertia": "much"}, "inertia must be a number, got 'much'"),
+        ({"inertia": "1"}, "inertia must be a number, got '1'"),
+        ({"inertia": 10**400}, "inertia must be a number"),
+        ({"delay": [1j]}, "delay must be a number"),
         ({"inertia": np.ones(2), "damping": np.ones(3)}, "the shapes must broadcast"),
     ],
 )

@@ -65,6 +65,11 @@ def members(ranges: Ranges, count: int, random: np.random.Generator) -> list[Mem
     return [Member(*map(float, row)) for row in values]
 
 
+def test_a_range_of_too_many_periods_is_not_claimed() -> None:
+    ranges = Ranges(inertia=(0.01, 0.02), damping=(0.01, 0.02), delay=(0.0, 1e6))
+    assert guaranteed_limit(ranges, 0.0, 1e-3).stiffness == 0
+
+
 def test_every_member_is_stable_up_to_the_limit_and_the_worst_is_not_above_it(
     thorough: bool,
 ) -> None:

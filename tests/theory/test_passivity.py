@@ -144,6 +144,12 @@ def test_no_stiffness_is_passive_without_damping_to_pay_for_it() -> None:
     assert passive_limit(0.01, -0.011, 1e-3, 2e-3) == 0
 
 
+def test_any_virtual_damping_gives_a_number() -> None:
+    for damping in (1e-300, 0.01, 0.0):
+        for virtual in (-1e300, 1e300):
+            assert passive_limit(damping, virtual, 1e-3, 1e-3) == 0
+
+
 def test_errors_name_the_argument() -> None:
     with pytest.raises(ValueError, match="damping must be >= 0, got -1"):
         passive_limit(-1.0, 0.0, 1e-3, 0.0)
