@@ -67,10 +67,11 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
             yield from _entry(meaning, _percentiles(times))
     bus = report.get("bus")
     if bus:
+        refused = f", {bus['refused']} refused" if bus.get("refused") else ""
         yield from _entry(
             "bus",
             f"{bus['cycles']} cycles: {bus['lost']} lost, {bus['late']} late, "
-            f"{bus['corrupt']} corrupt; sample age {_percentiles(bus['sample_age_us'])}",
+            f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
         )
 
 

@@ -113,9 +113,11 @@ class HealthWatch:
         }
         self._addresses = {end - address: address for address, end in blocks}
         self._turn = 0
-        self._asked = 0
+        self.asked = 0
+        """Length of the block that the last request asked for; 0: no more than the sample"""
         self._strikes = dict.fromkeys(("supply", "temperature"), 0)
-        self._due_ns = 0
+        self.due_ns = 0
+        """When to ask next [ns]"""
         self.bounds: Bounds | None = None
         """Set by the start; nothing is asked for before"""
 
@@ -130,14 +132,13 @@ class HealthWatch:
         return f"{names}; every {every:.1f} s", everything
 
     def length(self, now_ns: int) -> int:
-        """The length of the block to ask for at ``now_ns`` [ns]; 0: no more than the sample."""
-        self._asked = 0
-        if now_ns < self._due_ns or not self._lengths or self.bounds is None:
+        """Length of the block to ask for at ``now_ns`` [ns], once it is due; 0: just the sample."""
+        self.due_ns = now_ns + EVERY_NS
+        if not self._lengths or self.bounds is None:
             return 0
-        self._due_ns = now_ns + EVERY_NS
-        self._asked = self._lengths[self._turn]
+        self.asked = self._lengths[self._turn]
         self._turn = (self._turn + 1) % len(self._lengths)
-        return self._asked
+        return self.asked
 
     def judge(self, block: bytes, name: str) -> bool:
         """Judge a good reply to the last request, if that had asked for more.
@@ -153,8 +154,7 @@ class HealthWatch:
             TorqueLostError: Torque is off.
             ServoHealthError: It must not be driven any longer.
         """
-        asked, bounds = self._asked, self.bounds
-        self._asked = 0
+        asked, bounds = self.asked, self.bounds
         if not asked or len(block) != asked or bounds is None:
             return True
         quiet = True

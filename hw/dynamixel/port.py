@@ -22,6 +22,7 @@ from typing import Final
 
 import serial
 
+from hw.dynamixel.latency import timer_file, timer_ms
 from hw.errors import BaudRefusedError, PortBusyError, PortError
 
 _LOG = logging.getLogger(__name__)
@@ -266,17 +267,13 @@ def _low_latency(path: str, port: serial.Serial) -> None:
         port.set_low_latency_mode(True)
     except (ValueError, OSError) as error:
         _LOG.info("port %s has no low-latency mode (%s)", path, error)
-    timer = Path("/sys/class/tty", Path(path).resolve().name, "device/latency_timer")
-    try:
-        latency_ms = int(timer.read_text())
-    except (OSError, ValueError):  # not an FTDI adapter: no such timer
-        return
-    if latency_ms > 1:
+    latency_ms = timer_ms(path)
+    if latency_ms is not None and latency_ms > 1:
         _LOG.warning(
             "port %s hands replies on after up to %d ms, wanted 1: `echo 1 | sudo tee %s`",
             path,
             latency_ms,
-            timer,
+            timer_file(path),
         )
 
 

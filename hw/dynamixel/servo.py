@@ -130,7 +130,10 @@ class DynamixelServo:
         now_ns = self._now_ns()
         if now_ns - self._heard_ns > self._silence_ns:
             self.resume()
-        self._link.request(self._health.length(now_ns) if self._running else 0)
+        health = self._health
+        health.asked = 0
+        wide = health.length(now_ns) if now_ns >= health.due_ns and self._running else 0
+        self._link.request(wide)
 
     def collect(self, deadline_ns: int) -> Reading:
         """The answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
@@ -147,7 +150,7 @@ class DynamixelServo:
         """
         sample = self._link.collect(deadline_ns)
         self.waited_ns = self._link.waited_ns
-        if sample.outcome is Outcome.OK and not sample.alert:
+        if self._health.asked and sample.outcome is Outcome.OK and not sample.alert:
             # What it has latched would say more than what follows from it.
             self._judge_health()
         return self._reading(sample)

@@ -19,6 +19,7 @@ from hw.dynamixel.inspection import (
     judge_what_only_a_person_changes,
     torque_off,
 )
+from hw.dynamixel.latency import timer_file, timer_ms
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.probe import Push, probe_sign
@@ -84,6 +85,7 @@ def start_up(
         UnfitServoError: One or more checks failed; the message has a sentence for each.
     """
     start = _Startup(settings, model, line, link, torque_step)
+    start.report_adapter()
     identify(start.table, model, start.list)
     torque_off(start.table, start.list)
     judge_what_only_a_person_changes(start.table, start.list)
@@ -126,12 +128,22 @@ class _Startup:
         where = settings.port or "the emulated bus in memory"
         self.current_limit = 0
         self._settings = settings
+        self._model = model
+        self._timer_file = timer_file(settings.port)
         self._link = link
         self._clock = line.clock
         self._torque_step = torque_step
         self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
         self._name = f"servo with id {settings.id} on {where}"
         self.list = Checklist(self._name)
+
+    def report_adapter(self) -> None:
+        """How long the adapter keeps short replies; what it means shows in the samples' age."""
+        latency_ms = timer_ms(self._settings.port) if self._settings.port else None
+        found = "none" if latency_ms is None else f"{latency_ms} ms"
+        if latency_ms is not None and latency_ms > 1:
+            found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
+        self.list.add("adapter's latency timer", True, found, "1 ms, or none")
 
     # What the driver sets up
 
@@ -155,6 +167,12 @@ class _Startup:
             "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
             "Dynamixel Wizard.",
         )
+        constant = self._torque_step / (self._model.current_unit_ma * 1e-3)
+        origin = "configured" if self._settings.torque_constant else "stall torque over current"
+        if self._model.senses_supply_current:
+            # At stall the supply's current goes with the square of the motor's.
+            origin += "; it senses the supply's current: small torques come out larger than sent"
+        self.list.add("torque per current", True, f"{constant:.3g} N·m/A, {origin}", "measured")
         position = self._sample().counts
         found = f"{position * POSITION_UNIT:.3f} rad"
         if not self._may_be_at(position):

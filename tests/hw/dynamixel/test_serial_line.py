@@ -182,7 +182,7 @@ def test_a_port_of_a_group_names_the_group(tmp_path: Path) -> None:
     os.chown(device, -1, os.getgid())
     name = grp.getgrgid(os.getgid()).gr_name
     device.chmod(0o660)
-    advice = port._permission(str(device))
+    advice = port.access_remedy(str(device))
     wanted = "sudo chmod a+rw" if name == "root" else f"usermod -aG {name}"
     assert wanted in advice
 

@@ -38,6 +38,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
     assert all(check.found for check in checks)
     warm = {"temperature"}  # it rises in use
     assert [(check.name, check.found) for check in checks[:-1] if check.name not in warm] == [
+        ("adapter's latency timer", "none"),
         ("model", "XM430-W350 (1020)"),
         ("status return level", "2"),
         ("firmware", "48"),
@@ -53,6 +54,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("goal current", "0"),
         ("bus watchdog", "0, set to 2"),
         ("current limit", "1193 (5.72 N·m)"),
+        ("torque per current", "1.78 N·m/A, stall torque over current"),
         ("position", f"{-196 * COUNT:.3f} rad"),
         (
             "watched while it runs",
@@ -104,7 +106,36 @@ def torque_was_enabled(bench: Bench) -> bool:
     return any(f.params == bytes([64, 0, 1]) for f in frames if f.instruction == Instruction.WRITE)
 
 
+def test_a_model_that_senses_its_supply_is_said_to_exaggerate_small_torques() -> None:
+    bench = Bench(replace(TRUE, inertia=0.002, coulomb=0.01), model="XL330-M288", probe_torque=0.06)
+    bench.settings = replace(bench.settings, model="XL330-M288")
+    bench.servo = type(bench.servo)(bench.settings, bench.line)
+    assert bench.found("torque per current") == (
+        "0.354 N·m/A, stall torque over current; it senses the supply's current: small torques "
+        "come out larger than sent"
+    )
+
+
 # What is refused
+
+
+def test_a_slave_of_a_dual_joint_is_refused() -> None:
+    bench = Bench()
+    bench.truth.memory["drive_mode"] = 2
+    refused(bench, match=r"slave of a dual joint.*bit 1 of Drive Mode")
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "message"),
+    [
+        ("min_voltage_limit", 130, r"supplied with 12 V, wanted 13 to 16 V: check the supply"),
+        ("temperature_limit", 20, r"has \d+ °C, wanted at most 18 °C .*let it cool"),
+    ],
+)
+def test_a_servo_out_of_its_own_limits_is_refused(register: str, value: int, message: str) -> None:
+    bench = Bench()
+    bench.truth.memory[register] = value
+    refused(bench, match=message)
 
 
 def test_another_model_is_named() -> None:
