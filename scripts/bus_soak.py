@@ -323,7 +323,8 @@ def real_time_page(seconds: float, seed: int) -> list[str]:
         f"Struck, by the witness: {kinds}; in all {sum(struck.values())}. Failed cycles: {failed}"
         f" (lost {bus['lost']}, corrupt {bus['corrupt']}, refused {bus['refused']}); late"
         f" {bus['late']}. What fails beyond what was struck, the machine's stalls have cost.",
-        f"Lateness p50 {lateness['p50']:.1f} µs, p99 {lateness['p99']:.1f} µs. No position was further than {off:.4f} rad from the true one at its instant.",
+        f"Lateness p50 {lateness['p50']:.1f} µs, p99 {lateness['p99']:.1f} µs."
+        f" No position was further than {off:.4f} rad from the true one at its instant.",
     ]
 
 
