@@ -61,6 +61,11 @@ class Bounds:
     hottest: int
     """Temperature Limit [°C]"""
 
+    @property
+    def warmest(self) -> int:
+        """The highest temperature it is driven at [°C]"""
+        return self.hottest - _HEAT_MARGIN
+
     def supply_fault(self, volts: int) -> str:
         """What is wrong with a supply [0.1 V] and what to do; empty: nothing."""
         if self.lowest <= volts <= self.highest:
@@ -72,11 +77,10 @@ class Bounds:
 
     def heat_fault(self, celsius: int) -> str:
         """What is wrong with a temperature [°C] and what to do; empty: nothing."""
-        hottest = self.hottest - _HEAT_MARGIN
-        if celsius <= hottest:
+        if celsius <= self.warmest:
             return ""
         return (
-            f"has {celsius} °C, wanted at most {hottest} °C (it shuts down above "
+            f"has {celsius} °C, wanted at most {self.warmest} °C (it shuts down above "
             f"{self.hottest} °C): let it cool, and ask for less torque."
         )
 

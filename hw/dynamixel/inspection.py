@@ -164,7 +164,7 @@ def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> 
         "temperature",
         not fault,
         f"{celsius} °C",
-        f"at most {bounds.hottest} °C",
+        f"at most {bounds.warmest} °C",
         f"It {fault}",
     )
     return bounds

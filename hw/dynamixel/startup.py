@@ -143,7 +143,7 @@ class _Startup:
         found = "none" if latency_ms is None else f"{latency_ms} ms"
         if latency_ms is not None and latency_ms > 1:
             found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
-        self.list.add("adapter's latency timer", True, found, "1 ms, or none")
+        self.list.add("latency timer", True, found, "1 ms, or none")
 
     # What the driver sets up
 

@@ -38,7 +38,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
     assert all(check.found for check in checks)
     warm = {"temperature"}  # it rises in use
     assert [(check.name, check.found) for check in checks[:-1] if check.name not in warm] == [
-        ("adapter's latency timer", "none"),
+        ("latency timer", "none"),
         ("model", "XM430-W350 (1020)"),
         ("status return level", "2"),
         ("firmware", "48"),
