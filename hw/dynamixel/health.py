@@ -63,7 +63,7 @@ class Bounds:
 
     @property
     def warmest(self) -> int:
-        """The highest temperature it is driven at [°C]"""
+        """The highest temperature it is driven at [°C]."""
         return self.hottest - _HEAT_MARGIN
 
     def supply_fault(self, volts: int) -> str:

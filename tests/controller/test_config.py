@@ -5,6 +5,7 @@ import pytest
 from controller.belief import Bounded
 from controller.config import Config
 from controller.config_load import load_config, preset_names
+from controller.errors import ConfigError
 from hw.settings import DynamixelSettings, SimulatedSettings
 
 
@@ -130,3 +131,17 @@ def test_the_guard_gets_the_wall_that_is_asked_for():
 def test_the_configuration_cannot_be_changed():
     with pytest.raises(ValueError, match="frozen"):
         loaded("simulated").wall.stiffness = 3.0
+
+
+def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does():
+    with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
+        loaded("xm430-w350", "servo.model=xm430-w305")
+    with pytest.raises(ConfigError, match=r"servo\.torque_constant.*XD540-T270"):
+        loaded("xm430-w350", "servo.model=XD540-T270")
+    loaded("xm430-w350", "servo.model=XD540-T270", "servo.torque_constant=2.0")
+
+
+def test_the_driver_knows_the_loops_period_and_the_speed_limit():
+    settings = loaded("xm430-w350", "loop.rate_hz=500", "safety.max_speed=7").servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert (settings.period_s, settings.max_speed) == (0.002, 7.0)
