@@ -63,6 +63,8 @@ class Tick:
         self._ramp_left = 0
         self._ramp_stiffness = 0.0
         self._ramp_damping = 0.0
+        self._target = 0.0  # stiffness at the end of the ramp
+        self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
         self.trip: Trip | None = None
         self.warm_up = True
@@ -78,6 +80,7 @@ class Tick:
         decision = parts.ladder.decision
         parts.wall.stiffness = decision.stiffness
         parts.wall.damping = decision.damping
+        self._target = decision.stiffness
         self._delay_s = decision.delay
         self.warm_up = False
 
@@ -194,15 +197,25 @@ class Tick:
             decision = parts.ladder.decision
             self._delay_s = decision.delay
             # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
-            raised = decision.stiffness > wall.stiffness
-            self._ramp_left = 1 if raised else parts.ramp_ticks
-            self._ramp_stiffness = (decision.stiffness - wall.stiffness) / parts.ramp_ticks
+            # A longer delay may allow more too: it allows less damping, and that leaves more of
+            # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
+            target = decision.stiffness
+            self._owed = target > wall.stiffness and not may_raise
+            if self._owed:
+                target = wall.stiffness
+            self._target = target
+            self._ramp_left = 1 if target > wall.stiffness else parts.ramp_ticks
+            self._ramp_stiffness = (target - wall.stiffness) / parts.ramp_ticks
             self._ramp_damping = (decision.damping - wall.damping) / parts.ramp_ticks
+        elif self._owed and may_raise and not self._ramp_left:
+            self._owed = False
+            self._target = parts.ladder.decision.stiffness
+            self._ramp_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
             if self._ramp_left:
                 wall.stiffness += self._ramp_stiffness
                 wall.damping += self._ramp_damping
             else:
-                wall.stiffness = parts.ladder.decision.stiffness
+                wall.stiffness = self._target
                 wall.damping = parts.ladder.decision.damping

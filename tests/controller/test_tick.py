@@ -259,3 +259,19 @@ def test_stiffer_again_only_out_of_contact_or_at_a_two_sided_walls_surface(side,
     assert rig.rows["stiffness"][99] == 10.0
     assert rig.rows["stiffness"][-1] == (20.0 if raised else 10.0)
     assert set(rig.rows["stiffness"][99:]) <= {10.0, 20.0}, "at once: a ramp could run into contact"
+
+
+@pytest.mark.parametrize("side", ["above", "both"])
+def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side):
+    """The longer delay allows less damping, and so more stiffness where counts are coarse."""
+    rungs = [Rung(1.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
+    positions = [0.1] * 205 + [-0.001] + [0.1] * 20
+    rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side=side))
+    rig.run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(200)
+    assert set(rig.rows["stiffness"]) == {1.0}, "at a penetration it would load the spring"
+    assert rig.rows["damping"][-1] == 0.1
+    assert rig.rows["delay_s"][-1] == 1e-3
+    rig.run(21)
+    assert set(rig.rows["stiffness"][-21:]) == {10.0}
