@@ -1,0 +1,83 @@
+"""A short run of what scripts/fuzz does at length, from a fixed seed.
+
+Without coverage to guide it: conversations with the servos, changed at random.
+"""
+
+import random
+import subprocess
+import sys
+
+import pytest
+
+from hw.dynamixel.codec import Instruction
+from tests.docs.pages import ROOT
+from tests.hw.dynamixel import fuzzing
+
+
+def changed(seed, others, source):
+    """As a fuzzer changes an input: bytes, pieces, and pieces of another."""
+    data = bytearray(seed)
+    for _ in range(source.randint(1, 6)):
+        at, end = sorted(source.randrange(len(data) + 1) for _ in range(2))
+        match source.randrange(4):
+            case 0:
+                data[at:at] = source.randbytes(source.randrange(9))
+            case 1:
+                del data[at : min(end, at + 8)]
+            case 2:
+                data[at:at] = source.choice(others)[2:]
+            case 3 if at < len(data):
+                data[at] = source.randrange(256)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["bus", "parser"])
+def test_whatever_comes_nothing_breaks_and_all_is_back_in_step(which, thorough):
+    seeds = [seed for seed in fuzzing.seeds() if seed[0] == which]
+    source = random.Random(which)
+    cases = (20_000 if which else 5_000) if thorough else (2_000 if which else 300)
+    for number in range(cases):
+        seed = seeds[number % len(seeds)]
+        data = bytes((which,)) + changed(seed, seeds, source)[1:]
+        try:
+            fuzzing.run(data)
+        except Exception as error:
+            error.add_note(f"fuzzing.run(bytes.fromhex('{data.hex()}'))")
+            raise
+
+
+def test_the_seeds_hold_every_instruction():
+    told = {bytes.fromhex(text)[1] for text in fuzzing._CONVERSATION}
+    assert told >= {*Instruction} - {Instruction.STATUS}
+    whole = max((seed for seed in fuzzing.seeds()), key=len)
+    reader = fuzzing.Reader(whole)
+    reader.take(2)
+    sent = fuzzing.steps(reader)
+    assert len(sent) == len(fuzzing._CONVERSATION)
+    assert all(piece.startswith(b"\xff\xff\xfd\x00") for piece, _ in sent)
+
+
+def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(monkeypatch):
+    cut_short = bytes.fromhex("fffffd00 01 4000 02")
+    data = bytes((1, 0, 0, len(cut_short))) + cut_short
+    fuzzing.run(data)
+    monkeypatch.setattr(fuzzing.Parser, "_cut_short", lambda *_: False)
+    with pytest.raises(AssertionError, match="back in step"):
+        fuzzing.run(data)
+
+
+def test_guided_by_coverage(tmp_path):
+    pytest.importorskip("atheris")
+    done = subprocess.run(
+        [
+            *(sys.executable, ROOT / "scripts" / "fuzz.py", "--runs", "200", "--seed", "1"),
+            *("--minutes", "1", "--corpus", tmp_path / "fuzz"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Done " in done.stderr
+    assert not [found for found in (tmp_path / "fuzz").iterdir() if found.is_file()]
