@@ -31,6 +31,7 @@ __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 # settings solved at once: what fits the processor's cache, and what bounds the scan's memory
 _LIGHT_CHUNK, _SCAN_CHUNK = 2048, 512
 _AT_CEILING = 1e-9
+_TINY = 1e-16
 _PEAK_POINTS, _PEAK_ROUNDS = 17, 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
 
 
@@ -68,6 +69,11 @@ def critical(
     """
     alpha, w = np.zeros_like(beta), np.zeros_like(beta)
     some, light = beta > -delta, _light(delta, delay, samples)
+    # so little damping that the linear condition is exact to rounding
+    late = delay + samples
+    tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
+    alpha[tiny] = (delta[tiny] + beta[tiny]) / (delay[tiny] + 0.5)
+    w[tiny] = np.sqrt(alpha[tiny])
     for part in _parts(some & light, _LIGHT_CHUNK):
         loop = _loop(delta[part], delay[part], samples[part])
         w_max, top = first_branch.ceiling(loop)
@@ -75,7 +81,7 @@ def critical(
         a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
         alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
         w[part] = np.where(below, at, 0.0)
-    for part in _parts(some & ~light, _scan_chunk(samples)):
+    for part in _parts(some & ~light & ~tiny, _scan_chunk(samples)):
         plant = _loop(delta[part], delay[part], samples[part]).column()
         # so near the ceiling the lowest crossing can round to below zero, and be taken for none
         below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
 
-_MOST_DAMPING, _LONGEST = 1e100, 1e12
+_MOST_DAMPING, _LONGEST = 1e100, 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _computable(s: Settings) -> None:
     for good, message in (
         (s.delta <= _MOST_DAMPING, "inertia is too small: b T / m must be at most 1e100"),
         (np.abs(s.beta) <= largest, "inertia is too small: B T / m must be a finite number"),
-        (s.delay <= _LONGEST, "period is too small: t_d / T must be at most 1e12"),
+        (s.delay <= _LONGEST, "period is too small: t_d / T must be at most 1e6"),
         (s.stiffness_unit <= largest, "period is too small: m / T² must be a finite number"),
         (s.stiffness_unit > 0, "period is too large: m / T² must be above 0"),
     ):

@@ -14,9 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controller.theory.boundary import critical
-from controller.theory.checks import FloatArray, IntArray, broadcast, positive, samples
+from controller.theory.checks import (
+    FloatArray,
+    IntArray,
+    broadcast,
+    number,
+    positive,
+    samples,
+    scalar,
+)
 from controller.theory.contact import Contacts, exit_speed
-from controller.theory.dimensionless import settings
+from controller.theory.dimensionless import Settings, settings
 
 _FIRST = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 _LOWER = np.array([0.002, 0.05, 0.1, 0.15, 0.2, 0.25])
@@ -25,6 +33,8 @@ _PHASES = 17
 _ZOOMS, _ZOOM_POINTS = 4, 7
 # Contacts slower than this (rad per sample, times the delay) are scaled up: see _speed_up.
 _SLOW = 1e-2
+_LONGEST, _LATEST = 1e5, 1e4  # contacts and delays that are simulated, in periods
+_LITTLE = 1e-2  # but no further than to this much damping (per period, times the delay)
 
 _NO_COASTING = 20.0
 """A device with more viscous damping (delta) forgets its speed within a twentieth of a period: it
@@ -63,6 +73,8 @@ def one_sided_limit(
         ValueError: An argument is outside of its domain; the message names it.
     """
     s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
+    _simulable(s)
+    wanted = scalar(positive, "tolerance", tolerance)
     alpha = np.zeros_like(s.delta)
     exact, _ = critical(s.delta, s.beta, s.delay, s.samples)
     alpha = np.where(s.delta > _NO_COASTING, exact, alpha)
@@ -70,7 +82,7 @@ def one_sided_limit(
     if some.size:
         chosen = _Walls(s.delta[some], s.beta[some], s.delay[some], s.samples[some], exact[some])
         faster, scale = _speed_up(chosen)
-        share = _share_of_exact(faster, quick=tolerance >= 0.01)
+        share = _share_of_exact(faster, quick=wanted >= 0.01)
         alpha[some] = exact[some] * (1 - (1 - share) / scale)
     return s.shaped(alpha * s.stiffness_unit)
 
@@ -106,15 +118,25 @@ def restitution(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    if samples("phases", phases) < 2:
+    if scalar(samples, "phases", phases) < 2:
         raise ValueError(f"phases must be >= 2, got {phases}")
     names = ("inertia", "damping", "virtual_damping", "period", "delay", "velocity_samples")
     values = (inertia, damping, virtual_damping, period, delay, velocity_samples)
-    arrays = {name: np.asarray(value) for name, value in zip(names, values, strict=True)}
+    arrays = {name: number(name, value) for name, value in zip(names, values, strict=True)}
     k, *rest = broadcast(stiffness=positive("stiffness", stiffness), **arrays)
     s = settings(*rest)
+    _simulable(s)
     walls = _Walls(s.delta, s.beta, s.delay, s.samples, np.ravel(k) / s.stiffness_unit)
+    if np.any((np.sqrt(walls.alpha) < 1 / _LONGEST) & (walls.delta < 1 / _LONGEST)):
+        raise ValueError(
+            f"stiffness is too small: a contact of more than {_LONGEST:g} periods is not simulated"
+        )
     return s.shaped(np.max(_returned(walls, np.ones((1, 1)), _even(phases), 0.02)[:, 0], axis=1))
+
+
+def _simulable(s: Settings) -> None:
+    if np.any(s.delay > _LATEST):
+        raise ValueError(f"period is too small: t_d / T must be at most {_LATEST:g} for a contact")
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,14 +295,19 @@ def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
     With little damping a contact takes thousands of periods. There the limit approaches the exact
     one, and falls short of it in proportion to the frequency, which goes with the root of the
     damping: so both dampings are scaled up by ``scale²``, and the shortfall is ``scale`` times
-    too large.
+    too large. Where the stiffness is small for another reason (B next to -b, or to the ceiling),
+    the dampings themselves are not, and a contact does not swing: it creeps, or ends at once.
 
     Returns:
         (walls, scale), scale >= 1.
     """
-    frequency = np.sqrt(walls.alpha) * (walls.delay + 1)
-    scale = np.maximum(_SLOW / frequency, 1.0)
-    delta, beta = walls.delta * scale**2, walls.beta * scale**2
+    late = walls.delay + 1
+    most = np.maximum(walls.delta, np.abs(walls.beta))
+    scale = np.minimum(
+        _SLOW / (np.sqrt(walls.alpha) * late), np.sqrt(_LITTLE / late) / np.sqrt(most)
+    )
+    scale = np.maximum(scale, 1.0)
+    delta, beta = walls.delta * scale * scale, walls.beta * scale * scale
     alpha = walls.alpha
     if np.any(scale > 1):
         alpha, _ = critical(delta, beta, walls.delay, walls.samples)

@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.theory.checks import FloatArray
 
+_HALVINGS = 127
 _BISECTIONS, _STEPS = 12, 28  # false position converges in five or six, once it is near
 
 
@@ -16,14 +17,16 @@ def refined(
 ) -> FloatArray:
     """The zeros between ``low`` and ``high``, where each function turns from negative to positive.
 
-    Where a bracket begins at 0 the function may vanish there too: it is bisected until ``low`` has
-    left 0.
+    Where a bracket begins at 0 the function may vanish there too, and the zero can be of any size:
+    the power of two is found first.
 
     Args:
         function: Takes and gives arrays of the shape of ``low``.
         low: Lower ends, >= 0.
         high: Upper ends.
     """
+    if np.any(low == 0):
+        low, high = _from_zero(function, low, high)
     at_low, at_high = np.zeros_like(low), np.zeros_like(low)
     last = np.zeros_like(low)  # which end moved last: -1 low, 1 high
     point = low
@@ -43,3 +46,15 @@ def refined(
         low, high = np.where(beyond, low, point), np.where(beyond, point, high)
         last = moved
     return point
+
+
+def _from_zero(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Brackets that begin at 0 cut to a factor of two around the zero; the others as they are."""
+    above, below = np.zeros(low.shape), np.full(low.shape, float(_HALVINGS))
+    for _ in range(_HALVINGS.bit_length()):
+        middle = np.floor(0.5 * (above + below))
+        beyond = function(np.where(low == 0, high * 0.5**middle, high)) > 0
+        above, below = np.where(beyond, middle, above), np.where(beyond, below, middle)
+    return np.where(low == 0, high * 0.5**below, low), np.where(low == 0, high * 0.5**above, high)

@@ -207,6 +207,17 @@ def test_numbers_beyond_all_bounds_are_refused_by_name(
         critical_stiffness(**{**good, **change})
 
 
+@pytest.mark.parametrize("samples", [1, 2, 3, 20])
+@pytest.mark.parametrize("total", [1e-300, 1e-100, 1e-30, 1e-18, 1e-14])
+@pytest.mark.parametrize("delay", [0.0, 2.5])
+def test_hardly_any_damping_is_the_linear_condition(
+    samples: int, total: float, delay: float
+) -> None:
+    for delta, beta in ((0.0, total), (total, -0.5 * total)):
+        found = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
+        assert found == pytest.approx(float(linear_limit(delta, beta, 1.0, delay)), rel=1e-9)
+
+
 def test_light_damping_by_the_linear_condition_to_the_last_digits() -> None:
     # both dampings of the order 1e-9: the exact limit is the line, to that order times the delay
     delta = np.array([1e-9, 1e-12, 1e-100, 1e-300])

@@ -135,6 +135,37 @@ def test_very_light_damping_is_quick_and_continuous() -> None:
     np.testing.assert_allclose(shortfall, shortfall[0], rtol=0.05)
 
 
+def test_next_to_the_ends_of_the_damping_range_it_is_a_number_without_a_warning() -> None:
+    share = np.array([1e-3, 1e-6, 1e-9, 1e-12, 1e-15])
+    for damping in (1e-9, 1e-3, 0.1, 1.0):
+        for delay in (0.0, 1.0 - 1e-12, 2.5):
+            top = max_virtual_damping(1.0, damping, 1.0, delay)
+            for virtual in (-damping * (1 - share), top * (1 - share)):
+                found = one_sided_limit(1.0, damping, virtual, 1.0, delay, tolerance=0.01)
+                exact = critical_stiffness(1.0, damping, virtual, 1.0, delay)
+                assert np.all(found <= exact)
+                assert np.all(found >= 0)
+    # next to -b a contact creeps: what is exact holds
+    creeping = -0.1 * (1 - share[1:])
+    np.testing.assert_allclose(
+        one_sided_limit(1.0, 0.1, creeping, 1.0, 1.0),
+        critical_stiffness(1.0, 0.1, creeping, 1.0, 1.0),
+    )
+
+
+def test_hardly_any_damping_and_a_long_difference_end_too() -> None:
+    assert one_sided_limit(1.0, 0.0, 1e-300, 1.0, 0.0, 3) == pytest.approx(2e-300, rel=1e-3)
+
+
+def test_what_would_never_end_is_refused() -> None:
+    with pytest.raises(ValueError, match="stiffness is too small"):
+        restitution(1.0, 0.0, 1e-20, 0.0, 1.0, 0.0)
+    with pytest.raises(ValueError, match="period is too small"):
+        one_sided_limit(1.0, 0.1, 0.0, 1.0, 1e5)
+    with pytest.raises(ValueError, match="tolerance must be a number"):
+        one_sided_limit(1.0, 0.1, 0.0, 1.0, 0.0, tolerance="small")  # type: ignore[arg-type]
+
+
 def test_zero_where_nothing_is_stable() -> None:
     assert one_sided_limit(1.0, 0.0, 0.0, 1.0, 1.0) == 0
     assert one_sided_limit(1.0, 0.01, 5.0, 1.0, 1.0) == 0
