@@ -23,6 +23,7 @@ from hw.clock import Clock, SimulatedClock
 from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.open import open_servo
 from hw.servo import Check, Servo
+from hw.settings import ServoSettings
 
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
@@ -61,6 +62,7 @@ def run_session(
     on_block: Callable[[], None] = lambda: None,
     tell: Callable[[str], None] = lambda _text: None,
     prepare: Callable[[], None] = lambda: None,
+    opener: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo,
 ) -> Result:
     """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
 
@@ -74,11 +76,12 @@ def run_session(
         tell: Called with what a person should know before the wall is on.
         prepare: Called when all that takes long is done and the servo is about to be started: the
             place to take real-time scheduling, which must not be held through long computations.
+        opener: Opens the servo; for rehearsals that have a hand on what is emulated.
 
     Raises:
         ServoError: The servo could not be started; torque is off.
     """
-    servo = open_servo(config.servo_settings(), clock, port)
+    servo = opener(config.servo_settings(), clock, port)
     try:
         # All that takes long comes before the start: a started servo wants to hear something
         # within every period of its Bus Watchdog.

@@ -1,0 +1,110 @@
+"""A whole session on an emulated bus in memory, where faults, adapter and truth are at hand.
+
+Controller, driver, codec and emulator as they are, on the simulated clock: the same every time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.config_load import load_config
+from controller.session import Result, run_session
+from controller.telemetry import ROW, Telemetry
+from hw.clock import Clock, SimulatedClock
+from hw.dynamixel.emulated.adapter import Adapter
+from hw.dynamixel.emulated.bus import EmulatedBus
+from hw.dynamixel.emulated.memory_line import MemoryLine
+from hw.dynamixel.emulated.servo import EmulatedServo
+from hw.dynamixel.emulated.witness import Row
+from hw.dynamixel.servo import DynamixelServo
+from hw.dynamixel.tables import MODELS
+from hw.servo import Servo
+from hw.settings import DynamixelSettings
+
+FIRMWARE = 48
+AFTERWARDS_NS = 200_000_000
+"""So long the bus is looked at when the run is over [ns]: what is left on ends meanwhile"""
+
+
+class Notes:
+    """A witness that keeps its rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[Row] = []
+
+    def add(self, row: Row) -> None:
+        """Keep a row."""
+        self.rows.append(row)
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsed:
+    """What the program said, and what was true."""
+
+    result: Result
+    ticks: np.ndarray
+    """Rows of the telemetry, warm-up included"""
+    truth: list[Row]
+    """The witness's rows, to some time after the end"""
+
+
+def rehearse(
+    sets: Sequence[str],
+    duration_s: float,
+    *,
+    faults: Sequence[str] = (),
+    adapter: tuple[int, int, int] | None = None,
+) -> Rehearsed:
+    """Run the preset of the emulated servo in memory.
+
+    Args:
+        sets: Changes to it, as for ``--set``.
+        duration_s: How long the wall is on [s].
+        faults: Given to the bus when torque is on, from when their times count.
+        adapter: Its timer [ns], its block [bytes] and its phase [ns]; None: none.
+    """
+    config = load_config("emulated-xm430", ("loop.clock=simulated", *sets)).config
+    clock = SimulatedClock()
+    notes = Notes()
+    buses = []
+
+    def opener(settings: DynamixelSettings, clock: Clock, _port: int | None) -> Servo:
+        truth = EmulatedServo(
+            MODELS[settings.model],
+            settings.id,
+            FIRMWARE,
+            settings.emulated,
+            start_ns=0,
+            baud=settings.baud,
+        )
+        bus = EmulatedBus(
+            [truth],
+            baud=settings.baud,
+            start_ns=0,
+            witness=notes,
+            adapter=None if adapter is None else Adapter(adapter[0], adapter[1], adapter[2]),
+        )
+        buses.append(bus)
+        return DynamixelServo(settings, MemoryLine(bus, clock))
+
+    def tell(text: str) -> None:
+        if "torque is on" in text:
+            for fault in faults:
+                buses[0].inject(fault, clock.now_ns())
+
+    telemetry = Telemetry.create()
+    blocks: list[np.ndarray] = []
+    read = 0
+
+    def on_block() -> None:
+        nonlocal read
+        rows, read = telemetry.read(read)
+        blocks.append(rows)
+
+    result = run_session(
+        config, clock, telemetry, duration_s, on_block=on_block, tell=tell, opener=opener
+    )
+    buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
+    ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)
+    return Rehearsed(result, ticks, notes.rows)
