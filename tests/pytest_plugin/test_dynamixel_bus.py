@@ -1,0 +1,118 @@
+"""The fixture used as others use it, in this suite: marker, faults, record, mistakes."""
+
+import os
+import time
+from pathlib import Path
+
+import dynamixel_sdk as sdk
+import pytest
+from haptic_wall_pytest import BusError, BusRow, DynamixelBus
+
+pytestmark = pytest.mark.realtime
+
+PATIENCE_MS, SHORT_MS = 10_000, 50
+
+
+class Client:
+    def __init__(self, bus):
+        self.port = sdk.PortHandler(bus.port)
+        self.port.baudrate = bus.baud
+        assert self.port.openPort()
+        self.handler = sdk.PacketHandler(2.0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.port.closePort()
+
+    def ping(self, id_=1, patience_ms=PATIENCE_MS):
+        self.port.setPacketTimeout = lambda _: self.port.setPacketTimeoutMillis(patience_ms)
+        return self.handler.ping(self.port, id_)
+
+
+def test_a_bus_by_default(dynamixel_bus):
+    assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((1,), 4_000_000)
+    with Client(dynamixel_bus) as client:
+        assert client.ping() == (1020, 0, 0)
+
+
+@pytest.mark.dynamixel_bus(servos=["XL330-M288:3", "XM430-W350"], baud=1_000_000)
+class TestMarkers:
+    @pytest.mark.dynamixel_bus(truth={"position": 1.0}, latency_timer=2, block=62)
+    def test_what_is_nearer_to_the_test_adds_to_the_rest(self, dynamixel_bus):
+        assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((3, 1), 1_000_000)
+        assert dynamixel_bus.position(3) == pytest.approx(1.0)
+        with Client(dynamixel_bus) as client:
+            assert client.ping(3) == (1200, 0, 0)
+            assert client.ping(1) == (1020, 0, 0)
+
+    @pytest.mark.dynamixel_bus(baud=57_600)
+    def test_and_outdoes_it(self, dynamixel_bus):
+        assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((3, 1), 57_600)
+
+
+@pytest.mark.dynamixel_bus(faults=["drop:way=reply"])
+def test_faults_come_and_go(dynamixel_bus):
+    with Client(dynamixel_bus) as client:
+        assert client.ping(patience_ms=SHORT_MS)[1] == sdk.COMM_RX_TIMEOUT
+        dynamixel_bus.inject("late:ms=1")
+        dynamixel_bus.clear()
+        assert client.ping() == (1020, 0, 0)
+        dynamixel_bus.inject("hardware-error:bits=overload")
+        dynamixel_bus.lift("hardware-error")
+        assert client.ping() == (1020, 0, 128)
+    assert [row.fault for row in dynamixel_bus.events("fault", 1)] == ["drop", "hardware-error"]
+
+
+def test_the_record_holds_what_happened_also_after_the_end():
+    with DynamixelBus(["XM430-W350:5"], truth={"position": 2.0}) as bus, Client(bus) as client:
+        begun = time.monotonic()
+        client.port.setPacketTimeout = lambda _: client.port.setPacketTimeoutMillis(PATIENCE_MS)
+        client.handler.read4ByteTxRx(client.port, 5, 132)
+        now = bus.rows
+        ended = time.monotonic()
+    (asked,) = [row for row in now if row.event == "rx"]
+    (told,) = [row for row in now if row.event == "tx"]
+    assert begun < asked.time_s < told.time_s < ended
+    assert (asked.id, asked.instruction, asked.params) == (5, 2, bytes([132, 0, 4, 0]))
+    assert (told.instruction, told.error) == (85, 0)
+    assert int.from_bytes(told.params, "little") == 1304  # 2 rad in counts of 1/4096 turn, rounded
+    assert asked.position_rad == 2.0
+    assert bus.rows[: len(now)] == now
+    assert bus.state(5).event == "state"
+    assert all(isinstance(row, BusRow) for row in bus.rows)
+    bus.stop()
+
+
+def test_the_port_stays_when_the_adapter_is_unplugged_and_back(dynamixel_bus):
+    held = os.open(dynamixel_bus.port, os.O_RDWR | os.O_NOCTTY)
+    dynamixel_bus.inject("unplug-adapter:for=0.1")
+    end = time.monotonic() + 20
+    while not Path(dynamixel_bus.port).exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    os.close(held)
+    with Client(dynamixel_bus) as client:
+        assert client.ping() == (1020, 0, 0)
+    dynamixel_bus.inject("drop")  # what it says of this is told apart from the new path
+
+
+def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus):
+    with pytest.raises(BusError, match="drop"):
+        dynamixel_bus.inject("dorp")
+    with pytest.raises(BusError, match="no servo with id 9"):
+        dynamixel_bus.inject("stuck:id=9")
+    with pytest.raises(BusError, match="no fault"):
+        dynamixel_bus.lift("dorp")
+    with pytest.raises(BusError, match="No servo has the id 9"):
+        dynamixel_bus.position(9)
+    dynamixel_bus.inject("drop")
+    dynamixel_bus.stop()
+    with pytest.raises(BusError, match="does not run"):
+        dynamixel_bus.inject("drop")
+
+
+def test_one_that_was_not_started_says_so():
+    with pytest.raises(BusError, match="does not run"):
+        _ = DynamixelBus().rows

@@ -1,0 +1,226 @@
+"""The plugin as others meet it: pytest in a process and a folder of their own."""
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+import venv
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.docs.pages import ROOT
+
+pytest_plugins = ["pytester"]
+pytestmark = pytest.mark.realtime
+
+EXAMPLES = ROOT / "docs" / "examples"
+HEAD = "import pytest\nimport dynamixel_sdk as sdk\n"
+
+
+def emulators():
+    """Processes of ours that run an emulated bus."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = entry.read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"emulate" in words and any(b"dynamixel-bus-" in word for word in words):
+            found.append(int(entry.parent.name))
+    return set(found)
+
+
+@pytest.fixture
+def outside(pytester):
+    """Runs tests in an empty folder; no bus may be left over."""
+    before = emulators()
+
+    def run(text, *arguments):
+        pytester.makepyfile(HEAD + textwrap.dedent(text))
+        return pytester.runpytest_subprocess("-W", "error", *arguments, timeout=300)
+
+    yield run
+    assert emulators() <= before
+
+
+def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside):
+    done = outside(
+        """
+        import os, signal
+
+        @pytest.mark.dynamixel_bus(servos=["XM430-W350:1", "XM430-W999:2"])
+        def test_unknown_model(dynamixel_bus): pass
+
+        @pytest.mark.dynamixel_bus(faults=["dorp:p=1"])
+        def test_unknown_fault(dynamixel_bus): pass
+
+        @pytest.mark.dynamixel_bus(servo="XM430-W350:1")
+        def test_unknown_word(dynamixel_bus): pass
+
+        @pytest.mark.dynamixel_bus(["XM430-W350:1"])
+        def test_no_word(dynamixel_bus): pass
+
+        @pytest.mark.dynamixel_bus(servos="XM430-W350:1")
+        def test_no_list(dynamixel_bus): pass
+
+        @pytest.mark.dynamixel_bus(servos=["XM430-W350:one"])
+        def test_no_id(dynamixel_bus): pass
+
+        def test_dies(dynamixel_bus):
+            os.kill(dynamixel_bus._process.pid, signal.SIGKILL)
+
+        def test_dies_meanwhile(dynamixel_bus):
+            os.kill(dynamixel_bus._process.pid, signal.SIGKILL)
+            dynamixel_bus.rows
+        """
+    )
+    done.assert_outcomes(passed=1, failed=1, errors=8)
+    said = done.stdout.str()
+    for words in (
+        "no model 'XM430-W999' is known",
+        "did you mean drop",
+        "unexpected keyword argument 'servo'",
+        "found ['XM430-W350:1'] without a name",
+        "wanted a list: ['XM430-W350:1']",
+        "found 'XM430-W350:one', wanted MODEL[:ID[:FIRMWARE]]",
+        "died: status -9",
+        "The emulated bus has died",
+    ):
+        assert words in said
+
+
+def test_it_meets_no_modules_of_the_program_under_test(outside, pytester, monkeypatch):
+    """Their own `controller` and `hw`, in the folder and on the path, stay theirs."""
+    for name in ("controller", "hw"):
+        pytester.makepyfile(**{name: "OURS = False"})
+    monkeypatch.setenv("PYTHONPATH", str(pytester.path))
+    done = outside(
+        """
+        import sys
+        import controller, hw
+
+        def test_theirs(dynamixel_bus):
+            assert not controller.OURS and not hw.OURS
+
+        def test_loaded(request):
+            assert request.config.pluginmanager.hasplugin("haptic_wall")
+            foreign = ("controller.", "hw.", "numpy")
+            assert [name for name in sys.modules if name.startswith(foreign)] == []
+        """,
+        "--strict-markers",
+    )
+    done.assert_outcomes(passed=2)
+
+
+def test_it_ends_with_the_tests_however_they_end(tmp_path):
+    test = tmp_path / "test_hangs.py"
+    test.write_text(
+        "import pathlib, time\ndef test_hangs(dynamixel_bus):\n"
+        "    pathlib.Path('pid').write_text(str(dynamixel_bus._process.pid))\n    time.sleep(600)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", test], cwd=tmp_path, stdout=subprocess.DEVNULL
+    )
+    end = time.monotonic() + 60
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    pid = int((tmp_path / "pid").read_text())
+    assert pid in emulators()
+    process.kill()
+    process.wait()
+    while pid in emulators():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_our_own_suite_has_it_once(pytestconfig):
+    plugins = [
+        name
+        for name, plugin in pytestconfig.pluginmanager.list_name_plugin()
+        if getattr(plugin, "__name__", "").endswith("haptic_wall_pytest")
+    ]
+    assert plugins == ["haptic_wall"]
+
+
+def test_the_example_passes_and_its_workflow_runs_it(tmp_path):
+    for name in ("move_servo.py", "test_move_servo.py"):
+        (tmp_path / name).write_text((EXAMPLES / name).read_text())
+    (job,) = yaml.safe_load((EXAMPLES / "ci.yml").read_text())["jobs"].values()
+    assert job["runs-on"].startswith("ubuntu")
+    install, test = [step["run"] for step in job["steps"] if "run" in step]
+    assert install == "python -m pip install pytest haptic-wall"
+    done = subprocess.run(
+        [sys.executable, *test.split()[1:], "-q", "-W", "error"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path):
+    """A script that does not try again, and lets go of nothing, fails two of them."""
+    script = (EXAMPLES / "move_servo.py").read_text()
+    script = script.replace("ATTEMPTS = 10", "ATTEMPTS = 1")
+    script = script.replace("        servo.write(TORQUE_ENABLE, 1, 0)\n", "        pass\n")
+    (tmp_path / "move_servo.py").write_text(script)
+    (tmp_path / "test_it.py").write_text((EXAMPLES / "test_move_servo.py").read_text())
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "3 failed, 2 passed" in done.stdout, done.stdout
+
+
+def test_the_page_s_programs_run(tmp_path):
+    page = (ROOT / "docs" / "testing-your-code.md").read_text()
+    blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]
+    for number, block in enumerate(blocks):
+        uses = "\n\ndef test_bus(bus):\n    assert bus.ids == (1,)\n" if "def bus(" in block else ""
+        (tmp_path / f"test_page_{number}.py").write_text(block + uses)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-W", "error"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert f"{len(blocks)} passed" in done.stdout, done.stdout
+
+
+@pytest.mark.parametrize("how", ["wheel", "editable"])
+def test_installed(how, tmp_path, thorough):
+    """As a wheel and editable, in a fresh environment that sees this one's other packages."""
+    if not thorough:
+        pytest.skip("makes a virtual environment and builds: --thorough")
+    place = tmp_path / "venv"
+    venv.create(place, with_pip=True)
+    python = place / "bin" / "python"
+    install = [python, "-m", "pip", "install", "--quiet"]
+    subprocess.run(
+        [*install, *(["--editable"] if how == "editable" else []), str(ROOT), "pytest"], check=True
+    )
+    for name in ("move_servo.py", "test_move_servo.py"):
+        (tmp_path / name).write_text((EXAMPLES / name).read_text())
+    where = "import haptic_wall_pytest, controller; print(haptic_wall_pytest.__file__)"
+    asked = [python, "-P", "-c", where]
+    found = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert found.startswith(str(ROOT if how == "editable" else place))
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [python, "-m", "pytest", "-q", "test_move_servo.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+    )
+    assert "5 passed" in done.stdout, done.stdout + done.stderr
