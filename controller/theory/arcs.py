@@ -8,11 +8,8 @@ or at a corner.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
-
-ComplexArray = NDArray[np.complex128]
+from controller.theory.checks import ComplexArray, FloatArray
 
 
 def least_reach(

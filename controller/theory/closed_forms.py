@@ -22,7 +22,7 @@ from controller.theory.checks import (
 )
 from controller.theory.loop import HeldLoop
 from controller.theory.response import held_response
-from controller.theory.roots import refined
+from controller.theory.roots import zeros
 
 _MARGIN_POINTS = 64  # per turn of the delayed plant
 _LOWEST_W = 1e-7
@@ -253,9 +253,6 @@ def gain_margin(delta: float, beta: float, delay: float) -> float:
     # the phase crosses -180 degrees where the imaginary part vanishes and the real one is < 0
     turns = np.linspace(0.0, np.pi, _MARGIN_POINTS * (int(d) + 2) + 1)[1:]
     w = np.append(np.geomspace(_LOWEST_W, turns[0], 200)[:-1], turns)
-    imaginary = inverse(w).imag
-    cell = np.flatnonzero(np.signbit(imaginary[:-1]) != np.signbit(imaginary[1:]))
-    sign = np.where(np.signbit(imaginary[cell]), 1.0, -1.0)
-    crossings = refined(lambda w: sign * inverse(w).imag, w[cell], w[cell + 1])
+    crossings = zeros(lambda w: inverse(w).imag, w)
     gain = -inverse(np.append(crossings, np.pi)).real
     return float(np.min(gain, where=gain > 0, initial=np.inf))

@@ -12,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from controller.theory.checks import (
+    ComplexArray,
     FloatArray,
     broadcast,
     not_negative,
@@ -23,12 +24,10 @@ from controller.theory.checks import (
     samples,
     scalar,
 )
-
-ComplexArray = NDArray[np.complex128]
+from controller.theory.roots import zeros
 
 _TERMS = 18  # of the exponential, to rounding below _SMALL
 _SMALL = 0.5
-_BISECTIONS = 60
 _NARROWINGS = 40
 
 
@@ -243,14 +242,7 @@ def _zeros(plant: HeldHand, beta: float) -> FloatArray:
         lower = sign * imaginary(low + third) < sign * imaginary(high - third)
         low, high = np.where(lower, low, low + third), np.where(lower, high - third, high)
     grid = np.sort(np.concatenate([grid, 0.5 * (low + high)]))
-    value = imaginary(grid)
-    cell = np.flatnonzero((value[1:] > 0) != (value[:-1] > 0))
-    low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        beyond = (imaginary(middle) > 0) == rising
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    return np.append(0.5 * (low + high), np.pi)
+    return np.append(zeros(imaginary, grid), np.pi)
 
 
 def _motion(delta: float, spring: float, time: float) -> FloatArray:

@@ -24,12 +24,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray, not_negative, number, positive, samples, scalar
+from controller.theory.checks import (
+    ComplexArray,
+    FloatArray,
+    not_negative,
+    number,
+    positive,
+    samples,
+    scalar,
+)
 from controller.theory.coupled import HeldHand
 from controller.theory.describing import backlash_gain, quantisation_gain, saturation_gain
 from controller.theory.friction import onset_amplitude
+from controller.theory.roots import zeros
 
-ComplexArray = NDArray[np.complex128]
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
 
 _LARGEST = 64.0  # counts: beyond it a quantiser is a gain of 1 but for two thousandths
@@ -185,7 +193,7 @@ def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, floa
 
     The frequencies are those at which the gain that is needed is real and positive.
     """
-    w = _zeros(lambda x: loop.needed(x).imag, _grid(loop))
+    w = zeros(lambda x: loop.needed(x).imag, _grid(loop))
     w = w[loop.needed(w).real > 0]
     # as fine as the ripples of a quantiser, which have kinks at every half count
     counts = np.arange(0.5, _LARGEST, 0.5)[:, None]
@@ -195,7 +203,7 @@ def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, floa
     found = []
     for x in w.tolist():
         n = float(loop.needed(np.array(x)).real)
-        for a in _zeros(lambda y, n=n: gain(y).real - n, amplitudes).tolist():  # type: ignore[misc]
+        for a in zeros(lambda y, n=n: gain(y).real - n, amplitudes).tolist():  # type: ignore[misc]
             found.append((a, x, loop.comes_back(gain, a, x)))
     return found
 
@@ -221,7 +229,7 @@ def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
         result: FloatArray = np.where(known, np.log(np.abs(loop.needed(w))) - np.log(size), np.nan)
         return result
 
-    w = _zeros(excess, _grid(loop))
+    w = zeros(excess, _grid(loop))
     return [
         (a, x, loop.comes_back(gain, a, x))
         for a, x in zip(amplitude(w).tolist(), w.tolist(), strict=True)
@@ -233,17 +241,3 @@ def _grid(loop: _Loop) -> FloatArray:
     count = 400 + 64 * (loop.plant.whole + loop.plant.samples)
     fine = np.geomspace(1e-5, 3e-2, 600, endpoint=False)
     return np.concatenate([fine, np.linspace(3e-2, np.pi, count, endpoint=False)])
-
-
-def _zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Where ``function`` changes its sign between neighbours of the grid at which it is known."""
-    value = function(grid)
-    known = np.isfinite(value[1:]) & np.isfinite(value[:-1])
-    cell = np.flatnonzero(known & ((value[1:] > 0) != (value[:-1] > 0)))
-    low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        beyond = (function(middle) > 0) == rising
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    result: FloatArray = 0.5 * (low + high)
-    return result

@@ -6,11 +6,9 @@ The gain is that of the first harmonic; it is complex where the nonlinearity lag
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from controller.theory.checks import FloatArray, broadcast, not_negative, positive
-
-ComplexArray = NDArray[np.complex128]
+from controller.theory.checks import ComplexArray, FloatArray, broadcast, not_negative, positive
 
 _MANY = 1000.0  # counts
 

@@ -30,9 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray, IntArray
+from controller.theory.checks import ComplexArray, FloatArray, IntArray
 from controller.theory.intervals import (
-    ComplexArray,
     Jet,
     decay_moments,
     turn_mean,

@@ -14,11 +14,8 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
-
-ComplexArray = NDArray[np.complex128]
+from controller.theory.checks import ComplexArray, FloatArray
 
 SLACK = 1e-15
 """Share of a disc's size that each operation adds to its radius, against rounding"""

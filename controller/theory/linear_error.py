@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from controller.theory.boundary import critical, max_beta
 from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, scalar
-from controller.theory.roots import refined
+from controller.theory.roots import zeros
 
 _POINTS = 1024
 _START = 1e-6  # share of the boundary's damping range from which on it is looked at
@@ -90,14 +90,7 @@ def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, 
     share = np.linspace(np.sqrt(_START), 1.0, _POINTS) ** 2
     points = []
     for level in (-size, size):
-        value = excess(share[:-1], level)
-        cell = np.flatnonzero(np.signbit(value[:-1]) != np.signbit(value[1:]))
-        sign = np.where(np.signbit(value[cell]), 1.0, -1.0)
-        found = refined(
-            lambda s, sign=sign, level=level: sign * excess(s, level),  # type: ignore[misc]
-            share[cell],
-            share[cell + 1],
-        )
+        found = zeros(lambda s, level=level: excess(s, level), share[:-1])  # type: ignore[misc]
         beta = width * found - small
         alpha, _ = critical(
             np.repeat(small, beta.size), beta, np.repeat(d, beta.size), np.ones_like(beta)

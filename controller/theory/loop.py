@@ -17,12 +17,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
+from controller.theory.checks import ComplexArray, FloatArray
 from controller.theory.response import held_response
-
-ComplexArray = NDArray[np.complex128]
 
 
 class PlantCurve(NamedTuple):

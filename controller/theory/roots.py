@@ -1,4 +1,4 @@
-"""Bracketed roots of many functions at once: bisection, then false position (Illinois)."""
+"""Roots in brackets: of many functions at once, and all of one function along a grid."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.theory.checks import FloatArray
 
-_HALVINGS = 127
+_HALVINGS, _TO_THE_LAST_BIT = 127, 60
 _BISECTIONS, _STEPS = 12, 28  # false position converges in five or six, once it is near
 
 
@@ -16,6 +16,8 @@ def refined(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
     """The zeros between ``low`` and ``high``, where each function turns from negative to positive.
+
+    By bisection, then false position (Illinois).
 
     Where a bracket begins at 0 the function may vanish there too, and the zero can be of any size:
     the power of two is found first.
@@ -46,6 +48,25 @@ def refined(
         low, high = np.where(beyond, low, point), np.where(beyond, point, high)
         last = moved
     return point
+
+
+def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
+    """Where one function changes its sign between neighbours of a grid, by bisection.
+
+    Args:
+        function: Takes and gives arrays of one axis; NaN where it is not known, which is no change.
+        grid: Rising.
+    """
+    value = function(grid)
+    known = np.isfinite(value[1:]) & np.isfinite(value[:-1])
+    cell = np.flatnonzero(known & ((value[1:] > 0) != (value[:-1] > 0)))
+    low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
+    for _ in range(_TO_THE_LAST_BIT):
+        middle = 0.5 * (low + high)
+        beyond = (function(middle) > 0) == rising
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    result: FloatArray = 0.5 * (low + high)
+    return result
 
 
 def _from_zero(
