@@ -22,17 +22,20 @@ def machine() -> dict[str, str | int | None]:
 
 
 def versions() -> dict[str, str | None]:
-    """Of this program, Python, NumPy and python-control; None: not installed."""
-    try:
-        control = version("control")
-    except PackageNotFoundError:
-        control = None
+    """Of this program, Python, NumPy and the peers; None: not installed."""
     return {
         "haptic-wall": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "control": control,
+        **{peer: _installed(peer) for peer in ("control", "dynamixel-sdk", "rustypot")},
     }
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
 
 
 def _processor() -> str:

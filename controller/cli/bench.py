@@ -17,6 +17,7 @@ from controller.cli.options import answer, as_json, json_option
 SECTIONS = {
     "boundary": "controller.benchmarks.boundary",
     "array_simulation": "controller.benchmarks.array_simulation",
+    "bus_cycle": "controller.benchmarks.bus_cycle",
 }
 """Each section's module, which has ``measure() -> Section``."""
 _WIDTH = 98
@@ -32,7 +33,7 @@ _WIDTH = 98
 )
 @json_option
 def command(names: tuple[str, ...], as_json_wanted: bool) -> None:
-    """Measure how fast this machine computes limits and simulates walls.
+    """Measure how fast this machine computes limits, simulates walls and talks to servos.
 
     Pieces of work that are compared take turns over several rounds; the figures are medians. Times
     are of this machine, now: nothing is asserted about another.

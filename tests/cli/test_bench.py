@@ -3,12 +3,14 @@
 Nothing is asserted about speed; the work is cut down so that the test is quick.
 """
 
+import importlib.util
 import json
+import os
 import sys
 
 import pytest
 
-from controller.benchmarks import array_simulation, boundary
+from controller.benchmarks import array_simulation, boundary, bus_cycle
 from controller.benchmarks.rows import interleaved
 from controller.cli import main as cli
 from controller.cli.bench import SECTIONS
@@ -23,6 +25,10 @@ def little_work(monkeypatch):
     monkeypatch.setattr(array_simulation, "BLOCK", 4)
     monkeypatch.setattr(array_simulation, "_PERIODS", 200)
     monkeypatch.setattr(array_simulation, "_PERIODS_ALONE", 200)
+    monkeypatch.setattr(bus_cycle, "_ROUNDS", 1)
+    monkeypatch.setattr(bus_cycle, "_CYCLES", 5)
+    monkeypatch.setattr(bus_cycle, "_PATIENCE_NS", 2_000_000_000)
+    monkeypatch.setattr(bus_cycle, "_COUNTS", (1, 3))
 
 
 def call(capsys, *arguments):
@@ -37,7 +43,8 @@ def test_the_json_holds_machine_versions_and_every_section(capsys):
     report = json.loads(out, parse_constant=pytest.fail)
     assert set(report["sections"]) == set(SECTIONS)
     assert {"processor", "cores", "system"} == set(report["machine"])
-    assert {"haptic-wall", "python", "numpy", "control"} == set(report["versions"])
+    ours, peers = {"haptic-wall", "python", "numpy"}, {"control", "dynamixel-sdk", "rustypot"}
+    assert ours | peers == set(report["versions"])
     rows = [row for section in report["sections"].values() for row in section["rows"]]
     assert len({row["name"] for row in rows}) == len(rows)
     assert all(row["value"] >= 0 and row["shows_not"] for row in rows)
@@ -72,6 +79,28 @@ def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(monk
     assert [row.unit for row in section.rows] == ["ms", "settings/s"]
     (note,) = section.notes
     assert "haptic-wall[bench]" in note
+
+
+@pytest.mark.realtime
+def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back():
+    cores = os.sched_getaffinity(0)
+    section = bus_cycle.measure()
+    assert os.sched_getaffinity(0) == cores
+    names = [row.name for row in section.rows]
+    peers = ["dynamixel-sdk"] + ["rustypot"] * (importlib.util.find_spec("rustypot") is not None)
+    for client in ("haptic-wall, as its driver reads", "haptic-wall, codec alone", *peers):
+        assert any(n.startswith(client) and n.endswith("1 servo") for n in names)
+        assert any(n.startswith(client) and n.endswith("3 servos") for n in names)
+    assert not [note for note in section.notes if "failed" in note]
+
+
+@pytest.mark.realtime
+def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rustypot", None)
+    monkeypatch.setattr(bus_cycle, "_COUNTS", (1,))
+    section = bus_cycle.measure()
+    assert not [row for row in section.rows if "rustypot" in row.name]
+    assert any("haptic-wall[bench]" in note for note in section.notes)
 
 
 def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted():

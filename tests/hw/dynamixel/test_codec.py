@@ -1,5 +1,7 @@
 """The codec against published frames, its own inverse, and damaged streams."""
 
+import random
+
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -138,6 +140,17 @@ def test_published_fast_bulk_reply():
     for end in (14, 20, 25):
         crc = int.from_bytes(FAST_BULK_REPLY[end : end + 2], "little")
         assert crc16(FAST_BULK_REPLY[:end]) == crc
+
+
+def test_crc_is_that_of_its_definition_bit_by_bit():
+    """For any length, odd or even, and from any start: polynomial x^16 + x^15 + x^2 + 1."""
+    source = random.Random(3)
+    for size in (*range(20), 127, 128, 2047):
+        data, start = source.randbytes(size), source.randrange(1 << 16)
+        crc = start
+        for bit in (byte >> place & 1 for byte in data for place in range(7, -1, -1)):
+            crc = (crc << 1 & 0xFFFF) ^ (0x8005 if (crc >> 15) ^ bit else 0)
+        assert crc16(data, start) == crc16(memoryview(bytearray(data)), start) == crc
 
 
 def test_crc_continues_where_it_stopped():
