@@ -70,7 +70,8 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
     setting, servo = found.setting, found.setting.servo
     low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
     ends = _signed_root(np.array([low, high]))
-    across = _signed_square(np.linspace(ends[0], ends[1], _POINTS))
+    # Squares of roots may miss the ends by a rounding.
+    across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
     for i, colour in colours.items():
         delay = float(found.delay[i])
         ceiling = float(
@@ -82,23 +83,27 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
         damping = np.unique(np.append(across, ceiling * (1 - np.geomspace(1e-4, 0.2, 20))))
         damping = damping[(damping >= low) & (damping <= high)]
         loop = (servo.inertia, servo.damping, damping, setting.period, delay)
-        ax.plot(
-            damping,
-            _drawn(linear_limit(servo.damping, damping, setting.period, delay)),
-            color=colour,
-            linewidth=0.6,
-            linestyle=(0, (1, 2)),
-        )
+        linear = linear_limit(servo.damping, damping, setting.period, delay)
+        dotted = (0, (1, 2))
+        _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=dotted)
         exact = critical_stiffness(*loop, setting.velocity_samples)
-        ax.plot(damping, _drawn(exact), color=colour, linewidth=0.9)
+        _curve(ax, damping, exact, color=colour, linewidth=0.9)
         if setting.one_sided:
             limit = one_sided_limit(*loop, setting.velocity_samples, tolerance=0.01)
-            ax.plot(damping, _drawn(limit), color=colour, linewidth=0.9, linestyle="--")
+            _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
         for k, style in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **style)
     # Near zero the limits rise steeply, and there walls are used: it gets more room.
     ax.set_xscale("function", functions=(_signed_root, _signed_square))
     ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
+
+
+def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **style: Any) -> None:  # noqa: ANN401
+    """A limit over the damping; over one damping only, a level line that can be seen."""
+    if damping.size > 1:
+        ax.plot(damping, _drawn(stiffness), **style)
+    elif stiffness[0] > 0.0:
+        ax.axhline(stiffness[0], **style)
 
 
 def _signed_root(value: FloatArray) -> FloatArray:

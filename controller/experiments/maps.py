@@ -239,7 +239,6 @@ def _theory(
     servo, period, samples = setting.servo, setting.period, setting.velocity_samples
     delay = setting.delay(steps)
     column = delay[:, None]
-    linear = np.maximum(linear_limit(servo.damping, damping, period, column), 0.0)
     loop = (servo.inertia, servo.damping, damping, period, column, samples)
     return CriticalMap(
         setting=setting,
@@ -248,7 +247,7 @@ def _theory(
         delay=delay,
         kick=kick,
         stiffness=np.full((steps.size, damping.size, kick.size), np.nan),
-        linear=linear,
+        linear=linear_limit(servo.damping, damping, period, column),
         exact=critical_stiffness(*loop),
         one_sided=one_sided_limit(*loop),
     )
