@@ -54,7 +54,8 @@ def rehearse(
     duration_s: float,
     *,
     faults: Sequence[str] = (),
-    adapter: tuple[int, int, int] | None = None,
+    adapter: tuple[int, int] | None = None,
+    shift_ns: int = 0,
 ) -> Rehearsed:
     """Run the preset of the emulated servo in memory.
 
@@ -62,7 +63,9 @@ def rehearse(
         sets: Changes to it, as for ``--set``.
         duration_s: How long the wall is on [s].
         faults: Given to the bus when torque is on, from when their times count.
-        adapter: Its timer [ns], its block [bytes] and its phase [ns]; None: none.
+        adapter: Its timer [ns] and its block [bytes]; None: none.
+        shift_ns: The loop's grid begins so much later [ns], with torque on; what moves it through
+            the phases of the adapter's timer.
     """
     config = load_config("emulated-xm430", ("loop.clock=simulated", *sets)).config
     clock = SimulatedClock()
@@ -83,13 +86,14 @@ def rehearse(
             baud=settings.baud,
             start_ns=0,
             witness=notes,
-            adapter=None if adapter is None else Adapter(adapter[0], adapter[1], adapter[2]),
+            adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
         return DynamixelServo(settings, MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:
+            clock.wait_until(clock.now_ns() + shift_ns)
             for fault in faults:
                 buses[0].inject(fault, clock.now_ns())
 

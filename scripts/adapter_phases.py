@@ -1,0 +1,177 @@
+"""Rehearses both schedules at every phase of an adapter's latency timer; writes docs/adapter.md.
+
+    scripts/adapter_phases [--phases N] [--seconds S] [--out FILE]
+
+In memory, on the simulated clock. The timer's expiries lie on a grid of their own: where the loop's
+grid lies in it decides how long a reply waits. Judged by the bus's record: how old a sample really
+was, and whether it was the sample it was taken for.
+"""
+
+import argparse
+import bisect
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from controller.telemetry import FLAG_WARM_UP
+from hw.dynamixel.codec import Instruction
+from hw.dynamixel.tables import POSITION_UNIT
+from hw.errors import ServoError
+from hw.servo import Outcome
+from scripts.rehearsal import Rehearsed, rehearse
+
+HERE = Path(__file__).resolve().parent
+LIMITS = (
+    "safety.max_speed=15",
+    "safety.max_loss=0.05",
+    "safety.max_losses_in_row=5",
+    "safety.heartbeat_s=0.1",
+    "servo.watchdog_s=0.04",
+)
+"""Of hardware"""
+WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
+"""A knock every second: at 5 rad/s a sample of the period before is three counts off"""
+MS_NS = 1_000_000
+
+
+@dataclass(slots=True)
+class Found:
+    """What was found over all phases."""
+
+    ends: Counter[str] = field(default_factory=Counter)
+    age_p50: list[float] = field(default_factory=list)
+    age_p99: list[float] = field(default_factory=list)
+    """One for each phase [ms]"""
+    failed: list[float] = field(default_factory=list)
+    """Share of the ticks without a sample"""
+    mistaken: int = 0
+    """Positions that were not true when they were asked for"""
+    stiffness: list[float] = field(default_factory=list)
+    reasons: str = ""
+    refused: str = ""
+
+
+def over_phases(
+    rate: int, schedule: str, timer_ms: int, block: int, phases: int, seconds: float
+) -> Found:
+    """One schedule at one rate, at so many phases of the timer."""
+    found = Found()
+    for number in range(phases):
+        sets = (*LIMITS, *WALL, f"loop.rate_hz={rate}", f"servo.schedule={schedule}")
+        shift_ns = number * timer_ms * MS_NS // phases
+        adapter = (timer_ms * MS_NS, block)
+        try:
+            run = rehearse(sets, seconds, adapter=adapter, shift_ns=shift_ns)
+        except ServoError as error:
+            found.ends["refused"] += 1
+            found.refused = str(error)
+            continue
+        found.ends[run.result.stop_reason] += 1
+        _add(found, run)
+    return found
+
+
+def _add(found: Found, run: Rehearsed) -> None:
+    ticks = run.ticks[(run.ticks["flags"] & FLAG_WARM_UP) == 0]
+    found.mistaken += mistaken(run)
+    guard = run.result.guard
+    if ticks.size == 0:
+        return
+    found.stiffness.append(guard["commanded"]["stiffness"])
+    if guard["reasons"] and not found.reasons:
+        found.reasons = guard["reasons"][-1]
+    found.age_p50.append(float(np.percentile(ticks["age_ns"], 50)) * 1e-6)
+    found.age_p99.append(float(np.percentile(ticks["age_ns"], 99)) * 1e-6)
+    found.failed.append(float(np.mean(ticks["outcome"] != Outcome.OK)))
+
+
+def mistaken(run: Rehearsed) -> int:
+    """Positions in use that are not those of the request they are said to answer.
+
+    The witness has the true position at the instant each request had arrived.
+    """
+    reads = [row for row in run.truth if row.event == "rx" and row.instruction == Instruction.READ]
+    times = [row.time_ns for row in reads]
+    wrong = 0
+    for tick in run.ticks:
+        if tick["sampled_ns"]:
+            asked = reads[bisect.bisect_left(times, int(tick["sampled_ns"]))]
+            wrong += abs(tick["position"] - asked.state.position) > 1.01 * POSITION_UNIT
+    return wrong
+
+
+def row(rate: int, schedule: str, timer_ms: int, block: int, found: Found) -> str:
+    """A row of the table."""
+    ends = ", ".join(f"{end} {count}" for end, count in found.ends.most_common())
+    cells = [f"{timer_ms} ms, {block} bytes", f"{rate} Hz", schedule, ends]
+    if found.age_p99:
+        cells += [
+            f"{min(found.age_p50):.2f} to {max(found.age_p50):.2f}",
+            f"{max(found.age_p99):.2f}",
+            f"{max(found.failed):.1%}",
+            f"{min(found.stiffness):.3g} to {max(found.stiffness):.3g}",
+        ]
+    else:
+        cells += ["–"] * 4
+    return "| " + " | ".join([*cells, str(found.mistaken)]) + " |"
+
+
+def page(phases: int, seconds: float) -> str:
+    """The whole page."""
+    rows, reasons = [], []
+    for timer_ms, block in ((1, 510), (1, 62), (16, 510)):
+        for rate in (1000, 500):
+            for schedule in ("immediate", "pipelined"):
+                found = over_phases(rate, schedule, timer_ms, block, phases, seconds)
+                rows.append(row(rate, schedule, timer_ms, block, found))
+                print(rows[-1], flush=True)
+                about = found.reasons or found.refused
+                if about:
+                    reasons.append(
+                        f"- {timer_ms} ms, {block} bytes, {rate} Hz, {schedule}: {about}"
+                    )
+    return "\n".join(
+        [
+            "# An adapter's latency timer",
+            "",
+            "Written by `scripts/adapter_phases`. The whole program on the emulated bus in memory,"
+            f" on the simulated clock, {seconds:g} s at each of {phases} phases between the loop's"
+            " grid and the grid of the timer, at 4 Mbit/s, with the [limits of hardware](trips.md)"
+            " and a hand that knocks on a wall of 30 N·m/rad. A run that did not end by `duration`"
+            " was ended by that trip.",
+            "",
+            "*Age*: of the sample when its torque was sent; the medians from the best phase to the"
+            " worst, and the worst phase's 99th percentile. *Without*: ticks that had to use an"
+            " older sample, at the worst phase. *K*: what the guard commanded at the end."
+            " *Mistaken*: positions that the servo, by the bus's record, did not have when they were"
+            " asked for.",
+            "",
+            "| timer, block | rate | schedule | ends, phases | age p50, ms | age p99, ms | without |"
+            " K, N·m/rad | mistaken |",
+            "|---|---|---|---|---|---|---|---|---|",
+            *rows,
+            "",
+            "What the guard (or the start) said, where K was lowered:",
+            "",
+            *(reasons or ["- nothing"]),
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    """Rehearse, write the page."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/adapter_phases", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--phases", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=1.5)
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "adapter.md")
+    wanted = parser.parse_args()
+    wanted.out.write_text(page(wanted.phases, wanted.seconds))
+
+
+if __name__ == "__main__":
+    main()
