@@ -45,6 +45,21 @@ def test_looked_up_is_not_above_what_is_computed_and_hardly_below(n: int, thorou
     assert np.quantile(ratio, 0.05) > 0.98
 
 
+def test_nor_near_the_ceiling_where_the_share_is_scalloped_within_a_cell(thorough: bool) -> None:
+    count = 5000 if thorough else 500
+    random = np.random.default_rng(35)
+    delta = 10 ** random.uniform(-6, -2.5, count)
+    late = random.uniform(6.6, 9.0, count)
+    ceiling = max_virtual_damping(1.0, delta, 1.0, late)
+    beta = random.uniform(0.8, 0.92, count) * ceiling
+    share = tabulated_share(delta, beta, late, np.ones(count), ceiling)
+    known = np.isfinite(share)
+    assert np.mean(known) > 0.2
+    ratio = share[known] / computed_share(delta[known], beta[known], late[known], 1)
+    assert np.max(ratio) <= 1.005
+    assert np.min(ratio) >= 0.95
+
+
 def test_it_is_looked_up_and_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: object) -> Array:
         raise AssertionError("a contact was simulated")
