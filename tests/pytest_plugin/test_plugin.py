@@ -122,7 +122,10 @@ def test_it_ends_with_the_tests_however_they_end(tmp_path):
         "    pathlib.Path('pid').write_text(str(dynamixel_bus._process.pid))\n    time.sleep(600)\n"
     )
     process = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-q", test], cwd=tmp_path, stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "pytest", "-q", test],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        env=os.environ | {"TMPDIR": str(tmp_path)},  # who is killed cleans nothing up
     )
     end = time.monotonic() + 60
     while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
