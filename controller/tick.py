@@ -16,6 +16,11 @@ from hw.servo import Outcome, Servo
 
 COLLECT_SHARE = 0.8
 """How much of a period a reply may take before it is given up."""
+LONGER_SHARE = 1.05
+"""The same after a pipelined reply was lost, until another one is: an adapter hands over what it
+holds on a grid of its own. A request sent after giving up can then miss each tick by the time that
+it takes itself, for ever. With the one share those are phases of 0.8 to about 0.95 periods, with
+the other of 0.05 to 0.2, so that changing it leaves either."""
 SURFACE = 0.003
 """Penetration at which a two-sided wall counts as untouched [rad]: two counts of 4096."""
 
@@ -60,6 +65,7 @@ class Tick:
         self._bus_ns = 0
         self._outcome = Outcome.OK
         self._collect_ns = int(COLLECT_SHARE * parts.period_ns)
+        self._other_collect_ns = int(LONGER_SHARE * parts.period_ns)
         self._ramp_left = 0
         self._ramp_stiffness = 0.0
         self._ramp_damping = 0.0
@@ -170,6 +176,8 @@ class Tick:
         if reading.outcome != Outcome.OK:
             # The last position once more, so dx = 0. Before the first good reading nothing acts.
             self.trip = parts.safety.failed()
+            if parts.pipelined and reading.outcome == Outcome.LOST:
+                self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return 0.0
         self.trip = parts.safety.good(reading)
         self._position = reading.position

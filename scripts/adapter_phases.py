@@ -81,7 +81,7 @@ def _add(found: Found, run: Rehearsed) -> None:
         return
     found.stiffness.append(guard["commanded"]["stiffness"])
     if guard["reasons"] and not found.reasons:
-        found.reasons = guard["reasons"][-1]
+        found.reasons = "; ".join(guard["reasons"])
     found.age_p50.append(float(np.percentile(ticks["age_ns"], 50)) * 1e-6)
     found.age_p99.append(float(np.percentile(ticks["age_ns"], 99)) * 1e-6)
     found.failed.append(float(np.mean(ticks["outcome"] != Outcome.OK)))
@@ -145,11 +145,11 @@ def page(phases: int, seconds: float) -> str:
             "*Age*: of the sample when its torque was sent; the medians from the best phase to the"
             " worst, and the worst phase's 99th percentile. *Without*: ticks that had to use an"
             " older sample, at the worst phase. *K*: what the guard commanded at the end."
-            " *Mistaken*: positions that the servo, by the bus's record, did not have when they were"
-            " asked for.",
+            " *Mistaken*: positions that the servo, by the bus's record, did not have when they"
+            " were asked for.",
             "",
-            "| timer, block | rate | schedule | ends, phases | age p50, ms | age p99, ms | without |"
-            " K, N·m/rad | mistaken |",
+            "| timer, block | rate | schedule | ends, phases | age p50, ms | age p99, ms | without"
+            " | K, N·m/rad | mistaken |",
             "|---|---|---|---|---|---|---|---|---|",
             *rows,
             "",

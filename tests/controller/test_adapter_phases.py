@@ -1,0 +1,21 @@
+"""An adapter that hands replies over once a millisecond: the pipelined schedule holds its rate."""
+
+import numpy as np
+import pytest
+
+from scripts.adapter_phases import LIMITS, WALL, mistaken
+from scripts.rehearsal import rehearse
+
+MS_NS = 1_000_000
+PIPELINED = (*LIMITS, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")
+
+
+@pytest.mark.parametrize("shift_us", [0, 450, 900])
+def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us):
+    # Blocks of 62 bytes move the timer's grid at every look at the servo's health, which is longer:
+    # also into the phases where a request sent after a loss would miss its tick again, for ever.
+    run = rehearse(PIPELINED, 0.5, adapter=(MS_NS, 62), shift_ns=shift_us * 1000)
+    assert run.result.stop_reason == "duration"
+    assert run.result.missed == 0
+    assert np.percentile(run.ticks["age_ns"], 99) <= 2 * MS_NS
+    assert mistaken(run) == 0
