@@ -17,6 +17,7 @@ import numpy as np
 
 from controller.telemetry import FLAG_WARM_UP
 from hw.dynamixel.codec import Instruction
+from hw.dynamixel.emulated.adapter import BLOCKS
 from hw.dynamixel.tables import POSITION_UNIT
 from hw.errors import ServoError
 from hw.servo import Outcome
@@ -34,6 +35,7 @@ LIMITS = (
 WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
 """A knock every second: at 5 rad/s a sample of the period before is three counts off"""
 MS_NS = 1_000_000
+REPLY_CHECK = "adapter's reply"
 
 
 @dataclass(slots=True)
@@ -50,6 +52,8 @@ class Found:
     """Positions that were not true when they were asked for"""
     stiffness: list[float] = field(default_factory=list)
     reasons: str = ""
+    start: str = ""
+    """What the start found of the adapter"""
     refused: str = ""
 
 
@@ -77,6 +81,8 @@ def _add(found: Found, run: Rehearsed) -> None:
     ticks = run.ticks[(run.ticks["flags"] & FLAG_WARM_UP) == 0]
     found.mistaken += mistaken(run)
     guard = run.result.guard
+    check = next((check for check in run.result.checks if check.name == REPLY_CHECK), None)
+    found.start = f"start: {check.name} {check.found}" if check else "start: all checks passed"
     if ticks.size == 0:
         return
     found.stiffness.append(guard["commanded"]["stiffness"])
@@ -121,7 +127,7 @@ def row(rate: int, schedule: str, timer_ms: int, block: int, found: Found) -> st
 def page(phases: int, seconds: float) -> str:
     """The whole page."""
     rows, reasons = [], []
-    for timer_ms, block in ((1, 510), (1, 62), (16, 510)):
+    for timer_ms, block in ((1, BLOCKS[1]), (1, BLOCKS[0]), (16, BLOCKS[1])):
         for rate in (1000, 500):
             for schedule in ("immediate", "pipelined"):
                 found = over_phases(rate, schedule, timer_ms, block, phases, seconds)
@@ -153,9 +159,9 @@ def page(phases: int, seconds: float) -> str:
             "|---|---|---|---|---|---|---|---|---|",
             *rows,
             "",
-            "What the guard (or the start) said, where K was lowered:",
+            "Pipelined with blocks of 510 bytes, what the start and the guard said:",
             "",
-            *(reasons or ["- nothing"]),
+            *reasons,
             "",
         ]
     )

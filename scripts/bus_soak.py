@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
@@ -259,8 +260,10 @@ def _counted(counts: dict[str, int]) -> list[str]:
     return [str(n) for n in (good, counts["lost"], counts["corrupt"], counts["refused"])]
 
 
-def real_time(seconds: float, seed: int, folder: Path) -> tuple[dict, Counter[str], float, float]:
-    """The same damage in real time, through a pseudo-terminal, by the whole program.
+def real_time(
+    seconds: float, seed: int, damage: Sequence[str], folder: Path
+) -> tuple[dict, Counter[str], float, float]:
+    """Damage in real time, through a pseudo-terminal, by the whole program.
 
     Returns:
         Its report; how often each fault struck; the rate of its reads by the witness [Hz]; and the
@@ -299,7 +302,7 @@ def real_time(seconds: float, seed: int, folder: Path) -> tuple[dict, Counter[st
         for line in run.stderr:
             said += line
             if "torque is on" in line:
-                emulator.stdin.write("\n".join([*DAMAGE, ""]))
+                emulator.stdin.write("\n".join([*damage, ""]))
                 emulator.stdin.flush()
                 break
         output, rest = run.communicate()
@@ -328,21 +331,40 @@ def real_time(seconds: float, seed: int, folder: Path) -> tuple[dict, Counter[st
 
 
 def real_time_page(seconds: float, seed: int) -> list[str]:
-    """The section in real time."""
-    with tempfile.TemporaryDirectory() as folder:
-        report, struck, rate, off = real_time(seconds, seed, Path(folder))
-    bus, lateness = report["bus"], report["lateness_us"]
-    failed = bus["lost"] + bus["corrupt"] + bus["refused"]
-    kinds = ", ".join(f"{name} {count}" for name, count in sorted(struck.items()))
+    """The section in real time: with the damage, and beside it a run without."""
+    columns = []
+    for damage in ((), DAMAGE):
+        with tempfile.TemporaryDirectory() as folder:
+            report, struck, rate, off = real_time(seconds, seed, damage, Path(folder))
+        bus, lateness = report["bus"], report["lateness_us"]
+        columns.append(
+            {
+                "ticks": report["ticks"],
+                "missed ticks": report["missed_ticks"],
+                "rate, Hz": f"{report['rate_hz']:.2f}",
+                "rate by the witness's median interval, Hz": f"{rate:.2f}",
+                "lateness p50, µs": f"{lateness['p50']:.1f}",
+                "lateness p99, µs": f"{lateness['p99']:.1f}",
+                "replies struck, by the witness": sum(struck.values()),
+                "lost": bus["lost"],
+                "corrupt": bus["corrupt"],
+                "refused": bus["refused"],
+                "late": bus["late"],
+                "failed beyond those struck": bus["lost"]
+                + bus["corrupt"]
+                + bus["refused"]
+                - sum(struck.values()),
+                "furthest from the true position at its instant, rad": f"{off:.4f}",
+            }
+        )
+    calm, damaged = columns
     return [
-        f"{report['duration_s']:.0f} s by the whole program on a pseudo-terminal: {report['ticks']}"
-        f" ticks, {report['missed_ticks']} missed, {report['rate_hz']:.2f} Hz (by the witness's"
-        f" median interval {rate:.1f} Hz).",
-        f"Struck, by the witness: {kinds}; in all {sum(struck.values())}. Failed cycles: {failed}"
-        f" (lost {bus['lost']}, corrupt {bus['corrupt']}, refused {bus['refused']}); late"
-        f" {bus['late']}. What fails beyond what was struck, the machine's stalls have cost.",
-        f"Lateness p50 {lateness['p50']:.1f} µs, p99 {lateness['p99']:.1f} µs."
-        f" No position was further than {off:.4f} rad from the true one at its instant.",
+        f"The whole program for {seconds:.0f} s on a pseudo-terminal, first without damage, then"
+        " with it. What is missed or fails without damage is what the machine's stalls cost.",
+        "",
+        "| | without damage | with damage |",
+        "|---|---|---|",
+        *(f"| {name} | {calm[name]} | {damaged[name]} |" for name in calm),
     ]
 
 
