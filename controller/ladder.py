@@ -29,17 +29,19 @@ RAISE_WINDOWS = 5
 """Windows in a row that must allow a stiffer rung before it is taken."""
 
 
-def rung_ages_ns(period_ns: int) -> list[int]:
+def rung_ages_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
     """Sample ages of the rungs [ns]: fine where buses are quick, coarse where they are slow.
 
     They reach to 20 ms and three periods, so that at low rates too a pipelined sample, a period
-    old, and the loss of the one after it are not counted as younger than they are.
+    old, and the loss of the one after it are not counted as younger than they are. Where replies
+    take several periods it is three of their times.
 
     Args:
         period_ns: The sampling period [ns].
+        reply_ns: How long replies take, where that is several periods [ns].
     """
     microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
-    microseconds += range(22_000, 3 * period_ns // 1000 + 2000, 2000)
+    microseconds += range(22_000, 3 * max(period_ns, reply_ns) // 1000 + 2000, 2000)
     return [us * 1000 for us in microseconds]
 
 

@@ -93,7 +93,8 @@ def run_session(
         checks: list[Check] = []
         if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
             checks = servo.start()
-            if servo.facts.torque_limit != limit:  # the servo's own Current Limit is another
+            # The servo's own Current Limit is another, or replies come later than was thought.
+            if servo.facts.torque_limit != limit or servo.facts.reply_s:
                 ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
             passed = f", {len(checks)} start-up checks passed" if checks else ""
             tell(f"{servo.facts.name}: torque is on{passed}")
@@ -259,7 +260,7 @@ def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
         position_step=servo.facts.position_step,
     )
     # In the same process on the simulated clock a sample has no age.
-    ages_ns = [0] if simulated and not servo.facts.has_bus else rung_ages_ns(config.period_ns)
+    ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
     inserted = config.delay.steps * period
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
@@ -273,6 +274,10 @@ def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
     return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window, run)
+
+
+def _ages_ns(config: Config, servo: Servo) -> list[int]:
+    return rung_ages_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
 
 
 def _parts(

@@ -84,7 +84,7 @@ class RunStatistics:
         after_first = rows[rows["seq"] > 0]
         self.work.add(after_first["work_ns"])
         self.bus.add(after_first["bus_ns"])
-        answered = rows[rows["outcome"] == Outcome.OK]
+        answered = rows[np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))]
         self.age.add(answered["age_ns"])
         self.max_torque = max(self.max_torque, float(np.abs(rows["torque"]).max()))
         self.saturated += int(np.count_nonzero(rows["flags"] & FLAG_SATURATED))

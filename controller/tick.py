@@ -64,6 +64,7 @@ class Tick:
         self._work_ns = 0
         self._bus_ns = 0
         self._outcome = Outcome.OK
+        self._velocity = 0.0
         self._collect_ns = int(COLLECT_SHARE * parts.period_ns)
         self._other_collect_ns = int(LONGER_SHARE * parts.period_ns)
         self._ramp_left = 0
@@ -173,9 +174,15 @@ class Tick:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
         self._outcome = reading.outcome
+        if reading.outcome == Outcome.WAITING:
+            # Held as they are until the next sample: a loop with a longer period, which is what
+            # the theory knows. With dx = 0 in between the damping would act in one tick of many.
+            parts.safety.waiting()
+            return self._velocity
         if reading.outcome != Outcome.OK:
             # The last position once more, so dx = 0. Before the first good reading nothing acts.
             self.trip = parts.safety.failed()
+            self._velocity = 0.0
             if parts.pipelined and reading.outcome == Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return 0.0
@@ -190,7 +197,8 @@ class Tick:
         periods = 1
         if last_ns is not None:
             periods = max(1, (sampled_ns - last_ns + period_ns // 2) // period_ns)
-        return parts.velocity.update(reading.position, periods)
+        self._velocity = parts.velocity.update(reading.position, periods)
+        return self._velocity
 
     def _at_surface(self) -> bool:
         """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""

@@ -18,10 +18,12 @@ class Outcome(IntEnum):
     """Bytes arrived that are not a valid reply."""
     REFUSED = 3
     """A valid reply with a position that the servo cannot have come to."""
+    WAITING = 4
+    """No reply yet, and none was due: replies take several periods here. Not a loss."""
 
 
 class Reading(NamedTuple):
-    """The answer to one request. A failed one holds no position: it is NaN."""
+    """The answer to one request. One that failed or waits holds no position: it is NaN."""
 
     outcome: Outcome
     position: float
@@ -51,6 +53,9 @@ class Facts:
     """Smallest difference between two torques it can be sent [N·m]; 0: none."""
     has_bus: bool
     """Replies travel over a bus, where they can be lost."""
+    reply_s: float = 0.0
+    """How long a reply takes, where it takes several periods [s]; 0: it comes in time for each.
+    Known after ``start``."""
 
     @property
     def position_step(self) -> float:
@@ -87,6 +92,9 @@ class Servo(Protocol):
     The order of calls is ``start``, any number of cycles, ``stop``, ``close``. A cycle is
     ``request``, ``collect``, ``write``. The request may be sent in the period before the one
     that collects it (the reply then travels while the loop sleeps).
+
+    Where a reply takes several periods (``facts.reply_s``) a request stays outstanding until it is
+    answered: until then ``request`` asks for nothing, and ``collect`` does not wait.
     """
 
     facts: Facts

@@ -101,7 +101,7 @@ def _summary(metadata: dict[str, Any], rows: NDArray[np.void]) -> dict[str, Any]
         "duration_s": elapsed,
         "rate_hz": (len(rows) - 1) / elapsed if elapsed else None,
         "missed_ticks": int(rows["missed"].sum()),
-        "failed_readings": int((rows["outcome"] != Outcome.OK).sum()),
+        "failed_readings": int((~np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))).sum()),
         "unrecorded_rows": int(rows["seq"][-1]) + 1 - len(rows),
         "position_rad": [float(good.min()), float(good.max())] if len(good) else None,
         "torque_nm": [float(rows["torque"].min()), float(rows["torque"].max())],

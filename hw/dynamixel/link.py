@@ -74,9 +74,17 @@ class Link:
         self._sent_ns = 0
         self.waited_ns = 0
         """How long the last ``collect`` waited for bytes [ns]"""
+        self.patience_ns = 0
+        """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
+        one"""
         self._servo_clock = ServoClock()
         self.block = b""
         """All that the last good reply held"""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a request is outstanding."""
+        return self._length != 0
 
     @property
     def restarted(self) -> bool:
@@ -164,6 +172,8 @@ class Link:
             if began_ns >= deadline_ns:  # a bus without a servo may never be silent
                 break
         came_broken = parser.corrupt + self._refusals > broken
+        if not came_broken and now_ns() - self._sent_ns < self.patience_ns:
+            return Sample(Outcome.WAITING, 0, 0, False, self._sent_ns)
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
     def send_current(self, goal: int) -> None:

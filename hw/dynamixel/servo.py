@@ -31,6 +31,9 @@ _NAME_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
 """For each attempt to ask which hardware error is latched [ns]"""
 
 
+_REPLY_PATIENCE: Final = 1.5
+"""A slow adapter's reply is given up after so many times what replies take: one that has just
+missed the timer comes with its next expiry"""
 _NAME_BYTES: Final = 3
 """From Hardware Error Status on: a length that no other request has"""
 
@@ -62,6 +65,10 @@ class DynamixelServo:
         self._goal = 0
         self._heard_ns = 0
         """When the last request that was answered was sent [ns]"""
+        self._reply_ns = 0
+        """How long replies take, where that is several periods [ns]; 0: they come in time"""
+        self._called_ns = 0
+        """When ``request`` was last called, where they do not [ns]"""
         self._reach = Reach(settings.max_speed)
         self._alert = False
         self._silence_ns = _NEVER_NS
@@ -79,7 +86,8 @@ class DynamixelServo:
         From here on the servo wants to hear something within every Bus Watchdog period, or it
         drops its torque and refuses goals without a word. ``request`` notices a pause that long.
 
-        ``facts.torque_limit`` is the servo's own from here on, if that is lower.
+        ``facts.torque_limit`` is the servo's own from here on, if that is lower, and
+        ``facts.reply_s`` says whether replies take several periods.
 
         Raises:
             UnfitServoError: A check failed; torque is off.
@@ -89,6 +97,7 @@ class DynamixelServo:
         self._confirmed_off = self._alert = False
         self._goal = 0
         self._reach.forget()
+        self._reply_ns = self._link.patience_ns = 0
         self.trouble = ""
         watch = self._health.describe()
         try:
@@ -108,6 +117,11 @@ class DynamixelServo:
         except BaseException:
             self._off()
             raise
+        self._reply_ns = ready.reply_ns
+        if ready.reply_ns:
+            jitter_ns = 2e9 * self._settings.period_s
+            self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
+        self._called_ns = self._now_ns()
         self.facts = self._facts(ready.current_limit)
         self._limit = round(self.facts.torque_limit / self._step)
         self.counts = self._link.counts = BusCounts()
@@ -128,7 +142,9 @@ class DynamixelServo:
             TorqueLostError: The Bus Watchdog has ended a torque.
         """
         now_ns = self._now_ns()
-        if now_ns - self._heard_ns > self._silence_ns:
+        if self._reply_ns and self._is_under_way(now_ns):
+            return
+        if now_ns - self._heard_ns > self._silence_ns + self._link.patience_ns:
             self.resume()
         health = self._health
         health.asked = 0
@@ -148,7 +164,8 @@ class DynamixelServo:
             ServoHealthError: The servo is in no state to be driven any longer.
             RuntimeError: There was no request.
         """
-        sample = self._link.collect(deadline_ns)
+        # A reply that takes several periods is not worth waiting for within one.
+        sample = self._link.collect(0 if self._reply_ns else deadline_ns)
         self.waited_ns = self._link.waited_ns
         if self._health.asked and sample.outcome is Outcome.OK and not sample.alert:
             # What it has latched would say more than what follows from it.
@@ -170,9 +187,21 @@ class DynamixelServo:
     def resume(self) -> None:
         """See to the Bus Watchdog after a pause; see ``request``."""
         now_ns = self._now_ns()
-        if now_ns - self._heard_ns > self._silence_ns:
+        if now_ns - self._heard_ns > self._silence_ns + self._link.patience_ns:
             self._look_after_watchdog(now_ns - self._heard_ns)
             self._heard_ns = now_ns
+
+    def _is_under_way(self, now_ns: int) -> bool:
+        """Whether the last request may still be answered; sees to the Bus Watchdog after a stall.
+
+        What was heard last says little about a stall where each reply takes that long.
+        """
+        pause_ns = now_ns - self._called_ns
+        self._called_ns = now_ns
+        if pause_ns > self._silence_ns:
+            self._look_after_watchdog(pause_ns)
+            self._heard_ns = self._called_ns = self._now_ns()
+        return self._link.waiting
 
     def _reading(self, sample: Sample) -> Reading:
         outcome, counts, current, alert, sampled_ns = sample
@@ -319,6 +348,7 @@ class DynamixelServo:
             torque_limit=steps * self._step,
             torque_step=self._step,
             has_bus=True,
+            reply_s=self._reply_ns * 1e-9,
         )
 
 

@@ -44,6 +44,10 @@ _LOOK_NS: Final = 20_000_000
 _STANDS_NS: Final = 1_000_000_000
 """Not moved for so long: nobody is about to turn it out"""
 _TURN_OUT_NS: Final = 5_000_000_000
+_REPLIES: Final = 5
+"""Whose median tells whether replies come in time"""
+_IN_TIME: Final = 1.8
+"""Periods that a reply may take: the one in which it was asked for, and 0.8 of the next"""
 _PUSHES: Final = 3
 """A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
 
@@ -57,6 +61,8 @@ class Ready:
     """The servo's own, in the model's current unit"""
     bounds: Bounds
     """Within which it may be driven"""
+    reply_ns: int
+    """How long a reply takes, if longer than the schedules have for it [ns]; 0: it does not"""
 
 
 def start_up(
@@ -93,12 +99,13 @@ def start_up(
     start.list.refuse_if_unfit()
     start.set_up()
     start.judge_limits_and_position()
+    reply_ns = start.measure_reply()
     start.list.add("watched while it runs", True, *watch)
     start.list.refuse_if_unfit()
     start.torque_on()
     start.prove_the_sign()
     start.list.refuse_if_unfit()
-    return Ready(start.list.checks, start.current_limit, bounds)
+    return Ready(start.list.checks, start.current_limit, bounds, reply_ns)
 
 
 def watchdog_units(settings: DynamixelSettings) -> int:
@@ -186,6 +193,29 @@ class _Startup:
             f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad: turn it out by "
             "hand, or move the wall with wall.position.",
         )
+
+    def measure_reply(self) -> int:
+        """How long a reply takes, if longer than the schedules have for it [ns]; else 0.
+
+        Each is asked for right after another has come, when an adapter's timer has just started: so
+        it takes as long as one can. The median, because a machine may stall.
+        """
+        times = []
+        for _ in range(_REPLIES):
+            sampled_ns = self._sample().sampled_ns
+            times.append(self._clock.now_ns() - sampled_ns)
+        middle = sorted(times)[_REPLIES // 2]
+        most_ns = _IN_TIME * self._settings.period_s * 1e9
+        found = f"{middle * 1e-6:.1f} ms, longest {max(times) * 1e-6:.1f} ms"
+        slow = middle > most_ns
+        if slow:
+            periods = round(middle * 1e-9 / self._settings.period_s)
+            found += (
+                f": one sample in {periods} periods, so a softer wall; set the adapter's latency "
+                "timer to 1 ms"
+            )
+        self.list.add("adapter's reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
+        return middle if slow else 0
 
     def _may_be_at(self, counts: int) -> bool:
         keep_out = self._settings.keep_out
