@@ -24,13 +24,14 @@ SETTINGS = (
     "safety.heartbeat_s=0.1",
     "servo.watchdog_s=0.04",
     "servo.hand=lean",
-    "servo.kick=-0.2",
+    "servo.kick=-0.5",
     "loop.warm_up_s=0.1",
 )
 """The limits that hardware has, and a hand that swings the servo into the wall and leans on it"""
-AT_S = 0.8
-"""When the fault comes, after torque on: the shaft moves into the wall"""
-DURATION_S = 0.95
+AT_S = 0.9005
+"""When the fault comes, after torque on: the shaft moves into the wall, and the next tick is half a
+period away"""
+DURATION_S = 1.05
 PERIOD_NS = 1_000_000
 IN_TICK = ("overspeed", "losses_in_row", "loss_rate", "hardware_error", "not_a_number")
 """Trips whose own tick has a row"""
@@ -90,7 +91,7 @@ def lines(faults: Sequence[tuple[str, str]] = FAULTS) -> list[Line]:
 
 def line(name: str, spec: str, found: Rehearsed, calm: dict[int, float]) -> Line:
     """What one fault did, beside a run without any."""
-    struck_ns = next(row.time_ns for row in found.truth if row.event == "fault")
+    struck_ns = found.given_ns + round(AT_S * 1e9)
     reason = found.result.stop_reason
     counts = found.result.bus or {}
     counted = ", ".join(

@@ -23,6 +23,7 @@ from hw.servo import Servo
 from hw.settings import DynamixelSettings
 
 FIRMWARE = 48
+MS_NS = 1_000_000
 AFTERWARDS_NS = 200_000_000
 """So long the bus is looked at when the run is over [ns]: what is left on ends meanwhile"""
 
@@ -47,6 +48,8 @@ class Rehearsed:
     """Rows of the telemetry, warm-up included"""
     truth: list[Row]
     """The witness's rows, to some time after the end"""
+    given_ns: int
+    """When the faults were given: the loop's grid begins a period later [ns]"""
 
 
 def rehearse(
@@ -64,13 +67,14 @@ def rehearse(
         duration_s: How long the wall is on [s].
         faults: Given to the bus when torque is on, from when their times count.
         adapter: Its timer [ns] and its block [bytes]; None: none.
-        shift_ns: The loop's grid begins so much later [ns], with torque on; what moves it through
-            the phases of the adapter's timer.
+        shift_ns: The loop's grid is so much later than whole milliseconds [ns]; what moves it
+            through the phases of the adapter's timer.
     """
     config = load_config("emulated-xm430", ("loop.clock=simulated", *sets)).config
     clock = SimulatedClock()
     notes = Notes()
     buses = []
+    given_ns: list[int] = []
 
     def opener(settings: DynamixelSettings, clock: Clock, _port: int | None) -> Servo:
         truth = EmulatedServo(
@@ -93,7 +97,8 @@ def rehearse(
 
     def tell(text: str) -> None:
         if "torque is on" in text:
-            clock.wait_until(clock.now_ns() + shift_ns)
+            clock.wait_until(-(-clock.now_ns() // MS_NS) * MS_NS + shift_ns)
+            given_ns.append(clock.now_ns())
             for fault in faults:
                 buses[0].inject(fault, clock.now_ns())
 
@@ -111,4 +116,4 @@ def rehearse(
     )
     buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
     ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)
-    return Rehearsed(result, ticks, notes.rows)
+    return Rehearsed(result, ticks, notes.rows, given_ns[0])
