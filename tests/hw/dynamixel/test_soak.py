@@ -1,0 +1,10 @@
+"""The driver in damaged replies: a short one of the soaks that scripts/bus_soak measures."""
+
+from scripts.bus_soak import soak
+
+
+def test_every_damaged_reply_is_counted_as_what_it_was_and_none_is_believed(thorough):
+    found = soak(50_000 if thorough else 4_000, seed=2)
+    assert found.problems == []
+    assert found.damaged > 0
+    assert found.fastest > 5.0, "a shaft that stands still proves nothing"
