@@ -20,6 +20,7 @@ from controller.theory.checks import FloatArray, IntArray
 from controller.theory.response import HeldResponse, held_response
 
 _SWEEP = 8  # periods between two looks for contacts that are over
+_HALVINGS, _ENOUGH = 60, 1e-10  # steps at most, and the last one [periods]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
         over = (gone > whole) | (bound < floor)
         if not over.any():
             continue
-        result[place[over]] = np.where(gone > whole, leaving, bound)[over]
+        result[place[over]] = np.where(gone > whole, leaving, np.maximum(leaving, bound))[over]
         on = ~over
         c, place, whole, x, v = c.take(on), place[on], whole[on], x[on], v[on]
         leaving, pending, gone = leaving[on], pending[on], gone[on]
@@ -113,12 +114,46 @@ def _outward(
     """Greatest outward speed outside of the wall during a step that ends outside, at (x, v).
 
     Under a held torque the speed changes one way only, so it is greatest at the step's end or
-    where the device crossed the wall: there, by the balance of momentum over a time of x/v,
-    ``-v - delta x - u x/v`` (exact without torque; with it the end is greater, or u is small).
+    where the device crossed the wall.
     """
-    crossed = before == 0
-    time = x / np.where(crossed & (v < 0), v, 1.0)
-    return np.where(crossed, np.maximum(-v, -v - delta * x - u * time), -v)
+    fastest: FloatArray = -v
+    index = np.flatnonzero((before == 0) & (x <= 0) & (v < 0))
+    if index.size:
+        there = _speed_at_wall(delta[index], x[index], v[index], u[index])
+        fastest[index] = np.maximum(fastest[index], there)
+    return fastest
+
+
+def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+    """Outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0, under torque u.
+
+    Newton's method backwards in time, kept within the step by halving.
+
+    Returns:
+        The speed; 0 where the step began outside.
+    """
+
+    def at(ago: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        back = held_response(delta, -ago)
+        return (
+            x + back.position_per_speed * v - back.position_per_torque * u,
+            back.speed_per_speed * v - back.position_per_speed * u,
+        )
+
+    began, _ = at(1.0)
+    low, high = np.zeros_like(x), np.ones_like(x)
+    ago, position, speed = low, x, v
+    for _ in range(_HALVINGS):
+        low, high = np.where(position < 0, ago, low), np.where(position < 0, high, ago)
+        outward = speed < 0  # else it had not turned yet
+        closer = ago + position / np.where(outward, speed, 1.0)
+        good = outward & (closer > low) & (closer < high)
+        moved = np.where(good, closer, 0.5 * (low + high)) - ago
+        ago = ago + moved
+        position, speed = at(ago)
+        if np.max(np.abs(moved)) < _ENOUGH:
+            break
+    return np.where(began >= 0, -speed, 0.0)
 
 
 def _until_sample(delay: FloatArray) -> FloatArray:

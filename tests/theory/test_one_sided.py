@@ -115,6 +115,27 @@ def test_at_the_limit_no_device_comes_back_faster_and_a_tenth_above_it_some_do(
     assert np.mean(returned[throws] > 1) > 0.98
 
 
+def test_a_device_that_slows_down_outside_was_fast_when_it_left() -> None:
+    """Much friction and a long delay: it is slow again before the last torque has ended."""
+    random = np.random.default_rng(4)
+    damping = 10 ** random.uniform(-0.3, 0.4, 40)
+    late, n = random.uniform(5.0, 20.0, 40), random.choice([1, 1, 2, 4], 40)
+    ceiling = max_virtual_damping(1.0, damping, 1.0, late, n)
+    virtual = random.uniform(0.1, 0.95, 40) * ceiling
+    limit = one_sided_limit(1.0, damping, virtual, 1.0, late, n)
+    exact = critical_stiffness(1.0, damping, virtual, 1.0, late, n)
+    stiffness = np.where(limit > 0, limit * (1 - 1e-3), 0.01 * exact)
+    loops = [
+        Loop(1.0, *map(float, row[:5]), samples=int(row[5]))
+        for row in zip(damping, stiffness, virtual, np.ones(40), late, n, strict=True)
+    ]
+    # what the oracle sees of the speed is less than it was at the wall
+    returned = np.max(bounce(loops, np.linspace(1e-9, 1, 33)), axis=1)
+    assert np.all(returned[limit > 0] < 1)
+    assert np.count_nonzero(limit > 0) > 10
+    assert np.count_nonzero(returned[limit == 0] > 1) > 10
+
+
 def test_virtual_damping_makes_it_much_lower_than_the_exact_limit() -> None:
     virtual = np.array([0.0, 0.2, 0.5]) * max_virtual_damping(1.0, 1e-5, 1.0, 1.0)
     share = one_sided_limit(1.0, 1e-5, virtual, 1.0, 1.0) / critical_stiffness(
