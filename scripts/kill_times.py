@@ -41,7 +41,11 @@ TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
 KILLS = {
     "SIGKILL of the loop": (("loop_process", signal.SIGKILL),),
     "SIGKILL of the supervisor": (("supervisor", signal.SIGKILL),),
-    "SIGKILL of both": (("supervisor", signal.SIGKILL), ("loop_process", signal.SIGKILL)),
+    "SIGKILL of both": (  # stopped first: neither may act on the other's death
+        ("supervisor", signal.SIGSTOP),
+        ("loop_process", signal.SIGKILL),
+        ("supervisor", signal.SIGKILL),
+    ),
     "SIGSTOP of the loop": (("loop_process", signal.SIGSTOP),),
 }
 ATTEMPTS = 5
