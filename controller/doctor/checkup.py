@@ -226,8 +226,7 @@ class _Checkup:
         self, servo: Contact, settings: DynamixelSettings, model: Model, firmware: int
     ) -> list[Judgement]:
         constant = settings.torque_constant or model.torque_constant or 0.0
-        step = constant * model.current_unit_ma * 1e-3
-        return judge(read_all(servo, model, firmware), settings.torque_limit, step)
+        return judge(read_all(servo, model, firmware), settings.torque_limit, constant)
 
     def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
         """Mend what can be and may be; whether anything was tried."""

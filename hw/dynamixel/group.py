@@ -134,9 +134,7 @@ class DynamixelGroup:
         """
         goals = [servo.goal(torque) for servo, torque in zip(self._servos, torques, strict=True)]
         self._together.send_currents(goals)
-        return [
-            goal * servo.facts.torque_step for servo, goal in zip(self._servos, goals, strict=True)
-        ]
+        return [servo.torque(goal) for servo, goal in zip(self._servos, goals, strict=True)]
 
     def stop(self) -> bool:
         """Zero torque of all at once, then torque off of each, read back.

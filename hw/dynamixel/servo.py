@@ -14,6 +14,7 @@ from hw.dynamixel.reach import Reach
 from hw.dynamixel.samples import Sample
 from hw.dynamixel.startup import start_up, watchdog_units
 from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
+from hw.dynamixel.torque_law import torque_law
 from hw.dynamixel.watchdog import Armed, rearm
 from hw.errors import (
     ServoError,
@@ -50,13 +51,20 @@ class DynamixelServo:
         """Take over ``line``; ``close`` closes it. Nothing is sent yet.
 
         Raises:
-            UnfitServoError: The model is unknown or cannot be driven in torque.
+            UnfitServoError: The model is unknown, cannot be driven in torque, or not as weakly as
+                the limit wants it.
         """
         model, constant = drivable(settings)
         self._settings = settings
         self._model = model
         self._line = line
-        self._step = constant * model.current_unit_ma * 1e-3
+        self._constant = constant
+        self._law = torque_law(model, constant, model.voltage)
+        if settings.torque_limit > 0.0 and not self._law.within(settings.torque_limit):
+            raise UnfitServoError(
+                f"servo.torque_limit is {settings.torque_limit:g} N·m, but the smallest torque of "
+                f"the {model.name} is {self._law.step:.2g} N·m: raise it above that."
+            )
         self._link = Link(line, settings.id, baud=settings.baud)
         self._health = HealthWatch(self._link, model.registers, settings.baud, settings.period_s)
         self._now_ns = line.clock.now_ns
@@ -101,7 +109,10 @@ class DynamixelServo:
         self.trouble = ""
         watch = self._health.describe()
         try:
-            ready = start_up(self._settings, self._model, self._line, self._link, self._step, watch)
+            ready = start_up(
+                self._settings, self._model, self._line, self._link, self._constant, watch
+            )
+            self._law = ready.law
             self._health.bounds = ready.bounds
             self._heard_ns = self._now_ns()
             self._look_after_watchdog(0)  # a stall in the start may have tripped it
@@ -123,7 +134,7 @@ class DynamixelServo:
             self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
         self._called_ns = self._now_ns()
         self.facts = self._facts(ready.current_limit)
-        self._limit = round(self.facts.torque_limit / self._step)
+        self._limit = self._law.goal(self.facts.torque_limit)
         self.counts = self._link.counts = BusCounts()
         # The watchdog counts whole units, so that one of two may trip soon after the first.
         self._silence_ns = round(max(self._watchdog_units - 1, 0.75) * WATCHDOG_UNIT_NS)
@@ -215,11 +226,14 @@ class DynamixelServo:
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
         self._alert = self._alert or alert
         return Reading(
-            outcome, counts * POSITION_UNIT, counts, sampled_ns, current * self._step, alert
+            outcome, counts * POSITION_UNIT, counts, sampled_ns, self._law.torque(current), alert
         )
 
     def write(self, torque: float) -> float:
         """Send a torque [N·m], limited and rounded to the servo's current unit.
+
+        A servo that senses its supply's current gives it at a standstill; moving with it gives
+        less, moving against it more.
 
         Returns:
             The torque really sent [N·m].
@@ -231,7 +245,7 @@ class DynamixelServo:
         """
         goal = self.goal(torque)
         self._link.send_current(goal)
-        return goal * self._step
+        return self._law.torque(goal)
 
     def goal(self, torque: float) -> int:
         """The goal current for a torque [N·m], for somebody who sends it at once.
@@ -245,9 +259,13 @@ class DynamixelServo:
         if not math.isfinite(torque):
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
         limit = self._limit
-        goal = max(-limit, min(limit, round(torque / self._step)))
+        goal = max(-limit, min(limit, self._law.goal(torque)))
         self._goal = goal
         return goal
+
+    def torque(self, goal: int) -> float:
+        """The torque [N·m] of a goal current, as ``write`` returns it."""
+        return self._law.torque(goal)
 
     def stop(self) -> bool:
         """Zero torque at once, then torque off, read back. Safe at any time, and twice.
@@ -340,13 +358,12 @@ class DynamixelServo:
         """The facts, with the torque limit a whole number of steps within every limit."""
         steps = current_limit
         if self._settings.torque_limit > 0.0:
-            # The tolerance keeps a limit of exactly so many steps from losing one to rounding.
-            steps = min(steps, math.floor(self._settings.torque_limit / self._step + 1e-9))
+            steps = min(steps, self._law.within(self._settings.torque_limit))
         return Facts(
             name=f"{self._model.name} id {self._settings.id} on {self._settings.port or 'memory'}",
             counts_per_rev=COUNTS_PER_REV,
-            torque_limit=steps * self._step,
-            torque_step=self._step,
+            torque_limit=self._law.torque(steps),
+            torque_step=self._law.step,
             has_bus=True,
             reply_s=self._reply_ns * 1e-9,
         )

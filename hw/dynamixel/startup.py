@@ -32,6 +32,7 @@ from hw.dynamixel.tables import (
     WATCHDOG_UNIT_NS,
     Model,
 )
+from hw.dynamixel.torque_law import TorqueLaw, torque_law
 from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Check, Outcome
 from hw.settings import DynamixelSettings
@@ -61,6 +62,8 @@ class Ready:
     """The servo's own, in the model's current unit"""
     bounds: Bounds
     """Within which it may be driven"""
+    law: TorqueLaw
+    """Between torque and goal current, at the supply that was found"""
     reply_ns: int
     """How long a reply takes, if longer than the schedules have for it [ns]; 0: it does not"""
 
@@ -70,7 +73,7 @@ def start_up(
     model: Model,
     line: Line,
     link: Link,
-    torque_step: float,
+    constant: float,
     watch: tuple[str, str],
 ) -> Ready:
     """Check everything, set up what the driver may set up, and enable torque at zero torque.
@@ -82,7 +85,7 @@ def start_up(
         model: The configured model.
         line: The bus, for the set-up.
         link: The same bus, for positions and the probe.
-        torque_step: [N·m] per current unit.
+        constant: Torque per current of the motor [N·m/A].
         watch: What of the servo's state will be watched, and what would be with time for all.
 
     Raises:
@@ -90,7 +93,7 @@ def start_up(
         ServoLostError: It stops answering.
         UnfitServoError: One or more checks failed; the message has a sentence for each.
     """
-    start = _Startup(settings, model, line, link, torque_step)
+    start = _Startup(settings, model, line, link, constant)
     start.report_adapter()
     identify(start.table, model, start.list)
     torque_off(start.table, start.list)
@@ -105,7 +108,7 @@ def start_up(
     start.torque_on()
     start.prove_the_sign()
     start.list.refuse_if_unfit()
-    return Ready(start.list.checks, start.current_limit, bounds, reply_ns)
+    return Ready(start.list.checks, start.current_limit, bounds, start.law, reply_ns)
 
 
 def watchdog_units(settings: DynamixelSettings) -> int:
@@ -130,7 +133,7 @@ class _Startup:
         model: Model,
         line: Line,
         link: Link,
-        torque_step: float,
+        constant: float,
     ) -> None:
         where = settings.port or "the emulated bus in memory"
         self.current_limit = 0
@@ -139,7 +142,8 @@ class _Startup:
         self._timer_file = timer_file(settings.port)
         self._link = link
         self._clock = line.clock
-        self._torque_step = torque_step
+        self._constant = constant
+        self.law = torque_law(model, constant, model.voltage)
         self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
         self._name = f"servo with id {settings.id} on {where}"
         self.list = Checklist(self._name)
@@ -166,20 +170,35 @@ class _Startup:
     def judge_limits_and_position(self) -> None:
         """The servo's own limit on torque, and where it stands."""
         self.current_limit = self.table.read("current_limit")
+        if self._model.senses_supply_current:
+            volts = self.table.read("present_input_voltage") / 10
+            self.law = torque_law(self._model, self._constant, volts)
         self.list.add(
             "current limit",
             self.current_limit > 0,
-            f"{self.current_limit} ({self.current_limit * self._torque_step:.2f} N·m)",
+            f"{self.current_limit} ({self.law.torque(self.current_limit):.2f} N·m)",
             "above 0",
             "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
             "Dynamixel Wizard.",
         )
-        constant = self._torque_step / (self._model.current_unit_ma * 1e-3)
+        asked = self._settings.torque_limit
+        if asked > 0.0 and not self.law.within(asked):
+            self.list.add(
+                "torque limit",
+                False,
+                f"{asked:g} N·m",
+                f"at least {self.law.step:.2g} N·m",
+                f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more than the "
+                f"{asked:g} N·m it may make: raise servo.torque_limit.",
+            )
         origin = "configured" if self._settings.torque_constant else "stall torque over current"
         if self._model.senses_supply_current:
-            # At stall the supply's current goes with the square of the motor's.
-            origin += "; it senses the supply's current: small torques come out larger than sent"
-        self.list.add("torque per current", True, f"{constant:.3g} N·m/A, {origin}", "measured")
+            origin += (
+                f"; of the motor: the supply's is sensed, so its square is sent, in steps of at "
+                f"most {self.law.step:.2g} N·m"
+            )
+        found = f"{self._constant:.3g} N·m/A, {origin}"
+        self.list.add("torque per current", True, found, "measured")
         position = self._sample().counts
         found = f"{position * POSITION_UNIT:.3f} rad"
         if not self._may_be_at(position):
@@ -258,10 +277,10 @@ class _Startup:
         wanted = settings.probe_torque
         if settings.torque_limit > 0.0:
             wanted = min(wanted, settings.torque_limit)
-        limit = min(int(wanted / self._torque_step + 1e-9), self.current_limit)
+        limit = min(self.law.within(wanted), self.current_limit)
         direction = 1 if settings.probe_direction > 0 else -1
         push, tripped = self._push(direction * max(1, limit))
-        torque = push.peak * self._torque_step
+        torque = self.law.torque(push.peak)
         if push.moved:
             found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
             remedy = (

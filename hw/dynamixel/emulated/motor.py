@@ -6,10 +6,9 @@ the gear is why ``k_t`` is the smaller of the two (but for XL330-M077 and XC430-
 do not fit together that well). The no-load speed is that of a motor without friction: the
 mechanism's own friction is a load like any other.
 
-Models of the X330 family measure the current of the supply. Through the inverter ``U i_s = (duty U)
-i``, so ``i_s = duty i``, and at a standstill the torque goes with the square root of the current
-that is sensed. The Rhoban "bam" identification of an XL330-M288 by its duty (k_t 0.370 N·m/A, R
-3.50 ohm, Apache-2.0) agrees with its stall figures (0.354 N·m/A, 3.40 ohm) within 5 %.
+Models of the X330 family measure the current of the supply, by the law of
+``hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 by its duty (k_t 0.370
+N·m/A, R 3.50 ohm, Apache-2.0) agrees with its stall figures (0.354 N·m/A, 3.40 ohm) within 5 %.
 
 Source: ROBOTIS e-Manual, specification and "Goal Current" of each model.
 """
@@ -20,6 +19,7 @@ import math
 from dataclasses import dataclass
 
 from hw.dynamixel.tables import VELOCITY_UNIT, Model
+from hw.dynamixel.torque_law import motor_current, resistance, supply_current
 
 _RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
@@ -57,40 +57,28 @@ class Motor:
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """What the servo measures [A] when ``current`` [A] flows through the motor.
-
-        The supply's current has the sign of the motor's, as a direction; the manual's Goal Current
-        has one too.
-        """
+        """What the servo measures [A] when ``current`` [A] flows through the motor."""
         if not self.senses_supply:
             return current
-        return abs(self.duty(current, volts, speed)) * current
+        return supply_current(current, volts, speed, self.resistance, self.back_emf)
 
     def from_sensed(self, sensed: float, volts: float, speed: float) -> float:
-        """The motor current [A] at which ``sensed`` [A] is measured; 0 for 0.
-
-        Where the supply's is sensed and the shaft is driven against the wanted direction, at least
-        the current of a motor that is shorted flows: the supply does not see that part.
-        """
-        if not self.senses_supply or sensed == 0.0:
+        """The motor current [A] at which ``sensed`` [A] is measured; 0 for 0."""
+        if not self.senses_supply:
             return sensed
-        along = math.copysign(self.back_emf * speed, speed * sensed)
-        root = math.sqrt(along * along + 4.0 * self.resistance * volts * abs(sensed))
-        return math.copysign((root - along) / (2.0 * self.resistance), sensed)
+        return motor_current(sensed, volts, speed, self.resistance, self.back_emf)
 
 
 def motor_of(model: Model, torque_constant: float) -> Motor:
     """The motor of this model.
 
-    Models without published figures have a stall current of their largest Current Limit and a
-    no-load speed of their factory Velocity Limit: an assumption. Where figures are published, the
-    first is 12 to 40 % high, the second within 14 % of them.
+    Models without a published no-load speed have one of their factory Velocity Limit: an
+    assumption. Where one is published, it is within 14 % of it.
 
     Args:
         model: Whose figures.
         torque_constant: k_t, which counts instead of the model's [N·m/A].
     """
-    stall = model.stall_current or model.current_limit * model.current_unit_ma * 1e-3
     rpm = model.no_load_rpm
     speed = (
         model.registers["velocity_limit"].default * VELOCITY_UNIT
@@ -98,5 +86,5 @@ def motor_of(model: Model, torque_constant: float) -> Motor:
         else rpm * _RAD_S_PER_RPM
     )
     return Motor(
-        torque_constant, model.voltage / stall, model.voltage / speed, model.senses_supply_current
+        torque_constant, resistance(model), model.voltage / speed, model.senses_supply_current
     )

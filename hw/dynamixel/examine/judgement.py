@@ -18,6 +18,7 @@ from hw.dynamixel.tables import (
     WATCHDOG_TRIPPED,
     Model,
 )
+from hw.dynamixel.torque_law import torque_law
 
 _MODES: Final = {
     0: "current",
@@ -55,13 +56,13 @@ class Examined(NamedTuple):
     values: Mapping[str, int | None]
 
 
-def judge(examined: Examined, torque_limit: float, torque_step: float) -> list[Judgement]:
+def judge(examined: Examined, torque_limit: float, constant: float) -> list[Judgement]:
     """What of the registers is wrong, and what would mend it, in the order to mend it in.
 
     Args:
         examined: The registers.
         torque_limit: What the configuration asks for [N·m]; 0: whatever the servo allows.
-        torque_step: [N·m] per current unit.
+        constant: Torque per current of the motor [N·m/A].
     """
     return [
         *_torque(examined),
@@ -69,7 +70,7 @@ def judge(examined: Examined, torque_limit: float, torque_step: float) -> list[J
         *_drive_mode(examined),
         *_startup(examined),
         *_bus(examined),
-        *_limits(examined, torque_limit, torque_step),
+        *_limits(examined, torque_limit, constant),
         *_state(examined),
     ]
 
@@ -210,7 +211,7 @@ def _bus(examined: Examined) -> Iterator[Judgement]:
     )
 
 
-def _limits(examined: Examined, torque_limit: float, torque_step: float) -> Iterator[Judgement]:
+def _limits(examined: Examined, torque_limit: float, constant: float) -> Iterator[Judgement]:
     values, model = examined.values, examined.model
     shutdown = values["shutdown"] or 0
     factory = model.registers_at(examined.firmware)["shutdown"].default
@@ -231,7 +232,8 @@ def _limits(examined: Examined, torque_limit: float, torque_step: float) -> Iter
     )
     current = values["current_limit"]
     if current is not None:
-        torque = current * torque_step
+        volts = (values["present_input_voltage"] or 0) / 10
+        torque = torque_law(model, constant, volts).torque(current)
         fix = ""
         if current == 0:
             fix = "it can make no torque: raise Current Limit (38)"

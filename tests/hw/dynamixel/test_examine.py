@@ -72,7 +72,7 @@ class Bus:
 
     def judged(self, torque_limit=4.0):
         examined = read_all(self.contact(), MODELS["XM430-W350"], 48)
-        return judge(examined, torque_limit, 0.0048)
+        return judge(examined, torque_limit, 4.1 / 2.3)
 
     def finding(self, name):
         return next(j.finding for j in self.judged() if j.finding.name == name)

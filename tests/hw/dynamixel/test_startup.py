@@ -107,13 +107,13 @@ def torque_was_enabled(bench: Bench) -> bool:
     return any(f.params == bytes([64, 0, 1]) for f in frames if f.instruction == Instruction.WRITE)
 
 
-def test_a_model_that_senses_its_supply_is_said_to_exaggerate_small_torques() -> None:
+def test_a_model_that_senses_its_supply_is_sent_the_square_and_says_so() -> None:
     bench = Bench(replace(TRUE, inertia=0.002, coulomb=0.01), model="XL330-M288", probe_torque=0.06)
     bench.settings = replace(bench.settings, model="XL330-M288")
     bench.servo = type(bench.servo)(bench.settings, bench.line)
     assert bench.found("torque per current") == (
-        "0.354 N·m/A, stall torque over current; it senses the supply's current: small torques "
-        "come out larger than sent"
+        "0.354 N·m/A, stall torque over current; of the motor: the supply's is sensed, so its "
+        "square is sent, in steps of at most 0.014 N·m"
     )
 
 

@@ -1,0 +1,147 @@
+"""Torque and Goal Current: in proportion, or by the root where the supply's current is sensed.
+
+Most models regulate the current of their motor, and torque is in proportion to it. Those of the
+X330 family measure the current of the supply. Through the inverter ``U i_s = (duty U) i``, so
+``i_s = duty i``, with ``duty U = R i + k_e w``: at a standstill the torque goes with the square
+root of the current that is sensed.
+
+Source: ROBOTIS e-Manual, "Goal Current" of the XL330 and XC330 (that it is the supply's current);
+the law is the balance of power of an ideal inverter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from hw.dynamixel.tables import Model
+
+_WHOLE = 1e-9
+"""Keeps a torque of exactly so many units from losing one to rounding"""
+_HUGE = 1e9
+"""More than any limit, and still a whole number where the square of a torque is infinite"""
+
+
+class TorqueLaw(Protocol):
+    """How goal currents [current units] and torques [N·m] belong together; odd in both."""
+
+    @property
+    def step(self) -> float:
+        """The torque of the smallest goal, and the largest difference between neighbours [N·m]."""
+
+    def goal(self, torque: float) -> int:
+        """The goal that is sent for a finite torque [N·m]."""
+
+    def within(self, torque: float) -> int:
+        """The largest goal whose torque is not above this one [N·m], >= 0."""
+
+    def torque(self, goal: int) -> float:
+        """What a goal, or a current that was measured, makes at a standstill [N·m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proportional:
+    """Of a servo that senses its motor's current."""
+
+    step: float
+
+    def goal(self, torque: float) -> int:
+        """The nearest."""
+        return round(torque / self.step)
+
+    def within(self, torque: float) -> int:
+        """The largest that makes no more."""
+        return math.floor(torque / self.step + _WHOLE)
+
+    def torque(self, goal: int) -> float:
+        """In proportion."""
+        return goal * self.step
+
+
+@dataclass(frozen=True, slots=True)
+class Root:
+    """Of a servo that senses its supply's current, at a standstill.
+
+    One unit of current makes ``step``, four make twice that: torques between zero and ``step``
+    cannot be had. Goals are rounded toward zero, so that no more acts than was asked for.
+    """
+
+    step: float
+
+    def goal(self, torque: float) -> int:
+        """The next toward zero."""
+        ratio = torque / self.step
+        return int(math.copysign(min(ratio * ratio + _WHOLE, _HUGE), ratio))
+
+    def within(self, torque: float) -> int:
+        """The largest that makes no more."""
+        return self.goal(torque)
+
+    def torque(self, goal: int) -> float:
+        """By the root."""
+        return math.copysign(math.sqrt(abs(goal)), goal) * self.step
+
+
+def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
+    """The law of a model.
+
+    Args:
+        model: Its unit of current, what it senses, and its published stall current.
+        constant: k_t, torque per current of the motor [N·m/A].
+        volts: Of the supply [V], where the supply's current is sensed.
+    """
+    if not model.senses_supply_current:
+        return Proportional(constant * model.current_unit_ma * 1e-3)
+    unit = model.current_unit_ma * 1e-3
+    return Root(constant * motor_current(unit, volts, 0.0, resistance(model), 0.0))
+
+
+def resistance(model: Model) -> float:
+    """R of winding and inverter: supply over stall current [ohm].
+
+    Models without published figures have a stall current of their largest Current Limit: an
+    assumption. Where figures are published, it is 12 to 40 % high.
+    """
+    return model.voltage / (
+        model.stall_current or model.current_limit * model.current_unit_ma * 1e-3
+    )
+
+
+def supply_current(
+    current: float, volts: float, speed: float, resistance: float, back_emf: float
+) -> float:
+    """What is sensed at the supply [A] when ``current`` [A] flows through the motor.
+
+    It has the sign of the motor's, as a direction; the manual's Goal Current has one too.
+
+    Args:
+        current: Of the motor [A].
+        volts: Of the supply [V].
+        speed: Of the output [rad/s].
+        resistance: R [ohm].
+        back_emf: k_e at the output [V·s/rad].
+    """
+    return abs((resistance * current + back_emf * speed) / volts) * current
+
+
+def motor_current(
+    sensed: float, volts: float, speed: float, resistance: float, back_emf: float
+) -> float:
+    """The motor current [A] at which ``sensed`` [A] is measured at the supply; 0 for 0.
+
+    Where the shaft is driven against the wanted direction, at least the current of a motor that is
+    shorted flows: the supply does not see that part.
+
+    Args:
+        sensed: Current of the supply [A].
+        volts: Of the supply [V].
+        speed: Of the output [rad/s].
+        resistance: R [ohm].
+        back_emf: k_e at the output [V·s/rad].
+    """
+    if sensed == 0.0:
+        return sensed
+    along = math.copysign(back_emf * speed, speed * sensed)
+    root = math.sqrt(along * along + 4.0 * resistance * volts * abs(sensed))
+    return math.copysign((root - along) / (2.0 * resistance), sensed)
