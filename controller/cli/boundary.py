@@ -61,7 +61,7 @@ def command(
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    r"""Stiffness limits of a virtual wall over its virtual damping, and what would raise them.
+    """Stiffness limits of a virtual wall over its virtual damping, and what would raise them.
 
     For an inertia with viscous friction whose torque is held over each period and acts a delay
     after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits then
@@ -69,7 +69,7 @@ def command(
 
     \b
     haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5
-    """
+    """  # noqa: D301 - the \b is what click takes for "as it stands"
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     question = _question(given)

@@ -65,6 +65,7 @@ def test_every_command_has_help(capsys, name):
     status, out, _ = call(capsys, name, "--help")
     assert status == 0
     assert "Usage: haptic-wall " + name in out
+    assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
 
 
 @pytest.mark.parametrize(
