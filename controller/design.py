@@ -30,7 +30,7 @@ Change = Literal[
     "two_sided",
     "belief",
 ]
-"""``virtual_damping`` another B; ``largest_part`` of the delay halved, the hold counted;
+"""``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``, the hold counted;
 ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud`` ``FAST_BAUD``;
 ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a wall that
 also pulls; ``belief`` the servo known to be as its believed values say."""
@@ -47,7 +47,7 @@ _CYCLE_BYTES = 14 + 27 + 14
 16 bytes from the servo's clock to its position, and the write of a goal current."""
 _BITS_PER_BYTE = 10  # start and stop bit included
 
-WIRE, ADAPTER, HOLD = "wire", "adapter", "hold"
+WIRE, ADAPTER, HOLD, SAMPLE_AGE = "wire", "adapter", "hold", "sample_age"
 """Parts of the delay that are known here by name."""
 
 
@@ -95,6 +95,22 @@ class DelayParts:
         if name == HOLD:
             return replace(self, period=2 * size)
         return replace(self, named={**self.named, name: size})
+
+
+def shorter(parts: DelayParts, slow_replies: bool) -> float:
+    """How much of its largest part a delay might do with [s].
+
+    Half, of most; of a sample's age, where replies take several periods, a period and
+    ``SHORT_TIMER``: the age at most where the adapter has that one.
+
+    Args:
+        parts: The delay.
+        slow_replies: Replies take several periods.
+    """
+    name, size = parts.largest()
+    if slow_replies and name == SAMPLE_AGE:
+        return min(size / 2, parts.period + SHORT_TIMER)
+    return size / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +243,10 @@ def _changed(
             rest = np.maximum(corner.delay - situation.belief.delay.high, 0.0)
             return Plants.nominal(situation, rest)
         case "largest_part":
-            made = [each.with_part(each.largest()[0], each.largest()[1] / 2) for each in parts]
+            made = [
+                each.with_part(each.largest()[0], shorter(each, situation.slow_replies))
+                for each in parts
+            ]
         case "baud":
             fast = wire_time(FAST_BAUD)
             made = [each.with_part(WIRE, min(fast, each.named[WIRE])) for each in parts]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from controller import guard_reasons
-from controller.design import DelayParts, Improvement, improvements
+from controller.design import SAMPLE_AGE, DelayParts, Improvement, improvements
 from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate, unstable_nominally
 from controller.guard_types import (
     Decision,
@@ -105,7 +105,7 @@ def _explained(
         DelayParts(
             situation.period,
             {
-                "sample_age": max(delay - inserted, 0.0),
+                SAMPLE_AGE: max(delay - inserted, 0.0),
                 "inserted": min(inserted, delay),
                 "device": situation.belief.delay.high,
             },

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.design import FINER, HOLD, Change, DelayParts, Improvement
+from controller.design import (
+    FINER,
+    HOLD,
+    SAMPLE_AGE,
+    SHORT_TIMER,
+    Change,
+    DelayParts,
+    Improvement,
+    shorter,
+)
 from controller.guard_types import Decision, GuardSettings, Situation
 
 _MEANING = {
@@ -142,7 +151,7 @@ def _remedy(
     belief = situation.belief
     match remedy.change:
         case "largest_part":
-            return _shorter(parts, could)
+            return _shorter(parts, situation.slow_replies, could)
         case "virtual_damping":
             return (
                 f"with virtual damping {remedy.damping:.2g} instead of "
@@ -167,18 +176,25 @@ def _remedy(
             )
 
 
-def _shorter(parts: DelayParts, could: str) -> str:
+def _shorter(parts: DelayParts, slow_replies: bool, could: str) -> str:
     name, size = parts.largest()
     share = f"{100 * size / parts.total:.0f} % of the total delay"
     total = f"(period/2 + delay = {_ms(parts.total)})"
     if name == HOLD:
         return f"half the period is {share} {total}: at a period of {_ms(parts.period / 2)} {could}"
     what = {
-        "sample_age": "the sample's age",
+        SAMPLE_AGE: "the sample's age",
         "inserted": "the inserted delay",
         "device": "the device's own delay, at most",
     }[name]
-    return f"{what} {_ms(size)} is {share} {total}: at {_ms(size / 2)} {could}"
+    least = shorter(parts, slow_replies)
+    found = f"{what} {_ms(size)} is {share} {total}"
+    if slow_replies and name == SAMPLE_AGE:
+        return (
+            f"{found}, because the adapter keeps replies back: with its latency timer at "
+            f"{_ms(SHORT_TIMER)} the age is at most {_ms(least)}, and {could}"
+        )
+    return f"{found}: at {_ms(least)} {could}"
 
 
 def _ms(seconds: float) -> str:

@@ -63,6 +63,9 @@ class Situation:
     """[N·m]"""
     position_step: float
     """Encoder step [rad]; 0: the position is not quantised"""
+    slow_replies: bool = False
+    """A reply takes several periods, as it does where an adapter's latency timer is long; only the
+    reasons speak of it"""
 
     def __post_init__(self) -> None:
         if not self.torque_limit > 0:

@@ -258,6 +258,7 @@ def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
         period=period,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
+        slow_replies=servo.facts.reply_s > 0.0,
     )
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)

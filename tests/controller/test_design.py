@@ -12,11 +12,13 @@ from controller.belief import Belief, Bounded
 from controller.design import (
     ADAPTER,
     HOLD,
+    SAMPLE_AGE,
     WIRE,
     Change,
     DelayParts,
     Improvement,
     improvements,
+    shorter,
     wire_time,
 )
 from controller.guard_limits import Plants, evaluate
@@ -193,3 +195,19 @@ def test_wire_time_is_ten_bits_for_each_byte_of_the_drivers_cycle() -> None:
     write = encode(1, Instruction.WRITE, bytes(4))
     for baud in (1e6, 4e6):
         assert wire_time(baud) == pytest.approx(10 * len(read + reply + write) / baud)
+
+
+@pytest.mark.parametrize(
+    ("named", "slow", "least"),
+    [
+        ({SAMPLE_AGE: 30e-3}, True, T + 1e-3),
+        ({SAMPLE_AGE: 30e-3}, False, 15e-3),
+        ({SAMPLE_AGE: 3e-3}, True, 1.5e-3),
+        ({SAMPLE_AGE: 2e-3, "device": 5e-3}, True, 2.5e-3),
+    ],
+)
+def test_a_sample_kept_back_would_be_a_short_timer_old(
+    named: dict[str, float], slow: bool, least: float
+) -> None:
+    """Elsewhere half is tried; with 1 ms of period and timer each the age is 2 ms at most."""
+    assert shorter(DelayParts(T, named), slow) == pytest.approx(least)

@@ -135,3 +135,11 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_rung():
     subject.observe(0, may_raise=False)
     subject.settle()
     assert subject.age_ns == 400_000
+
+
+def test_where_replies_take_several_periods_the_rungs_reach_three_of_them():
+    ages = rung_ages_ns(1_000_000, 16_000_000)
+    assert ages[: len(rung_ages_ns(1_000_000))] == rung_ages_ns(1_000_000)
+    assert ages == sorted(set(ages))
+    assert ages[-1] >= 48_000_000
+    assert len(ages) < 130

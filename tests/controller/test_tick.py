@@ -17,6 +17,7 @@ from hw.servo import BusCounts, Facts, Outcome, Reading
 
 PERIOD_NS = 1_000_000
 LOST = object()
+WAITING = object()
 
 
 class Rung:
@@ -25,7 +26,7 @@ class Rung:
 
 
 class ScriptedServo:
-    """Answers with the positions it is given; LOST is no reply."""
+    """Answers with the positions it is given; LOST is no reply, WAITING none yet."""
 
     facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0, has_bus=True)
 
@@ -43,8 +44,9 @@ class ScriptedServo:
     def collect(self, deadline_ns):  # noqa: ARG002 - it is never late
         self.calls.append("collect")
         position = self.positions.pop(0)
-        if position is LOST:
-            return Reading(Outcome.LOST, math.nan, 0, self.asked_ns, math.nan, False)
+        if position in (LOST, WAITING):
+            outcome = Outcome.LOST if position is LOST else Outcome.WAITING
+            return Reading(outcome, math.nan, 0, self.asked_ns, math.nan, False)
         began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
         self.waited_ns = self.clock.now_ns() - began_ns
@@ -275,3 +277,23 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
     assert rig.rows["delay_s"][-1] == 1e-3
     rig.run(21)
     assert set(rig.rows["stiffness"][-21:]) == {10.0}
+
+
+def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost():
+    """Held with its damping: else that would act in one tick of several."""
+    rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)
+    held = -1.2 - 0.02 * 20.0
+    assert rig.servo.sent == pytest.approx([-1.0, *[held] * 5, -1.2])
+    assert rig.tick.trip is None  # four losses in a row would have tripped
+    assert list(rig.rows["outcome"][2:6]) == [Outcome.WAITING] * 4
+    assert list(rig.rows["age_ns"][1:6]) == [k * PERIOD_NS for k in range(5)]
+
+
+def test_a_loss_after_waiting_has_no_velocity():
+    rig = on(Rig([0.1, 0.12, WAITING, LOST, WAITING], stiffness=10.0, damping=0.02)).run(5)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.6, -1.6, -1.2, -1.2])
+
+
+def test_waiting_before_the_first_reading_makes_no_torque():
+    rig = on(Rig([WAITING, WAITING, 0.1], stiffness=10.0)).run(3)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])

@@ -1,0 +1,102 @@
+"""The whole program behind an adapter that keeps replies back: it runs, softer, and says why.
+
+In memory on the simulated clock; what the shaft did is the emulated bus's own record.
+"""
+
+import numpy as np
+import pytest
+
+from hw.servo import Outcome
+from scripts.rehearsal import rehearse
+
+MS = 1_000_000
+TIMER_MS = 16
+FREE_WALL = (
+    "wall.side=both",
+    "wall.damping=0.05",
+    "servo.hand=none",
+    "servo.kick=0.3",
+    "servo.coulomb=0",
+    "model.coulomb=0",
+    "safety.max_speed=50",
+)
+"""A wall that also pulls, on a shaft without friction that starts beside it: nothing but the loop
+decides whether it comes to rest."""
+
+
+def swings(found):
+    """The largest distance from the wall in each fifth of the run with the wall on [rad]."""
+    begun = int(found.ticks["deadline_ns"][np.flatnonzero(found.ticks["stiffness"] > 0)[0]])
+    ended = int(found.ticks["deadline_ns"][-1])
+    truth = [
+        abs(row.state.position)
+        for row in found.truth
+        if row.event == "state" and begun <= row.time_ns <= ended
+    ]
+    return [float(max(part)) for part in np.array_split(np.array(truth), 5)]
+
+
+@pytest.mark.parametrize("schedule", ["pipelined", "immediate"])
+@pytest.mark.parametrize("rate_hz", [1000, 500])
+def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(rate_hz, schedule, thorough):
+    sets = (f"loop.rate_hz={rate_hz}", f"servo.schedule={schedule}", "loop.warm_up_s=0.3")
+    phases = range(0, 32) if thorough else (1, 12, 23)
+    for phase in phases:
+        found = rehearse(sets, 0.5, adapter=(TIMER_MS * MS, 62), shift_ns=phase * MS // 2 + 37_000)
+        result = found.result
+        assert result.stop_reason == "duration"
+        assert result.torque_off
+        assert (result.bus["lost"], result.bus["late"], result.bus["corrupt"]) == (0, 0, 0)
+        on = found.ticks[found.ticks["stiffness"] > 0]
+        # The sample in use is one timer old when it comes and two when the next one does.
+        assert np.max(on["age_ns"]) <= (2 * TIMER_MS + 2000 / rate_hz) * MS
+        commanded = result.guard["commanded"]["stiffness"]
+        assert 0 < commanded < 0.2 * result.guard["requested"]["stiffness"]
+        assert np.ptp(on["stiffness"]) == 0, "lowered from the first tick on"
+        (why,) = (reason for reason in result.guard["reasons"] if "sample's age" in reason)
+        assert "% of the total delay" in why
+        assert "with its latency timer at 1 ms the age is at most" in why
+        assert "K could be about" in why
+
+
+def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not():
+    """So the delay that is counted with is the true one, neither short nor far too long."""
+    sets = (*FREE_WALL, "wall.stiffness=8")
+    calm = rehearse(sets, 6.0, adapter=(TIMER_MS * MS, 62), shift_ns=5 * MS)
+    assert calm.result.stop_reason == "duration"
+    swung = swings(calm)
+    assert swung[0] <= 0.31
+    assert swung == sorted(swung, reverse=True)
+    assert swung[-1] < 0.3 * swung[0]
+    twice = 2 * calm.result.guard["limit"]["exact"]
+    wild = rehearse(
+        (*FREE_WALL, "guard.mode=off", f"wall.stiffness={twice}"),
+        6.0,
+        adapter=(TIMER_MS * MS, 62),
+        shift_ns=5 * MS,
+    )
+    assert max(swings(wild)) > 3 * 0.3
+
+
+def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip():
+    """Each counts as the periods it took: the window is one of time, as with a quick adapter."""
+    sets = ("safety.max_loss=0.15", "loop.warm_up_s=0.3")
+    found = rehearse(sets, 3.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"])
+    assert found.result.stop_reason == "trip:loss_rate"
+    calm = rehearse(
+        ("safety.max_loss=0.5", "loop.warm_up_s=0.3"),
+        3.0,
+        adapter=(TIMER_MS * MS, 62),
+        faults=["drop:every=4,way=reply"],
+    )
+    assert calm.result.stop_reason == "duration"
+    assert calm.result.bus["lost"] >= 20
+    lost = np.count_nonzero(calm.ticks["outcome"] == Outcome.LOST)
+    assert lost == pytest.approx(calm.result.bus["lost"], abs=2), "one loss each"
+
+
+def test_a_quick_adapter_is_untouched():
+    found = rehearse((), 0.3, adapter=(1 * MS, 62))
+    assert not np.any(found.ticks["outcome"] == Outcome.WAITING)
+    assert np.percentile(found.ticks["age_ns"], 99) <= 2 * MS
+    assert not any("latency timer" in reason for reason in found.result.guard["reasons"])
