@@ -1,4 +1,8 @@
-"""Whether a wall that never pulls returns a servo faster than it came, told by single contacts."""
+"""Whether a wall that never pulls returns a servo faster than it came, told by single contacts.
+
+``theory.contact`` asks the same of servos without friction, encoder, play and torque limit. It is
+kept apart: in pure numbers, exact, and the oracle of this one, as this one is of it.
+"""
 
 from __future__ import annotations
 
