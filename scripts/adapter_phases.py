@@ -133,11 +133,9 @@ def page(phases: int, seconds: float) -> str:
                 found = over_phases(rate, schedule, timer_ms, block, phases, seconds)
                 rows.append(row(rate, schedule, timer_ms, block, found))
                 print(rows[-1], flush=True)
-                about = found.reasons or found.refused
-                if about:
-                    reasons.append(
-                        f"- {timer_ms} ms, {block} bytes, {rate} Hz, {schedule}: {about}"
-                    )
+                if schedule == "pipelined" and block == BLOCKS[1]:
+                    about = found.refused or f"{found.start}. {found.reasons}"
+                    reasons.append(f"- {timer_ms} ms, {rate} Hz: {about}")
     return "\n".join(
         [
             "# An adapter's latency timer",
