@@ -50,7 +50,8 @@ class Facts:
     torque_limit: float
     """Largest torque it accepts [N·m]."""
     torque_step: float
-    """Smallest difference between two torques it can be sent [N·m]; 0: none."""
+    """Smallest torque it can be sent but zero, and the largest difference between neighbours
+    [N·m]; 0: none."""
     has_bus: bool
     """Replies travel over a bus, where they can be lost."""
     reply_s: float = 0.0
