@@ -182,15 +182,6 @@ class _Startup:
             "Dynamixel Wizard.",
         )
         asked = self._settings.torque_limit
-        if asked > 0.0 and not self.law.within(asked):
-            self.list.add(
-                "torque limit",
-                False,
-                f"{asked:g} N·m",
-                f"at least {self.law.step:.2g} N·m",
-                f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more than the "
-                f"{asked:g} N·m it may make: raise servo.torque_limit.",
-            )
         origin = "configured" if self._settings.torque_constant else "stall torque over current"
         if self._model.senses_supply_current:
             origin += (
@@ -198,7 +189,14 @@ class _Startup:
                 f"most {self.law.step:.2g} N·m"
             )
         found = f"{self._constant:.3g} N·m/A, {origin}"
-        self.list.add("torque per current", True, found, "measured")
+        self.list.add(
+            "torque per current",
+            asked <= 0.0 or self.law.within(asked) > 0,
+            found,
+            "measured",
+            f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more than the "
+            f"{asked:g} N·m it may make: raise servo.torque_limit.",
+        )
         position = self._sample().counts
         found = f"{position * POSITION_UNIT:.3f} rad"
         if not self._may_be_at(position):
