@@ -70,7 +70,7 @@ class SafetyLimits:
     max_loss: float
     """Share of failed readings in the window [1]"""
     loss_window: int
-    """Readings in the window; one that took several periods counts as so many"""
+    """Readings in the window"""
     max_losses_in_row: int
 
 
@@ -81,16 +81,7 @@ class Safety:
         limits: When to trip.
     """
 
-    __slots__ = (
-        "_at",
-        "_failed",
-        "_in_row",
-        "_limits",
-        "_position",
-        "_sampled_ns",
-        "_waited",
-        "_window",
-    )
+    __slots__ = ("_at", "_failed", "_in_row", "_limits", "_position", "_sampled_ns", "_window")
 
     def __init__(self, limits: SafetyLimits) -> None:
         self._limits = limits
@@ -98,7 +89,6 @@ class Safety:
         self._at = 0
         self._failed = 0
         self._in_row = 0
-        self._waited = 0
         self._position = math.nan
         self._sampled_ns = 0
 
@@ -130,17 +120,7 @@ class Safety:
             return Trip.LOSS_RATE
         return None
 
-    def waiting(self) -> None:
-        """A period without a reading, and none was due: it counts as the reading it waits for."""
-        self._waited += 1
-
     def _count(self, failed: int) -> None:
-        while self._waited:
-            self._waited -= 1
-            self._count_one(failed)
-        self._count_one(failed)
-
-    def _count_one(self, failed: int) -> None:
         window = self._window
         self._failed += failed - window[self._at]
         window[self._at] = failed

@@ -177,7 +177,6 @@ class Tick:
         if reading.outcome == Outcome.WAITING:
             # Held as they are until the next sample: a loop with a longer period, which is what
             # the theory knows. With dx = 0 in between the damping would act in one tick of many.
-            parts.safety.waiting()
             return self._velocity
         if reading.outcome != Outcome.OK:
             # The last position once more, so dx = 0. Before the first good reading nothing acts.

@@ -63,28 +63,3 @@ def test_loss_rate_over_the_window():
 
 def test_every_trip_is_explained():
     assert set(EXPLANATIONS) == set(Trip)
-
-
-def test_a_reading_counts_in_the_window_as_the_periods_it_took():
-    def trips(waits):
-        """One in ten fails; the first trip's place among the readings."""
-        safety = Safety(LIMITS)
-        for k in range(1, 200):
-            for _ in range(waits):
-                assert safety.waiting() is None
-            if safety.failed() if k % 10 == 0 else safety.good(reading(0.0, 16 * k)):
-                return k
-        return None
-
-    assert trips(0) == 60
-    # Each failure is 16 periods of the 100 in the window: the first is more than its 5 %.
-    assert trips(15) == 10
-
-
-def test_periods_in_which_none_was_due_are_no_losses_in_a_row():
-    safety = Safety(LIMITS)
-    for _ in range(3):
-        for _ in range(20):
-            safety.waiting()
-        assert safety.good(reading(0.0, 1)) is None
-    assert [safety.failed() for _ in range(4)] == [None, None, None, Trip.LOSSES_IN_ROW]
