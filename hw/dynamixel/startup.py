@@ -231,7 +231,7 @@ class _Startup:
                 f": one sample in {periods} periods, so a softer wall; set the adapter's latency "
                 "timer to 1 ms"
             )
-        self.list.add("adapter's reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
+        self.list.add("adapter reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
         return middle if slow else 0
 
     def _may_be_at(self, counts: int) -> bool:

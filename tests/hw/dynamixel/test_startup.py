@@ -56,7 +56,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("current limit", "1193 (5.72 N·m)"),
         ("torque per current", "1.78 N·m/A, stall torque over current"),
         ("position", f"{-196 * COUNT:.3f} rad"),
-        ("adapter's reply", "0.1 ms, longest 0.1 ms"),
+        ("adapter reply", "0.1 ms, longest 0.1 ms"),
         (
             "watched while it runs",
             "torque enable, bus watchdog, supply, temperature; every 0.2 s",
