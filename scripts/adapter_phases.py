@@ -35,7 +35,7 @@ LIMITS = (
 WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
 """A knock every second: at 5 rad/s a sample of the period before is three counts off"""
 MS_NS = 1_000_000
-REPLY_CHECK = "adapter's reply"
+REPLY_CHECK = "adapter reply"
 
 
 @dataclass(slots=True)
