@@ -237,7 +237,7 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path):
     assert report["torque_off"] is False
 
 
-def refused(tmp_path, *arguments):
+def refused(tmp_path, *arguments, status=4):
     """The one message a refused run leaves."""
     done = subprocess.run(
         [*PROGRAM, "run", *arguments, "--json"],
@@ -247,7 +247,7 @@ def refused(tmp_path, *arguments):
         timeout=120,
         check=False,
     )
-    assert done.returncode == 4
+    assert done.returncode == status
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
     return done.stderr
@@ -264,8 +264,10 @@ def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path):
         assert "id 7" in refused(tmp_path, *on(port, "servo.id=7"))
         wrong_model = refused(tmp_path, *on(port, "servo.model=XM540-W270"))
         assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
-        no_current = refused(tmp_path, *on(port, "servo.id=2", "servo.model=XL430-W250"))
-        assert "has no current mode" in no_current
+        no_current = refused(tmp_path, *on(port, "servo.id=2"))
+        assert "XL430-W250" in no_current
+        limp = refused(tmp_path, *on(port, "servo.model=XL430-W250"), status=2)
+        assert "servo.model" in limp and "did you mean XM430-W350" in limp
         wrong_baud = refused(tmp_path, *on(port, "servo.baud=1000000"))
         assert "1000000" in wrong_baud
 

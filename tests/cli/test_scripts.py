@@ -141,10 +141,12 @@ def test_the_test_script_runs_every_check_and_fails_if_one_does(project):
         "ruff check",
         "ruff format --check",
         "mypy",
-        "pytest -k wall",
+        "pytest -n auto --dist loadfile -m not realtime -k wall",
+        "pytest -m realtime -k wall",
     ]
     assert done.returncode == 1
     assert call(project, "test").returncode == 0
+    assert call(project, "test", FAILING="pytest").returncode == 1
 
 
 def test_without_python_it_says_what_to_install(project):
