@@ -20,7 +20,7 @@ from controller.theory.checks import FloatArray, IntArray
 from controller.theory.response import HeldResponse, held_response
 
 _SWEEP = 8  # periods between two looks for contacts that are over
-_HALVINGS, _ENOUGH = 60, 1e-10  # steps at most, and the last one [periods]
+_HALVINGS, _ENOUGH = 60, 1e-7  # steps at most, and the last one [periods]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,33 +127,33 @@ def _outward(
 def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
     """Outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0, under torque u.
 
-    Newton's method backwards in time, kept within the step by halving.
+    Newton's method backwards in time, from where a steady acceleration would have been at 0, and
+    kept within the step by halving.
 
     Returns:
         The speed; 0 where the step began outside.
     """
-
-    def at(ago: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        back = held_response(delta, -ago)
-        return (
-            x + back.position_per_speed * v - back.position_per_torque * u,
-            back.speed_per_speed * v - back.position_per_speed * u,
-        )
-
-    began, _ = at(1.0)
+    result = np.zeros_like(x)
+    began = held_response(delta, -1.0)
+    place = np.flatnonzero(x + began.position_per_speed * v >= began.position_per_torque * u)
+    delta, x, v, u = delta[place], x[place], v[place], u[place]
     low, high = np.zeros_like(x), np.ones_like(x)
-    ago, position, speed = low, x, v
+    pull = -u - delta * v
+    ago = np.minimum(2 * x / (v - np.sqrt(np.maximum(v * v - 2 * pull * x, 0.0))), 1.0)
     for _ in range(_HALVINGS):
+        back = held_response(delta, -ago)
+        position = x + back.position_per_speed * v - back.position_per_torque * u
+        speed = back.speed_per_speed * v - back.position_per_speed * u
         low, high = np.where(position < 0, ago, low), np.where(position < 0, high, ago)
         outward = speed < 0  # else it had not turned yet
         closer = ago + position / np.where(outward, speed, 1.0)
-        good = outward & (closer > low) & (closer < high)
-        moved = np.where(good, closer, 0.5 * (low + high)) - ago
+        inside = outward & (closer >= low) & (closer <= high)
+        moved = np.where(inside, closer, 0.5 * (low + high)) - ago
         ago = ago + moved
-        position, speed = at(ago)
-        if np.max(np.abs(moved)) < _ENOUGH:
+        if np.max(np.abs(moved), initial=0.0) < _ENOUGH:
             break
-    return np.where(began >= 0, -speed, 0.0)
+    result[place] = -(v + delta * x + u * ago)  # the balance of momentum since then
+    return result
 
 
 def _until_sample(delay: FloatArray) -> FloatArray:
