@@ -1,0 +1,95 @@
+"""Which torque acted while the servo moved: what was sent, a delay ago, fractions counted too.
+
+Work is torque times motion, and it is the torque that acts in that period: pairing motion with
+the torque just sent hides what the delay adds.
+"""
+
+from __future__ import annotations
+
+import math
+
+_SPARE = 64
+"""Periods kept beyond the lag: skipped ones, and a lag that grows a little, need no new memory."""
+
+
+class ActingTorque:
+    """Mean torque over the period that ends with the present sample, from the torques sent.
+
+    A torque sent with sample k acts from ``lag`` periods after that sample on, until the next one
+    does. With lag = n + f (n whole, 0 <= f < 1) the mean over the period that ends with sample k is
+    ``f u[k-n-2] + (1-f) u[k-n-1]``. Before the first torque, zeros were sent.
+
+    It counts periods, not calls: over skipped ones the last torque was held.
+
+    Args:
+        lag_periods: From a sample to its torque acting, >= 0 [periods].
+
+    Raises:
+        ValueError: The lag is negative or not finite.
+    """
+
+    __slots__ = ("_at", "_fraction", "_last", "_ring", "_whole")
+
+    def __init__(self, lag_periods: float) -> None:
+        self._ring: list[float] = []
+        self._at = 0  # where the next torque goes
+        self._last = 0.0
+        self.lag = lag_periods
+
+    @property
+    def lag(self) -> float:
+        """From a sample to its torque acting [periods]; may be changed at any time."""
+        return self._whole + self._fraction
+
+    @lag.setter
+    def lag(self, periods: float) -> None:
+        if not (periods >= 0.0 and math.isfinite(periods)):
+            raise ValueError(
+                f"the lag of the torque is {periods} periods; give a finite number from 0 up"
+            )
+        self._whole = int(periods)
+        self._fraction = periods - self._whole
+        if len(self._ring) < self._whole + 3:
+            size = self._whole + 3 + _SPARE
+            old, at = self._ring, self._at
+            self._ring = [0.0] * (size - len(old)) + old[at:] + old[:at]
+            self._at = 0
+
+    def push(self, sent: float, periods: int = 1) -> float:
+        """Mean torque that acted since the sample before; then keep the one sent with this one.
+
+        Args:
+            sent: Torque sent with the present sample [N·m].
+            periods: From the sample before to this one, >= 1.
+        """
+        acted = self.acted(periods)
+        self.send(sent)
+        return acted
+
+    def acted(self, periods: int = 1) -> float:
+        """Mean torque from the sample before to the present one [N·m], ``periods`` later.
+
+        To be called once a sample, before ``send``.
+        """
+        if periods > 1:
+            return self._skipped(periods)
+        ring, size, fraction = self._ring, len(self._ring), self._fraction
+        newer = self._at - 1 - self._whole
+        older = ring[(newer - 1) % size] if fraction else 0.0
+        return fraction * older + (1.0 - fraction) * ring[newer % size]
+
+    def send(self, torque: float) -> None:
+        """Keep the torque sent with the present sample [N·m]."""
+        at = self._at
+        self._ring[at] = self._last = torque
+        self._at = (at + 1) % len(self._ring)
+
+    def _skipped(self, periods: int) -> float:
+        # Beyond the ring's length nothing but the last torque is left: no need to count on.
+        turns = min(periods, len(self._ring) + 1)
+        total = 0.0
+        for turn in range(turns):
+            if turn:
+                self.send(self._last)
+            total += self.acted()
+        return (total + (periods - turns) * self._last) / periods
