@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from controller.config_servo import TRUTH_FIELDS
+from hw.wire import cycle_s
 
 if TYPE_CHECKING:
     from controller.config import Config
@@ -206,10 +207,8 @@ def _model_makes_torque(config: Config) -> Iterator[Problem]:
         )
 
 
-_CYCLE_BYTES = 58
-"""On the wire in one period: the request (14), its reply (27), the goal (17)"""
 _CYCLE_SHARE = 0.8
-"""Of a period that they may take: what comes later than that counts as lost"""
+"""Of a period that a cycle may be on the wire: what comes later than that counts as lost"""
 
 
 @_reads("servo.backend", "servo.baud", "loop.rate_hz")
@@ -217,7 +216,7 @@ def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
     baud = config.servo.baud
     if config.servo.backend != "dynamixel" or baud is None:
         return
-    cycle = 10 * _CYCLE_BYTES / baud  # ten bit times per byte
+    cycle = cycle_s(baud)
     if cycle > _CYCLE_SHARE * config.period_s:
         yield Problem(
             "servo.baud",

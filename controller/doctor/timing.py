@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.tick import COLLECT_SHARE
-from hw.dynamixel.examine.cycles import CYCLE_BYTES, Replies, Series, percentile
+from hw.dynamixel.examine.cycles import Replies, Series, percentile
 from hw.dynamixel.examine.finding import Finding
 from hw.settings import Schedule
+from hw.wire import cycle_s
 
 MOST_MISSED: Final = 0.05
 """Share of replies missed at the worst phase; more than this trips a run with default settings"""
@@ -75,7 +76,7 @@ def sustainable_hz(replies: Replies, schedule: Schedule, baud: int) -> float:
         schedule: How long a reply may take.
         baud: Of the wire [bit/s].
     """
-    on_wire = baud / (10.0 * CYCLE_BYTES)
+    on_wire = 1 / cycle_s(baud)
     return min(_PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99), on_wire)
 
 

@@ -15,14 +15,13 @@ from hw.dynamixel.link import Link
 from hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from hw.dynamixel.tables import Register
 from hw.errors import ServoHealthError, TorqueLostError
+from hw.wire import EMPTY_REPLY_BYTES, READ_REQUEST_BYTES
 
 EVERY_NS: Final = 200_000_000
 """Between two wide blocks"""
 _SHARE: Final = 0.65
 """Of a period that a wide request and its reply may be on the wire: a goal follows, and a reply is
 given up at 0.8"""
-_FRAME_BYTES: Final = 25
-"""Of a request, and of a reply without its data"""
 _TWICE: Final = 2
 """Polls in a row that prove a supply or a temperature: a peak of current makes a supply dip"""
 _HEAT_MARGIN: Final = 2
@@ -98,7 +97,7 @@ class HealthWatch:
     def __init__(
         self, link: Link, registers: Mapping[str, Register], baud: int, period_s: float
     ) -> None:
-        most = int(_SHARE * period_s * baud / 10) - _FRAME_BYTES
+        most = int(_SHARE * period_s * baud / 10) - READ_REQUEST_BYTES - EMPTY_REPLY_BYTES
         blocks = next(
             (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
         )

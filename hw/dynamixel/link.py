@@ -33,6 +33,7 @@ from hw.dynamixel.samples import (
 )
 from hw.dynamixel.tables import Register
 from hw.servo import BusCounts, Outcome
+from hw.wire import wire_ns
 
 _GOAL_CURRENT: Final = 102
 
@@ -93,7 +94,7 @@ class Link:
 
     def wire_ns(self, count: int) -> int:
         """How long so many bytes are on the wire [ns]."""
-        return 10_000_000_000 * count // self._baud if self._baud else 0
+        return wire_ns(count, self._baud) if self._baud else 0
 
     def widen(self, address: int, end: int) -> int:
         """Have a block around the sample to ask for: its length, to be given to ``request``.

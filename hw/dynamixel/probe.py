@@ -19,12 +19,11 @@ from hw.clock import Clock
 from hw.dynamixel.link import Link
 from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome
+from hw.wire import CYCLE_BYTES
 
 _PERIOD_NS: Final = 1_000_000
-_CYCLE_BYTES: Final = 58
-"""On the wire in one period: goal, request, reply"""
 _CYCLE_SHARE: Final = 0.8
-"""Of a period that they may take"""
+"""Of a period that a cycle may be on the wire"""
 _PATIENCE_NS: Final = 10_000_000
 """For one reply beside its time on the wire; a third of the shortest Bus Watchdog in use"""
 _LOSSES: Final = 10
@@ -98,7 +97,7 @@ class _Prober:
         self._name = name
         self._losses = 0
         self._position = 0
-        cycle_ns = link.wire_ns(_CYCLE_BYTES)
+        cycle_ns = link.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
 

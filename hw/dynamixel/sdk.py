@@ -19,6 +19,7 @@ from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 from hw.dynamixel.line import Line
 from hw.dynamixel.tables import Register
 from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from hw.wire import READ_REQUEST_BYTES, wire_ns
 
 _PATIENCE_NS: Final = 3_000_000
 """On top of the bytes' own time: the servo's return delay (0.5 ms) and the adapter's hold (1 ms)"""
@@ -29,7 +30,6 @@ _SILENCE_NS: Final = 20_000_000
 _SETTLE_END_NS: Final = 200_000_000
 """A bus that is never silent is not waited for"""
 _ATTEMPTS: Final = 3
-_REQUEST_BYTES: Final = 14
 _ALERT: Final = 0x80
 
 
@@ -41,7 +41,6 @@ class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         self.baudrate = baud
         self.patience_ns = _PATIENCE_NS
         self._line = line
-        self._byte_ns = 10_000_000_000 // baud
         self._arrived = bytearray()
         self._deadline_ns = 0
 
@@ -65,8 +64,8 @@ class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
         """Start waiting for a reply of so many bytes; the request may still be on the wire."""
-        wire_ns = (packet_length + _REQUEST_BYTES) * self._byte_ns
-        self._deadline_ns = self._line.clock.now_ns() + wire_ns + self.patience_ns
+        busy_ns = wire_ns(packet_length + READ_REQUEST_BYTES, self.baudrate)
+        self._deadline_ns = self._line.clock.now_ns() + busy_ns + self.patience_ns
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
         """Start waiting for so many milliseconds."""

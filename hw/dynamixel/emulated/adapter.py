@@ -17,16 +17,10 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-_BIT_TIMES_NS = 10_000_000_000
-"""Ten bits at one bit per second [ns]"""
+from hw.wire import BYTE_AT_ONE_BAUD_NS, wire_ns
 
 BLOCKS = (62, 510)
 """User bytes of a full USB packet, on full-speed and on high-speed parts"""
-
-
-def wire_ns(count: int, baud: int) -> int:
-    """How long so many bytes take at this speed, ten bits each [ns]."""
-    return count * _BIT_TIMES_NS // baud
 
 
 class _Stretch(NamedTuple):
@@ -44,7 +38,7 @@ class _Stretch(NamedTuple):
     def through(self, now_ns: int) -> int:
         """How many bytes are through at ``now_ns`` [ns], those that are gone included."""
         passed_ns = max(0, now_ns - self.start_ns)
-        count = ((passed_ns + 1) * self.baud - 1) // _BIT_TIMES_NS
+        count = ((passed_ns + 1) * self.baud - 1) // BYTE_AT_ONE_BAUD_NS
         return max(self.first, min(count, len(self.data)))
 
 

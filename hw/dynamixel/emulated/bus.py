@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from hw.dynamixel.codec import Frame, Parser
 from hw.dynamixel.emulated.account import Account
-from hw.dynamixel.emulated.adapter import BLOCKS, Adapter, wire_ns
+from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
 from hw.dynamixel.emulated.answers import Answer, addressed, answer
 from hw.dynamixel.emulated.damage import id_of
 from hw.dynamixel.emulated.faults import Fault, parse_fault
@@ -25,6 +25,7 @@ from hw.dynamixel.emulated.mishaps import SILENCING, befall
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.emulated.slots import in_slots
 from hw.dynamixel.emulated.witness import Witness
+from hw.wire import wire_ns
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""

@@ -13,9 +13,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from hw.dynamixel.codec import Frame
-
-_BIT_TIMES_NS = 10_000_000_000
-"""Ten bits at one bit per second [ns]"""
+from hw.wire import wire_ns
 
 
 class Sending(NamedTuple):
@@ -33,7 +31,7 @@ def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
     over_ns = 0
     while waiting:
         first = waiting[0]
-        byte_ns = _BIT_TIMES_NS // first.baud
+        byte_ns = wire_ns(1, first.baud)
         end_ns = first.delay_ns + len(first.wire) * byte_ns
         together = []
         while waiting and waiting[0].delay_ns < end_ns:

@@ -19,10 +19,6 @@ from hw.dynamixel.link import Link
 from hw.servo import Outcome
 from hw.settings import Schedule
 
-GOAL_BYTES: Final = 16
-"""A sync write of one goal current"""
-CYCLE_BYTES: Final = 14 + 27 + GOAL_BYTES
-"""Request, the usual reply and goal"""
 SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
 
 _PATIENCE_NS: Final = 60_000_000

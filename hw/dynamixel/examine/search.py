@@ -20,6 +20,7 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.serial_line import FdLine
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 from hw.errors import BaudRefusedError
+from hw.wire import wire_ns
 
 IDS: Final = range(21)
 """Ids that are pinged one by one unless others are asked for: few buses have more"""
@@ -77,7 +78,7 @@ def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: boo
     """
     heard = _Ear(line, baud)
     heard.drop()
-    byte_ns = 10_000_000_000 // baud
+    byte_ns = wire_ns(1, baud)
     wanted = set(ids)
 
     line.write(encode(BROADCAST, Instruction.PING))

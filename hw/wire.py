@@ -1,0 +1,43 @@
+"""What goes over a Dynamixel bus's wire in one cycle, and how long bytes take on it.
+
+Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (frame layout).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+BYTE_AT_ONE_BAUD_NS: Final = 10_000_000_000
+"""A byte takes ten bit times, its start and stop bit included [ns]"""
+
+_FRAME: Final = 4 + 1 + 2 + 1 + 2
+"""Header, id, length, instruction, CRC"""
+READ_REQUEST_BYTES: Final = _FRAME + 2 + 2
+"""Address and length"""
+EMPTY_REPLY_BYTES: Final = _FRAME + 1
+"""An error byte; data comes on top"""
+SAMPLE_BYTES: Final = 16
+"""From the servo's clock to its position"""
+GOAL_BYTES: Final = _FRAME + 2 + 2 + 1 + 2
+"""A sync write of one goal current: address, length, id, current"""
+CYCLE_BYTES: Final = READ_REQUEST_BYTES + EMPTY_REPLY_BYTES + SAMPLE_BYTES + GOAL_BYTES
+"""Of one period of the running cycle with one servo: request, reply, goal"""
+
+
+def wire_ns(count: int, baud: int) -> int:
+    """How long so many bytes are on the wire [ns].
+
+    Args:
+        count: Of bytes.
+        baud: Bits per second, > 0.
+    """
+    return count * BYTE_AT_ONE_BAUD_NS // baud
+
+
+def cycle_s(baud: float) -> float:
+    """How long the frames of one cycle are on the wire [s].
+
+    Args:
+        baud: Bits per second, > 0.
+    """
+    return CYCLE_BYTES * BYTE_AT_ONE_BAUD_NS * 1e-9 / baud

@@ -1,0 +1,42 @@
+"""A cycle's bytes and times are those of what the driver puts on a line and is answered."""
+
+from __future__ import annotations
+
+import pytest
+
+from hw.clock import SimulatedClock
+from hw.dynamixel.link import Link
+from hw.wire import CYCLE_BYTES, EMPTY_REPLY_BYTES, READ_REQUEST_BYTES, cycle_s, wire_ns
+from tests.hw.dynamixel.lines import MS, ClockLine
+
+
+class CountingLine(ClockLine):
+    """Counts bytes, both ways."""
+
+    sent = 0
+    heard = 0
+
+    def write(self, data: bytes) -> None:
+        self.sent += len(data)
+        super().write(data)
+
+    def read(self) -> bytes:
+        data = super().read()
+        self.heard += len(data)
+        return data
+
+
+def test_a_cycle_is_what_the_driver_sends_and_hears() -> None:
+    line = CountingLine(SimulatedClock(start_ns=1_000 * MS))
+    link = Link(line, 1)
+    link.request()
+    link.collect(line.clock.now_ns() + MS)
+    assert (line.sent, line.heard) == (READ_REQUEST_BYTES, EMPTY_REPLY_BYTES + 16)
+    link.send_current(-3)
+    assert line.sent + line.heard == CYCLE_BYTES
+
+
+@pytest.mark.parametrize("baud", [57_600, 1_000_000, 4_500_000])
+def test_a_byte_takes_ten_bit_times(baud: int) -> None:
+    assert wire_ns(1000, baud) == pytest.approx(1000 * 10 * 1e9 / baud, abs=1)
+    assert cycle_s(baud) == pytest.approx(wire_ns(CYCLE_BYTES, baud) * 1e-9, abs=1e-9)
