@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.boundary_report import Curve, Question, curve
+from controller.boundary_curve import Curve, Question, curve
 from controller.paper.style import (
     BLUE,
     FAINT,

@@ -7,16 +7,18 @@ two of them at once another limit may bind.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from controller.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
 from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate, quantisation_limit
 from controller.guard_types import GuardSettings, Request, Situation
 from controller.theory import linear_limit, max_virtual_damping
 from controller.theory.checks import FloatArray
+from hw.wire import cycle_s
 
 Change = Literal[
     "virtual_damping",
@@ -38,79 +40,7 @@ also pulls; ``belief`` the servo known to be as its believed values say."""
 WORTH_NAMING = 1.02
 """An improvement by less than this factor buys nothing: limits are found to about 1 %."""
 FAST_BAUD = 4_000_000
-SHORT_TIMER = 1e-3
-"""The shortest latency timer of common USB adapters that is safe to set [s]."""
 FINER = 4
-
-_CYCLE_BYTES = 14 + 27 + 14
-"""One cycle on the wire of a Dynamixel bus (Protocol 2.0): a read instruction, its reply with the
-16 bytes from the servo's clock to its position, and the write of a goal current."""
-_BITS_PER_BYTE = 10  # start and stop bit included
-
-WIRE, ADAPTER, HOLD, SAMPLE_AGE = "wire", "adapter", "hold", "sample_age"
-"""Parts of the delay that are known here by name."""
-
-
-def wire_time(baud: float) -> float:
-    """Time that the frames of one cycle take on a Dynamixel bus [s].
-
-    Args:
-        baud: Bits per second, > 0.
-
-    Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (frame layout).
-    """
-    return _CYCLE_BYTES * _BITS_PER_BYTE / baud
-
-
-@dataclass(frozen=True, slots=True)
-class DelayParts:
-    """What the total delay is made of."""
-
-    period: float
-    """[s]; half of it, the hold, counts as delay"""
-    named: Mapping[str, float]
-    """The parts of t_d by name, each >= 0 [s]"""
-
-    @property
-    def delay(self) -> float:
-        """t_d: all but the hold [s]."""
-        return sum(self.named.values())
-
-    @property
-    def total(self) -> float:
-        """Half a period for the hold, and t_d: what the damping is divided by [s]."""
-        return self.period / 2 + self.delay
-
-    def sizes(self) -> dict[str, float]:
-        """Each part and the hold by name, largest first [s]."""
-        sizes = {**self.named, HOLD: self.period / 2}
-        return dict(sorted(sizes.items(), key=lambda item: -item[1]))
-
-    def largest(self) -> tuple[str, float]:
-        """Name and size [s] of the largest part, the hold counted."""
-        return next(iter(self.sizes().items()))
-
-    def with_part(self, name: str, size: float) -> DelayParts:
-        """The same with one part, or the hold, of another size [s]."""
-        if name == HOLD:
-            return replace(self, period=2 * size)
-        return replace(self, named={**self.named, name: size})
-
-
-def shorter(parts: DelayParts, slow_replies: bool) -> float:
-    """How much of its largest part a delay might do with [s].
-
-    Half, of most; of a sample's age, where replies take several periods, a period and
-    ``SHORT_TIMER``: the age at most where the adapter has that one.
-
-    Args:
-        parts: The delay.
-        slow_replies: Replies take several periods.
-    """
-    name, size = parts.largest()
-    if slow_replies and name == SAMPLE_AGE:
-        return min(size / 2, parts.period + SHORT_TIMER)
-    return size / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +178,7 @@ def _changed(
                 for each in parts
             ]
         case "baud":
-            fast = wire_time(FAST_BAUD)
+            fast = cycle_s(FAST_BAUD)
             made = [each.with_part(WIRE, min(fast, each.named[WIRE])) for each in parts]
         case "latency_timer":
             made = [

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from controller import guard_reasons
-from controller.design import SAMPLE_AGE, DelayParts, Improvement, improvements
+from controller.delay_parts import SAMPLE_AGE, DelayParts
+from controller.design import Improvement, improvements
 from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate, unstable_nominally
 from controller.guard_types import (
     Decision,

@@ -4,16 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.design import (
-    FINER,
-    HOLD,
-    SAMPLE_AGE,
-    SHORT_TIMER,
-    Change,
-    DelayParts,
-    Improvement,
-    shorter,
-)
+from controller.delay_parts import HOLD, SAMPLE_AGE, SHORT_TIMER, DelayParts, ms, shorter
+from controller.design import FINER, Change, Improvement
 from controller.guard_types import Decision, GuardSettings, Situation
 
 _MEANING = {
@@ -103,7 +95,7 @@ def _stiffness(decision: Decision, situation: Situation, settings: GuardSettings
     elif limit == 0:
         sentences.append(
             f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
-            f"delay of {_ms(decision.delay)}: give the wall virtual damping within "
+            f"delay of {ms(decision.delay)}: give the wall virtual damping within "
             f"0 to {settings.damping_cap * decision.damping_ceiling:.4g} N·m·s/rad"
         )
     return sentences
@@ -141,7 +133,7 @@ def _damping(decision: Decision, settings: GuardSettings, situation: Situation) 
     above = "the wall is not passive" if settings.mode == "passive" else "no stiffness is stable"
     return [
         f"{start}: {settings.damping_cap:g} of the ceiling {decision.damping_ceiling:.4g}, above "
-        f"which {above} at a delay of {_ms(decision.delay)}"
+        f"which {above} at a delay of {ms(decision.delay)}"
     ]
 
 
@@ -171,7 +163,7 @@ def _remedy(
             return (
                 "the belief is wide: were the servo known to be as its believed values say "
                 f"(inertia {belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} "
-                f"N·m·s/rad, delay {_ms(belief.delay.value)}, torque gain "
+                f"N·m·s/rad, delay {ms(belief.delay.value)}, torque gain "
                 f"{belief.torque_gain.value:.3g}), {could}"
             )
 
@@ -179,23 +171,19 @@ def _remedy(
 def _shorter(parts: DelayParts, slow_replies: bool, could: str) -> str:
     name, size = parts.largest()
     share = f"{100 * size / parts.total:.0f} % of the total delay"
-    total = f"(period/2 + delay = {_ms(parts.total)})"
+    total = f"(period/2 + delay = {ms(parts.total)})"
     if name == HOLD:
-        return f"half the period is {share} {total}: at a period of {_ms(parts.period / 2)} {could}"
+        return f"half the period is {share} {total}: at a period of {ms(parts.period / 2)} {could}"
     what = {
         SAMPLE_AGE: "the sample's age",
         "inserted": "the inserted delay",
         "device": "the device's own delay, at most",
     }[name]
     least = shorter(parts, slow_replies)
-    found = f"{what} {_ms(size)} is {share} {total}"
+    found = f"{what} {ms(size)} is {share} {total}"
     if slow_replies and name == SAMPLE_AGE:
         return (
             f"{found}, because the adapter keeps replies back: with its latency timer at "
-            f"{_ms(SHORT_TIMER)} the age is at most {_ms(least)}, and {could}"
+            f"{ms(SHORT_TIMER)} the age is at most {ms(least)}, and {could}"
         )
-    return f"{found}: at {_ms(least)} {could}"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms"
+    return f"{found}: at {ms(least)} {could}"

@@ -9,14 +9,16 @@ from typing import Any
 import click
 
 from controller.belief import Belief, Bounded
-from controller.boundary_report import Question, WallSide, default_dampings, report
+from controller.boundary_curve import Question, WallSide, default_dampings
+from controller.boundary_report import report
 from controller.cli.boundary_text import boundary_text
 from controller.cli.numbers import numbers, span
 from controller.cli.options import answer, as_json, json_option, refuse_other_pictures, writing
-from controller.design import ADAPTER, WIRE, DelayParts, wire_time
+from controller.delay_parts import ADAPTER, WIRE, DelayParts
 from controller.errors import UserError
 from controller.guard_types import Situation
 from controller.theory.servos import ServoFacts, servo
+from hw.wire import cycle_s
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Longer ones are milliseconds, written where seconds are wanted."""
@@ -199,7 +201,7 @@ def _delay_parts(
     if baud is not None:
         if not (math.isfinite(baud) and baud > 0):
             raise UserError(f"--baud {baud:g}: wanted bits per second; give --baud 1000000")
-        named[WIRE] = wire_time(baud)
+        named[WIRE] = cycle_s(baud)
     if latency_timer is not None:
         if not (math.isfinite(latency_timer) and latency_timer >= 0):
             raise UserError(

@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from controller.delay_parts import ms
+
 _WIDTH = 98
 _LOWER = 0.98
 """What lowers the stiffness by more is told apart."""
@@ -90,11 +92,11 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
     parts = design["delay_parts"]
     total = sum(part["seconds"] for part in parts)
     named = " + ".join(
-        f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
+        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in parts
         if part["seconds"] > 0
     )
-    yield from textwrap.wrap(f"delay    {_ms(total)} = {named}", _WIDTH, subsequent_indent=" " * 9)
+    yield from textwrap.wrap(f"delay    {ms(total)} = {named}", _WIDTH, subsequent_indent=" " * 9)
     better = [each for each in design["improvements"] if each["buys"]]
     if better:
         yield ""
@@ -190,7 +192,3 @@ def _span(ends: Mapping[str, float], scale: float = 1.0) -> str:
 def _periods(count: float) -> str:
     number = f"{count:.3g}"
     return f"{number} period{'' if number == '1' else 's'}"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms"

@@ -112,7 +112,7 @@ def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(capsys):
     assert found["points"][0]["quantisation"] > 0
     parts = {part["name"]: part["seconds"] for part in found["design"]["delay_parts"]}
     assert parts == pytest.approx(
-        {"adapter": 0.016, "wire": 550e-6, "rest": 250e-6, "hold": 500e-6}
+        {"adapter": 0.016, "wire": 580e-6, "rest": 220e-6, "hold": 500e-6}
     )
 
 

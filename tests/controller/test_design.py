@@ -9,18 +9,8 @@ import numpy as np
 import pytest
 
 from controller.belief import Belief, Bounded
-from controller.design import (
-    ADAPTER,
-    HOLD,
-    SAMPLE_AGE,
-    WIRE,
-    Change,
-    DelayParts,
-    Improvement,
-    improvements,
-    shorter,
-    wire_time,
-)
+from controller.delay_parts import ADAPTER, HOLD, SAMPLE_AGE, WIRE, DelayParts, shorter
+from controller.design import Change, Improvement, improvements
 from controller.guard_limits import Plants, evaluate
 from controller.guard_types import GuardSettings, Request, Side, Situation
 from controller.theory import (
@@ -29,7 +19,7 @@ from controller.theory import (
     max_virtual_damping,
     one_sided_limit,
 )
-from hw.dynamixel.codec import Instruction, encode, encode_status
+from hw.wire import cycle_s
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 COUNT = math.tau / 4096
@@ -86,7 +76,7 @@ def limit(
 
 def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
     where = situation(inertia=Bounded(M, 0.01, 0.014), damping=Bounded(B_VISCOUS, 0.006, 0.02))
-    delay = {WIRE: wire_time(1e6), ADAPTER: 1.2e-3, "rest": 2e-3 - 1.2e-3 - wire_time(1e6)}
+    delay = {WIRE: cycle_s(1e6), ADAPTER: 1.2e-3, "rest": 2e-3 - 1.2e-3 - cycle_s(1e6)}
     now, found = bought(where, delay, 0.1)
     corner = {"m": 0.01, "b": 0.006}
     assert now == pytest.approx(limit(**corner))
@@ -95,7 +85,7 @@ def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
         "rate": limit(**corner, t=T / 2),
         "damping": limit(0.01, 0.012),
         "largest_part": limit(**corner, t_d=1.4e-3),
-        "baud": limit(**corner, t_d=2e-3 - 0.75 * wire_time(1e6)),
+        "baud": limit(**corner, t_d=2e-3 - 0.75 * cycle_s(1e6)),
         "latency_timer": limit(**corner, t_d=1.8e-3),
         "belief": limit(),
         "two_sided": min(
@@ -187,14 +177,6 @@ def test_the_parts_of_a_delay_make_the_whole() -> None:
     assert sum(parts.sizes().values()) == pytest.approx(parts.total)
     assert parts.with_part(HOLD, 0.25e-3).period == pytest.approx(0.5e-3)
     assert parts.largest() == ("sample_age", 1.5e-3)
-
-
-def test_wire_time_is_ten_bits_for_each_byte_of_the_drivers_cycle() -> None:
-    read = encode(1, Instruction.READ, bytes(4))
-    reply = encode_status(1, 0, bytes(16))
-    write = encode(1, Instruction.WRITE, bytes(4))
-    for baud in (1e6, 4e6):
-        assert wire_time(baud) == pytest.approx(10 * len(read + reply + write) / baud)
 
 
 @pytest.mark.parametrize(
