@@ -46,7 +46,9 @@ def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
                 warnings.append(_log_warning(plan.log, error))
 
     clock = SimulatedClock()
-    result = run_session(plan.config, clock, telemetry, plan.duration_s, on_block=on_block)
+    result = run_session(
+        plan.config, clock, telemetry, plan.duration_s, program=plan.program, on_block=on_block
+    )
     if log is not None:
         with contextlib.suppress(OSError):  # a full disk was reported when it was met
             log.close()

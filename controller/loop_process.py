@@ -13,10 +13,12 @@ import sys
 import traceback
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from controller import realtime
 from controller.config import Config
 from controller.errors import PlatformError
+from controller.program import Phase
 from controller.session import run_session
 from controller.telemetry import Telemetry, Word
 from hw.clock import MonotonicClock
@@ -37,6 +39,8 @@ class Orders:
     """Process id of the supervisor"""
     core: int
     duration_s: float | None
+    program: list[dict[str, Any]]
+    """Phases in place of the wall; empty: the wall"""
 
 
 def main() -> None:
@@ -67,6 +71,7 @@ def main() -> None:
             telemetry,
             orders.duration_s,
             orders.port,
+            [Phase(**phase) for phase in orders.program],
             tell=lambda text: _tell("tell", text=text),
             prepare=prepare,
         )

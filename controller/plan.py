@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.config import Config
+from controller.program import Phase
 from controller.statistics import RunStatistics
 
 Tell = Callable[[str], None]
@@ -38,3 +39,5 @@ class Plan:
     metadata: dict[str, Any]
     witness: Path | None
     """Record of the emulated bus; None: none"""
+    program: tuple[Phase, ...] = ()
+    """What is rendered in place of the wall; the run ends with it. Empty: the wall"""

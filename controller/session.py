@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,12 +13,13 @@ from controller.delay import DelayRing
 from controller.guard import Decision, Situation, decide, decision_report
 from controller.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.loop import Waiter, next_deadline, waiter_for
+from controller.program import Phase, Program
 from controller.realtime import freeze_garbage
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
-from controller.wall import Wall
+from controller.wall import Law, Wall
 from hw.clock import Clock, SimulatedClock
 from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.open import open_servo
@@ -59,6 +60,7 @@ def run_session(
     telemetry: Telemetry,
     duration_s: float | None,
     port: int | None = None,
+    program: Sequence[Phase] = (),
     on_block: Callable[[], None] = lambda: None,
     tell: Callable[[str], None] = lambda _text: None,
     prepare: Callable[[], None] = lambda: None,
@@ -72,6 +74,7 @@ def run_session(
         telemetry: Where rows go, and where a stop is asked for.
         duration_s: How long the wall is on [s]; None: until stopped.
         port: Descriptor of the open serial port, where there is one.
+        program: What is rendered in place of the wall; the run ends with it.
         on_block: Called now and then between ticks, where the same process must also record.
         tell: Called with what a person should know before the wall is on.
         prepare: Called when all that takes long is done and the servo is about to be started: the
@@ -98,7 +101,8 @@ def run_session(
                 ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
             passed = f", {len(checks)} start-up checks passed" if checks else ""
             tell(f"{servo.facts.name}: torque is on{passed}")
-        tick = Tick(_parts(config, clock, servo, telemetry, ladder))
+        law = _law(config, servo, program)
+        tick = Tick(_parts(config, clock, servo, telemetry, ladder, law))
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
@@ -198,6 +202,9 @@ class _Grid:
                 if tick.trip is not None:
                     deadline += period_ns
                     return f"trip:{tick.trip}"
+                if tick.done:
+                    deadline += period_ns
+                    return "duration"
                 deadline, missed = next_deadline(deadline, now(), period_ns)
                 block -= 1
                 if block == 0:
@@ -281,8 +288,20 @@ def _ages_ns(config: Config, servo: Servo) -> list[int]:
     return rung_ages_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
 
 
+def _law(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
+    """The wall, which the guard will set, or what an experiment wants in its place."""
+    if program:
+        return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
+    return Wall(0.0, 0.0, config.wall.position, config.wall.side)
+
+
 def _parts(
-    config: Config, clock: Clock, servo: Servo, telemetry: Telemetry, ladder: GuardLadder
+    config: Config,
+    clock: Clock,
+    servo: Servo,
+    telemetry: Telemetry,
+    ladder: GuardLadder,
+    law: Law,
 ) -> TickParts:
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -290,7 +309,7 @@ def _parts(
     return TickParts(
         clock=clock,
         servo=servo,
-        wall=Wall(0.0, 0.0, wall.position, wall.side),
+        wall=law,
         velocity=velocity_estimator(period, wall.velocity_samples),
         ring=DelayRing(config.delay.steps),
         ladder=ladder,

@@ -148,6 +148,7 @@ class Supervisor:
             parent=os.getpid(),
             core=self._core,
             duration_s=self._plan.duration_s,
+            program=[asdict(phase) for phase in self._plan.program],
         )
         descriptors = [self._telemetry.descriptor]
         if self._port is not None:

@@ -27,6 +27,8 @@ INT_FIELDS = (
     "outcome",
     "missed",
     "flags",
+    "phase",
+    "oscillation",
 )
 FLOAT_FIELDS = (
     "position",
@@ -36,11 +38,14 @@ FLOAT_FIELDS = (
     "stiffness",
     "damping",
     "delay_s",
+    "measured_torque",
 )
 ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
 """One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
-[N·m/rad] and damping [N·m·s/rad], the total delay the guard counts with [s]. ``work_ns`` and
-``bus_ns`` are those of the tick before, so that they include the writing of its row."""
+[N·m/rad] and damping [N·m·s/rad], the total delay the guard counts with [s], the torque that the
+servo measured (NaN: it gives none). ``work_ns`` and ``bus_ns`` are those of the tick before, so
+that they include the writing of its row. ``phase`` is that of a program (0 without one),
+``oscillation`` the detector's state."""
 
 FLAG_SATURATED = 1
 """The torque limit cut what the wall asked for."""

@@ -10,7 +10,7 @@ from controller.ladder import GuardLadder
 from controller.safety import Safety, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
 from controller.velocity import VelocityEstimator
-from controller.wall import Wall
+from controller.wall import Law
 from hw.clock import Clock
 from hw.servo import Outcome, Servo
 
@@ -31,7 +31,7 @@ class TickParts:
 
     clock: Clock
     servo: Servo
-    wall: Wall
+    wall: Law
     velocity: VelocityEstimator
     ring: DelayRing
     ladder: GuardLadder
@@ -49,6 +49,7 @@ class Tick:
 
     Attributes:
         trip: Why the run must end; None while all is well. Once set, no torque was sent.
+        done: What was to be rendered is over; the torque of the last period was zero.
         warm_up: While true the torque is zero, and only the delay is measured.
         ticks: Periods executed.
         missed: Whole periods skipped.
@@ -64,6 +65,7 @@ class Tick:
         self._work_ns = 0
         self._bus_ns = 0
         self._outcome = Outcome.OK
+        self._measured_torque = math.nan
         self._velocity = 0.0
         self._collect_ns = int(COLLECT_SHARE * parts.period_ns)
         self._other_collect_ns = int(LONGER_SHARE * parts.period_ns)
@@ -74,6 +76,7 @@ class Tick:
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
         self.trip: Trip | None = None
+        self.done = False
         self.warm_up = True
         self.ticks = 0
         self.missed = 0
@@ -85,8 +88,9 @@ class Tick:
         parts = self._parts
         parts.ladder.settle()
         decision = parts.ladder.decision
-        parts.wall.stiffness = decision.stiffness
-        parts.wall.damping = decision.damping
+        if parts.wall.guarded:
+            parts.wall.stiffness = decision.stiffness
+            parts.wall.damping = decision.damping
         self._target = decision.stiffness
         self._delay_s = decision.delay
         self.warm_up = False
@@ -148,6 +152,8 @@ class Tick:
             self._outcome,
             missed,
             flags,
+            parts.wall.phase,
+            0,
             position,
             velocity,
             wall_torque,
@@ -155,7 +161,9 @@ class Tick:
             parts.wall.stiffness,
             parts.wall.damping,
             self._delay_s,
+            self._measured_torque,
         )
+        self.done = parts.wall.done
         self.ticks += 1
         self.missed += missed
         words = self._words
@@ -174,6 +182,7 @@ class Tick:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
         self._outcome = reading.outcome
+        self._measured_torque = reading.torque
         if reading.outcome == Outcome.WAITING:
             # Held as they are until the next sample: a loop with a longer period, which is what
             # the theory knows. With dx = 0 in between the damping would act in one tick of many.
@@ -211,6 +220,8 @@ class Tick:
         if parts.ladder.observe(age_ns, may_raise) and not self.warm_up:
             decision = parts.ladder.decision
             self._delay_s = decision.delay
+            if not wall.guarded:
+                return
             # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
             # A longer delay may allow more too: it allows less damping, and that leaves more of
             # the torque limit to the spring's encoder steps. Until a moment of rest K stays.

@@ -2,9 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
+
+
+class Law(Protocol):
+    """What decides the torque of a tick: the guarded wall, or an experiment's program.
+
+    Attributes:
+        stiffness: In force [N·m/rad]
+        damping: [N·m·s/rad]
+        position: What the stiffness counts from [rad]
+        phase: Of a program; 0 for a wall.
+        done: Nothing is left to render; never for a wall.
+    """
+
+    guarded: bool
+    """Its stiffness and damping are the guard's to set"""
+    one_sided: bool
+    stiffness: float
+    damping: float
+    position: float
+    phase: int
+    done: bool
+
+    def in_contact(self, position: float) -> bool:
+        """Whether it acts at ``position`` [rad]."""
+        ...
+
+    def torque(self, position: float, velocity: float) -> float:
+        """Torque [N·m] at a position [rad] and an estimated velocity [rad/s]; once a tick."""
+        ...
 
 
 class Wall:
@@ -17,24 +46,31 @@ class Wall:
         stiffness: [N·m/rad]
         damping: [N·m·s/rad]
         position: Where the wall's surface is [rad].
+        one_sided: It never pulls, and so has an outside.
     """
 
-    __slots__ = ("_sign", "damping", "position", "stiffness")
+    __slots__ = (
+        "_sign",
+        "damping",
+        "done",
+        "guarded",
+        "one_sided",
+        "phase",
+        "position",
+        "stiffness",
+    )
 
     def __init__(self, stiffness: float, damping: float, position: float, side: Side) -> None:
         self.stiffness = stiffness
         self.damping = damping
         self.position = position
         self._sign = {"above": 1, "below": -1, "both": 0}[side]
+        self.one_sided = self._sign != 0
+        self.guarded, self.phase, self.done = True, 0, False
 
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
         return self._sign == 0 or self._sign * (position - self.position) > 0.0
-
-    @property
-    def one_sided(self) -> bool:
-        """Whether it never pulls, and so has an outside."""
-        return self._sign != 0
 
     def torque(self, position: float, velocity: float) -> float:
         """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""

@@ -38,6 +38,9 @@ _COLUMNS = {
     "bus_us": "bus_ns",
     "sample_age_us": "age_ns",
     "flags": "flags",
+    "phase": "phase",
+    "oscillation": "oscillation",
+    "measured_torque_nm": "measured_torque",
 }
 """Columns of the CSV and the fields of a row they come from."""
 

@@ -1,0 +1,143 @@
+"""A servo to experiment on, whatever it is: plays a program in a run of its own, returns its rows.
+
+Simulated, emulated and real servos are run as the wall itself is run: the same start-up, safety
+checks, supervisor and log. Every run's log is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import __version__
+from controller.config import Config
+from controller.errors import UserError
+from controller.logfile import SUFFIX, read_log
+from controller.plan import Ended, Plan
+from controller.program import Phase
+from controller.report import explanation
+from controller.run import run
+from controller.telemetry import FLAG_WARM_UP
+
+
+class ExperimentInterruptedError(Exception):
+    """A person ended the run; what was recorded until then is in its log."""
+
+
+class ExperimentTrippedError(Exception):
+    """A trip ended the run; the message says which, and what to do.
+
+    Attributes:
+        stop_reason: ``trip:<name>``
+    """
+
+    def __init__(self, stop_reason: str, message: str) -> None:
+        super().__init__(message)
+        self.stop_reason = stop_reason
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What a program did."""
+
+    rows: NDArray[np.void]
+    """Shape (n,), dtype ``telemetry.ROW``; without the warm-up"""
+    phases: tuple[Phase, ...]
+    ended: Ended
+    log: Path
+
+    def phase(self, number: int) -> NDArray[np.void]:
+        """The rows of one phase, from the first torque that it decided."""
+        rows: NDArray[np.void] = self.rows[self.rows["phase"] == number]
+        return rows
+
+
+class Testbed:
+    """Plays programs on the servo of a configuration, and keeps the logs.
+
+    The wall of the configuration is not rendered and its guard takes no part: a program brings its
+    own stiffness. Safety limits, inserted delay, schedule and real-time settings are those of the
+    configuration. Positions of a program count from where the shaft is when it begins.
+
+    Args:
+        config: The servo, and what it runs on.
+        folder: Where the logs go; made if need be.
+        tell: Called with what a person should know meanwhile.
+        witness: The emulated bus keeps its record of each run beside the log.
+
+    Raises:
+        UserError: The folder cannot be made.
+    """
+
+    __test__ = False  # not a test case, whatever its name begins with
+
+    def __init__(
+        self,
+        config: Config,
+        folder: Path,
+        tell: Callable[[str], None] = lambda _text: None,
+        witness: bool = False,
+    ) -> None:
+        raw = config.model_dump(mode="json")
+        raw["guard"]["mode"] = "off"
+        raw["wall"]["side"] = "both"
+        self.config = Config.model_validate(raw)
+        self._folder = folder
+        self._tell = tell
+        self._witness = witness
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"--out {folder}: the folder cannot be made ({error.strerror}); name another place"
+            ) from error
+
+    def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
+        """Run a program from its beginning to its end, torque off before and after.
+
+        Args:
+            name: Of its log; one that is there is replaced.
+            phases: At least one.
+            delay_steps: Periods inserted in place of the configuration's.
+
+        Raises:
+            ServoError: The servo could not be started.
+            ExperimentInterruptedError: A person has ended it.
+            ExperimentTrippedError: A trip has ended it.
+            UserError: The log could not be kept.
+        """
+        config = self.config
+        if delay_steps is not None:
+            raw = config.model_dump(mode="json")
+            raw["delay"]["steps"] = delay_steps
+            config = Config.model_validate(raw)
+        log = self._folder / f"{name}{SUFFIX}"
+        log.unlink(missing_ok=True)
+        metadata = {
+            "program": f"haptic-wall {__version__}",
+            "name": name,
+            "config": config.model_dump(mode="json"),
+            "phases": [asdict(phase) for phase in phases],
+        }
+        plan = Plan(
+            config=config,
+            duration_s=sum(phase.seconds for phase in phases) + 1.0,
+            log=log,
+            metadata=metadata,
+            witness=log.with_suffix(".witness.csv") if self._witness else None,
+            program=tuple(phases),
+        )
+        ended = run(plan, self._tell)
+        if ended.stop_reason == "interrupted":
+            raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
+        if ended.stop_reason != "duration":
+            raise ExperimentTrippedError(ended.stop_reason, explanation(ended) or "")
+        if not log.exists():
+            raise UserError(f"the log {log} could not be kept: {'; '.join(ended.warnings)}")
+        _, rows = read_log(log)
+        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        return Played(rows[on], tuple(phases), ended, log)

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from controller.config_load import load_config
+from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.program import Phase
+
+LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
+
+
+def bed(folder, *sets):
+    return Testbed(load_config("simulated", (*LINEAR, *sets)).config, folder)
+
+
+def test_a_released_shaft_swings_as_its_spring_says(tmp_path):
+    config = load_config("simulated", LINEAR).config
+    stiffness = 2.0
+    played = bed(tmp_path).play(
+        "swing",
+        [
+            Phase(5.0, 1.0, 0.1, 0.05, speed=0.2, integral=1.0, still_s=0.05, still_band=1e-6),
+            Phase(2.0, stiffness),
+        ],
+    )
+    swing = played.phase(1)["position"]
+    origin = played.rows["position"][0]
+    crossings = np.flatnonzero(np.diff(np.sign(swing - origin)))
+    period = 2 * np.mean(np.diff(crossings)) * 1e-3
+    assert period == pytest.approx(2 * np.pi * np.sqrt(config.servo.inertia / stiffness), rel=0.01)
+    assert swing[0] - origin == pytest.approx(0.05, abs=1e-3)
+    assert played.ended.stop_reason == "duration"
+    assert played.log.exists()
+
+
+def test_a_trip_ends_it_by_name(tmp_path):
+    with pytest.raises(ExperimentTrippedError) as error:
+        bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
+    assert error.value.stop_reason == "trip:overspeed"
+
+
+def test_it_ends_with_its_last_phase(tmp_path):
+    played = bed(tmp_path).play("short", [Phase(0.01), Phase(0.005)])
+    assert 15 <= len(played.rows) <= 17
