@@ -7,6 +7,9 @@ are whole. Those behind it are never sent: so a servo that has not answered is a
 Replies are matched to requests as ``link`` does it: by a length that changes, and by each servo's
 own clock. Of several that do not answer another is asked first each time, or those behind it would
 never be heard again.
+
+What a quiet bus repeats is prepared: the requests, what their joint reply must look like, and all
+but the values of the goals.
 """
 
 from __future__ import annotations
@@ -18,10 +21,12 @@ from typing import Final
 
 from hw.dynamixel.codec import (
     BROADCAST,
+    ExpectedFastReply,
     FastReply,
     Frame,
     Instruction,
     Parser,
+    SyncWrite,
     crc16,
     decode_fast_status,
     encode,
@@ -38,6 +43,8 @@ _GRACE_NS: Final = 200_000
 _FAST_HEAD: Final = b"\xff\xff\xfd\x00\xfe"
 _FAST_HEAD_BYTES: Final = 8
 _PREAMBLE: Final = 7
+_SHARE: Final = "BxH4xh4xi"
+"""Of a joint reply, what is used of a servo's: error, tick, current and position"""
 
 
 class Way(Enum):
@@ -83,6 +90,11 @@ class Together:
         self._broken: set[int] = set()
         self._raw = bytearray()
         """What has come of a joint reply"""
+        self._goals = SyncWrite(_GOAL_CURRENT, self._ids)
+        self._all_heard = True
+        """None of them stays away, so they are asked in the order of ids"""
+        self._requests = {size: self._request_frame(size, self._ids) for size in LENGTHS}
+        self._expected = {size: _Expected(self._ids, size) for size in LENGTHS}
 
     @property
     def restarted(self) -> list[int]:
@@ -97,24 +109,27 @@ class Together:
         """
         if self._length:
             self._close()
-        stale = self._line.read()
-        for frame in self._parser.feed(stale):
-            self._count_late(frame)
+        if stale := self._line.read():
+            for frame in self._parser.feed(stale):
+                self._count_late(frame)
         self._parser.reset()
         self._raw.clear()
         self._found.clear()
         self._broken.clear()
         number = self._number
-        self._length = next(size for size, free_at in self._free_at.items() if free_at <= number)
+        for size, free_at in self._free_at.items():
+            if free_at <= number:
+                break
+        self._length = size
         self._number = number + 1
-        self._order = self._by_silence()
-        now_ns = self._now_ns()
-        self._sent_ns = dict.fromkeys(self._ids, now_ns)
-        block = struct.pack("<HH", SAMPLE_ADDRESS, self._length)
-        if self.way is Way.PLAIN:
-            self._line.write(encode(self._order[0], Instruction.READ, block))
+        if self._all_heard:
+            self._order = self._ids
+            frame = self._requests[size]
         else:
-            self._line.write(encode(BROADCAST, self.way.value, block + bytes(self._order)))
+            self._order = self._by_silence()
+            frame = self._request_frame(size, self._order)
+        self._sent_ns = dict.fromkeys(self._ids, self._now_ns())
+        self._line.write(frame)
 
     def collect(self, deadline_ns: int) -> list[Sample]:
         """The answers to the last request, waiting until ``deadline_ns`` [ns] at most.
@@ -138,16 +153,18 @@ class Together:
         Raises:
             ServoLostError: The port is gone.
         """
-        params = struct.pack("<HH", _GOAL_CURRENT, 2) + b"".join(
-            struct.pack("<Bh", id_, goal) for id_, goal in zip(self._ids, goals, strict=True)
-        )
-        self._line.write(encode(BROADCAST, Instruction.SYNC_WRITE, params))
+        self._line.write(self._goals.encode(goals))
+
+    def _request_frame(self, size: int, order: Sequence[int]) -> bytes:
+        """The request for so many bytes; of the first alone where they are asked one by one."""
+        block = struct.pack("<HH", SAMPLE_ADDRESS, size)
+        if self.way is Way.PLAIN:
+            return encode(order[0], Instruction.READ, block)
+        return encode(BROADCAST, self.way.value, block + bytes(order))
 
     def _by_silence(self) -> tuple[int, ...]:
         """Who answers first, then who does not, these by turns."""
         silent = [id_ for id_ in self._ids if self._unheard[id_]]
-        if not silent:
-            return self._ids
         turn = self._number % len(silent)
         heard = (id_ for id_ in self._ids if not self._unheard[id_])
         return (*heard, *silent[turn:], *silent[:turn])
@@ -166,6 +183,7 @@ class Together:
     def _gather(self, ids: Sequence[int], deadline_ns: int) -> None:
         """Take in what comes until all of ``ids`` have answered or time is up."""
         line, now_ns = self._line, self._now_ns
+        fast = self.way is Way.FAST
         patient = [id_ for id_ in ids if self._unheard[id_] < _GONE]
         end_ns = deadline_ns
         while True:
@@ -175,7 +193,9 @@ class Together:
             if not come:
                 return
             data = line.read()
-            if self.way is Way.FAST:
+            if fast:
+                if self._take_expected(data):
+                    return
                 self._raw += data
                 self._take_joint_reply()
             else:
@@ -188,6 +208,29 @@ class Together:
                 patient = []
             if began_ns >= end_ns:  # a bus without a servo may never be silent
                 return
+
+    def _take_expected(self, data: bytes) -> bool:
+        """Whether ``data`` is just the joint reply, in the usual order, of all and accepted."""
+        expected = self._expected[self._length]
+        if self._raw or not self._all_heard or not expected.reply.match(data):
+            return False
+        values = expected.layout.unpack(data)
+        sent_ns = self._sent_ns[self._ids[0]]
+        found = self._found
+        for id_, clock, error, tick, current, position in zip(
+            self._ids,
+            self._clocks.values(),
+            values[::4],
+            values[1::4],
+            values[2::4],
+            values[3::4],
+            strict=True,
+        ):
+            if not error & 0x7F and clock.accept(tick, sent_ns):
+                found[id_] = Sample(Outcome.OK, position, current, error != 0, sent_ns)
+            else:
+                self._broken.add(id_)
+        return True
 
     def _take_joint_reply(self) -> None:
         """The shares in what has come so far of a fast sync read's reply."""
@@ -247,7 +290,8 @@ class Together:
                 outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
                 found = Sample(outcome, 0, 0, False, self._sent_ns[id_])
             samples.append(found)
-        self._blame()
+        if not whole or not self._all_heard:
+            self._blame()
         # A late reply, or a copy, must not meet a request of its own length.
         self._free_at[self._length] = self._number + (1 if whole and not cut else QUARANTINE)
         self._length = 0
@@ -261,12 +305,24 @@ class Together:
                 continue
             self._unheard[id_] += 1
             if self.way is Way.FAST:
-                return
+                break
+        self._all_heard = not any(self._unheard.values())
 
     def _count_late(self, frame: Frame) -> None:
         for id_, counts in zip(self._ids, self.counts, strict=True):
             if frame.id == id_ and len(frame.params) in LENGTHS:
                 counts.late += 1
+
+
+class _Expected:
+    """How a joint reply must look when all is well, and where in it what is."""
+
+    __slots__ = ("layout", "reply")
+
+    def __init__(self, ids: Sequence[int], size: int) -> None:
+        self.reply = ExpectedFastReply(ids, size)
+        rest = size - SAMPLE.size + 2  # unused bytes, and the share's CRC
+        self.layout = struct.Struct(f"<{_FAST_HEAD_BYTES}x" + f"{_SHARE}{rest}x" * len(ids))
 
 
 def _shares_in_front(reply: bytes, size: int) -> list[FastReply]:

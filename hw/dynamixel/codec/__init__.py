@@ -5,6 +5,7 @@ Shared by the driver and the emulated bus.
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
+from hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
 from hw.dynamixel.codec.fast import (
     FastReply,
     decode_fast_bulk_status,
@@ -23,7 +24,7 @@ from hw.dynamixel.codec.frames import (
     encode,
     encode_status,
 )
-from hw.dynamixel.codec.parser import ExpectedReply, Parser
+from hw.dynamixel.codec.parser import Parser
 
 __all__ = [
     "ALERT",
@@ -31,11 +32,13 @@ __all__ = [
     "MAX_ID",
     "MAX_LENGTH",
     "ErrorCode",
+    "ExpectedFastReply",
     "ExpectedReply",
     "FastReply",
     "Frame",
     "Instruction",
     "Parser",
+    "SyncWrite",
     "crc16",
     "decode_fast_bulk_status",
     "decode_fast_status",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
-    MARK,
     MAX_LENGTH,
     PREAMBLE,
     ErrorCode,
@@ -14,33 +13,6 @@ from hw.dynamixel.codec.frames import (
     crc16,
     decode,
 )
-
-
-class ExpectedReply:
-    """Recognises the one reply that a cyclic request should get, in half the time of a search.
-
-    Args:
-        id: Of the servo asked.
-        size: Bytes of data asked for.
-    """
-
-    __slots__ = ("_crc", "_prefix", "_size")
-
-    def __init__(self, id: int, size: int) -> None:  # noqa: A002
-        length = size + 4
-        self._prefix = HEADER + bytes((id, length & 0xFF, length >> 8, Instruction.STATUS))
-        self._size = len(self._prefix) + length - 1
-        self._crc = crc16(self._prefix)
-
-    def match(self, data: bytes) -> Frame | None:
-        """The reply, if ``data`` is just that; None for whatever needs a ``Parser``."""
-        prefix = self._prefix
-        if len(data) != self._size or not data.startswith(prefix):
-            return None
-        body = data[8:-2]
-        if MARK in body or crc16(body, self._crc) != data[-2] | data[-1] << 8:
-            return None
-        return Frame(prefix[4], Instruction.STATUS, body[0], body[1:])
 
 
 class Parser:

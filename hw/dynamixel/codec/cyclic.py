@@ -1,0 +1,118 @@
+"""Frames that a running cycle repeats with other data: recognised or built in a few steps.
+
+All but the data is known before the first one, its part of the checksum too. Whatever differs from
+what is expected is left to the ``Parser``; what is built here is what ``encode`` builds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import Struct
+
+from hw.dynamixel.codec.frames import (
+    BROADCAST,
+    HEADER,
+    MARK,
+    Frame,
+    Instruction,
+    crc16,
+    encode,
+)
+
+_FIXED = 8
+"""Bytes of a reply in front of its error byte: header, id, length, instruction"""
+
+
+class ExpectedReply:
+    """Recognises the one reply that a cyclic request should get, in half the time of a search.
+
+    Args:
+        id: Of the servo asked.
+        size: Bytes of data asked for.
+    """
+
+    __slots__ = ("_crc", "_prefix", "_size")
+
+    def __init__(self, id: int, size: int) -> None:  # noqa: A002
+        self._prefix = _reply_prefix(id, size + 4)
+        self._size = _FIXED + size + 3
+        self._crc = crc16(self._prefix)
+
+    def match(self, data: bytes) -> Frame | None:
+        """The reply, if ``data`` is just that; None for whatever needs a ``Parser``."""
+        prefix = self._prefix
+        if len(data) != self._size or not data.startswith(prefix):
+            return None
+        body = data[_FIXED:-2]
+        if MARK in body or crc16(body, self._crc) != data[-2] | data[-1] << 8:
+            return None
+        return Frame(prefix[4], Instruction.STATUS, body[0], body[1:])
+
+
+class ExpectedFastReply:
+    """Recognises the joint reply of all servos that a cyclic fast sync read should get.
+
+    Args:
+        ids: Of the servos asked, in the order asked.
+        size: Bytes of data asked of each.
+    """
+
+    __slots__ = ("_crc", "_ids", "_prefix", "_share", "_size")
+
+    def __init__(self, ids: Sequence[int], size: int) -> None:
+        self._ids = bytes(ids)
+        self._share = size + 4
+        length = 1 + len(ids) * self._share
+        self._prefix = _reply_prefix(BROADCAST, length)
+        self._size = _FIXED - 1 + length
+        self._crc = crc16(self._prefix)
+
+    def match(self, data: bytes) -> bool:
+        """Whether ``data`` is just that, with a share of each; if not, it needs a closer look.
+
+        The shares begin at the ninth byte: error, id, data, CRC. The last CRC covers all of them.
+        """
+        return (
+            len(data) == self._size
+            and data.startswith(self._prefix)
+            and data[_FIXED + 1 :: self._share] == self._ids
+            and crc16(data[_FIXED:-2], self._crc) == data[-2] | data[-1] << 8
+        )
+
+
+class SyncWrite:
+    """Builds the sync writes that send a 16-bit value to each of some servos.
+
+    Args:
+        address: Of the register.
+        ids: Of the servos.
+    """
+
+    __slots__ = ("_crc", "_fields", "_prefix", "_shares")
+
+    def __init__(self, address: int, ids: Sequence[int]) -> None:
+        self._shares = Struct("<" + "Bh" * len(ids))
+        self._fields = [field for id_ in ids for field in (id_, 0)]
+        length = self._shares.size + 7
+        head = (BROADCAST, length & 0xFF, length >> 8, Instruction.SYNC_WRITE)
+        self._prefix = HEADER + bytes((*head, address & 0xFF, address >> 8, 2, 0))
+        self._crc = crc16(self._prefix)
+
+    def encode(self, values: Sequence[int]) -> bytes:
+        """The frame with a value for each servo, in the order of the ids.
+
+        Raises:
+            ValueError: There is not one for each.
+            struct.error: A value does not fit in 16 bits with a sign.
+        """
+        fields = self._fields
+        fields[1::2] = values
+        body = self._shares.pack(*fields)
+        if MARK in body:
+            return encode(BROADCAST, Instruction.SYNC_WRITE, self._prefix[_FIXED:] + body)
+        return self._prefix + body + crc16(body, self._crc).to_bytes(2, "little")
+
+
+def _reply_prefix(id_: int, length: int) -> bytes:
+    """What a reply begins with, up to its instruction."""
+    return HEADER + bytes((id_, length & 0xFF, length >> 8, Instruction.STATUS))
