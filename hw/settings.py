@@ -32,6 +32,10 @@ class TrueServo:
     """Play between the shaft and the encoder [rad], full width, >= 0"""
     torque_constant: float = 0.0
     """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
+    supply: float | None = None
+    """Voltage of an emulated servo's supply [V]; None: the one its model's figures hold for"""
+    ambient: float = 32.0
+    """Temperature of an emulated servo that does nothing [°C]"""
     position: float = 0.0
     """Position at the start, at rest [rad]"""
     hand: HandName = "none"

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, get_args
 
 from controller.errors import UserError
+from hw.dynamixel.emulated.faults import AMBIENT, SUPPLY
 from hw.dynamixel.emulated.values import number, one_of, suggestion, whole
 from hw.dynamixel.tables import MODELS, Model
 from hw.settings import HandName, TrueServo
@@ -32,6 +33,8 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "torque_step": number(0, 1e6),
     "backlash": number(0, 1),
     "torque_constant": number(0, 1e6),
+    "supply": SUPPLY,
+    "ambient": AMBIENT,
     "position": number(-1e6, 1e6),
     "kick": number(-100, 100),
     "hand": one_of(*get_args(HandName)),

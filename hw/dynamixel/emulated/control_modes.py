@@ -129,6 +129,16 @@ class Controllers:
             memory["goal_pwm"] = 0
         self._since_ns = now_ns
 
+    def renumber(self, counts: int, now_ns: int) -> None:
+        """Present Position has become another by so much, and nothing has moved: so do the goals.
+
+        The manual is silent about Goal Position when turns are cleared. Left as it was, it would
+        turn the servo by as many turns as were cleared.
+        """
+        self._memory["goal_position"] = self._goal = self._goal + counts
+        self._plan = Plan(self._goal, self._goal, 0, ())
+        self._since_ns = now_ns
+
     def point(self, now_ns: int) -> Point:
         """Where the profile leads at ``now_ns`` [counts, counts/s, counts/s²]."""
         return self._plan.at((now_ns - self._since_ns) * 1e-9)

@@ -44,6 +44,7 @@ class Drive:
         mechanism: What the motor moves.
         encoder: What the controllers see of it.
         current_unit: [A] per unit of current; 0 where there is none.
+        stall_current: Of the motor, at the voltage its figures hold for [A].
         now_ns: The time [ns].
         back_emf: In current mode too the current is no more than the supply can drive at the
             present speed. Off by default: a torque is then held as it was commanded.
@@ -74,6 +75,7 @@ class Drive:
         encoder: Encoder,
         *,
         current_unit: float,
+        stall_current: float,
         now_ns: int,
         back_emf: bool,
     ) -> None:
@@ -87,7 +89,7 @@ class Drive:
         self._duty = 0.0
         self._lost = 0
         self.controllers = Controllers(table)
-        self.health = Health(table, table.supply / motor.resistance, now_ns)
+        self.health = Health(table, stall_current, now_ns)
         self.mechanism = mechanism
         self.motor = motor
         self.next_ns = _NEVER_NS
@@ -143,12 +145,19 @@ class Drive:
         counts = self.encoder.counts() - self._lost
         if self.table.reversed:
             counts = -counts
-        return counts + self._memory["homing_offset"]
+        return counts + self.table.homing_offset
 
     def forget_turns(self) -> None:
         """Present Position back within one turn, but for the homing offset."""
         counts, sign = self.encoder.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
+
+    def clear_turns(self, now_ns: int) -> None:
+        """As ``forget_turns``, while it stands; what it holds is renumbered, so nothing moves."""
+        before = self.position()
+        self.forget_turns()
+        if self._active in POSITION_MODES:
+            self.controllers.renumber(self.position() - before, now_ns)
 
     def electrical(self) -> tuple[float, float]:
         """The current that is measured [A], and the share of the supply on the motor.

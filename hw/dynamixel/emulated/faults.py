@@ -19,6 +19,10 @@ ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
     {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
 )
 """Of Hardware Error Status"""
+SUPPLY: Final = number(0.1, 60)
+"""Voltages a servo may be supplied with [V]"""
+AMBIENT: Final = number(-40, 200)
+"""Temperatures it may stand in [°C]"""
 _SECOND_NS = 1_000_000_000
 
 
@@ -63,6 +67,8 @@ KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
         "bytes": _Key(whole(1, 255), "of garbage"),
         "counts": _Key(whole(-(2**24), 2**24), "encoder counts, signed"),
         "bits": _Key(_error_bits, "hardware errors"),
+        "volts": _Key(SUPPLY, "of the supply [V]"),
+        "celsius": _Key(AMBIENT, "around it [°C]"),
     }
 )
 KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
@@ -90,6 +96,20 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
             False,
             "hardware-error:bits=overload,at=3",
             "errors are latched",
+        ),
+        "supply": _Kind(
+            ("volts", "for", "id"),
+            ("volts",),
+            False,
+            "supply:volts=9,at=2,for=0.5",
+            "its supply has another voltage",
+        ),
+        "ambient": _Kind(
+            ("celsius", "for", "id"),
+            ("celsius",),
+            False,
+            "ambient:celsius=60,at=2",
+            "it stands in another temperature",
         ),
         "brown-out": _Kind(("id",), (), False, "brown-out:at=2", "it reboots, unasked"),
         "unplug": _Kind(("for", "id"), (), False, "unplug:at=2,for=0.5", "it is off the cable"),

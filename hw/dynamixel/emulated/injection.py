@@ -13,7 +13,7 @@ from typing import NamedTuple
 from hw.dynamixel.emulated.damage import Passage, id_of, strike
 from hw.dynamixel.emulated.faults import Fault, parse_fault
 
-_HELD = ("stuck", "unplug", "unplug-adapter")
+_HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults that last until they are over; a jump only if it says how long"""
 
 

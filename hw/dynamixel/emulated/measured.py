@@ -52,5 +52,5 @@ def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
         lead_velocity,
         lead_position,
         table.volts,
-        round(table.temperature),
+        min(max(round(table.temperature), 0), 0xFF),
     )

@@ -1,4 +1,4 @@
-"""What a fault does to a servo: to its encoder, its error register, its power or its cable."""
+"""What a fault does to a servo: its encoder, errors, supply, surroundings, power or cable."""
 
 from __future__ import annotations
 
@@ -23,6 +23,10 @@ def befall(happening: Happening, servo: EmulatedServo, now_ns: int) -> None:
             servo.encoder.shift(counts if begins else -counts)
         case "hardware-error" if not servo.unplugged:
             servo.latch_errors(fault.values["bits"], now_ns)
+        case "supply":
+            servo.set_supply(fault.values["volts"] if begins else servo.true_supply, now_ns)
+        case "ambient":
+            servo.set_ambient(fault.values["celsius"] if begins else servo.true_ambient, now_ns)
         case "unplug" if begins:
             servo.unplug(now_ns)
         case "unplug":

@@ -14,12 +14,10 @@ from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.emulated.memory import Memory
 from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
 
-TEMPERATURE = 32.0
-"""Present Temperature of a servo that does nothing [°C]"""
-
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
 _POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
+_QUARTER_TURN = 1024
 _FARTHEST = 1_048_575
 """Goal Position reaches 256 turns either way in the multi-turn modes [counts]"""
 _TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
@@ -57,6 +55,8 @@ class ControlTable:
     Args:
         model: Whose registers.
         firmware: Decides what it knows.
+        supply: The voltage it is supplied with [V].
+        ambient: How warm it is [°C].
     """
 
     __slots__ = (
@@ -70,18 +70,18 @@ class ControlTable:
         "volts",
     )
 
-    def __init__(self, model: Model, firmware: int) -> None:
+    def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
         """Every register at its default, not yet powered up."""
         self._model = model
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
         self._backup: dict[str, int] | None = None
-        self.supply = model.voltage
+        self.supply = supply
         """Of the servo [V]; ``feed`` sets it"""
-        self.volts = round(model.voltage * 10)
+        self.volts = round(supply * 10)
         """Present Input Voltage [0.1 V]"""
-        self.temperature = TEMPERATURE
+        self.temperature = ambient
         """Inside [°C]"""
         self.enabled_by_goal = False
         """Torque was last switched on by writing a goal, not by Torque Enable"""
@@ -100,6 +100,18 @@ class ControlTable:
     def inverts_current(self) -> bool:
         """Reversed X540 and XW invert velocity, current and PWM too, says the manual, no others."""
         return self._model.family in ("X540", "XW540", "XW430") and self.reversed
+
+    @property
+    def homing_offset(self) -> int:
+        """Homing Offset as it acts [counts].
+
+        Position mode stays within a turn and ignores offsets of more than a quarter of one.
+        """
+        memory = self.memory
+        offset = memory["homing_offset"]
+        if abs(offset) > _QUARTER_TURN and memory["operating_mode"] == _POSITION_MODE:
+            return 0
+        return offset
 
     @property
     def tripped(self) -> bool:

@@ -86,7 +86,11 @@ class EmulatedServo:
             )
         self.model = model
         self.firmware = firmware
-        self.table = ControlTable(model, firmware)
+        self.true_supply = model.voltage if true.supply is None else true.supply
+        """What it is supplied with unless ``set_supply`` says otherwise [V]"""
+        self.true_ambient = true.ambient
+        """Where it stands unless ``set_ambient`` says otherwise [°C]"""
+        self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
         self.memory = self.table.memory
         self.mechanism = Mechanism(true, start_ns, hand_waits=True)
         self._held = False
@@ -98,12 +102,14 @@ class EmulatedServo:
         self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
+        motor = motor_of(model, constant)
         self.drive = Drive(
             self.table,
-            motor_of(model, constant),
+            motor,
             self.mechanism,
             self.encoder,
             current_unit=model.current_unit_ma * 1e-3,
+            stall_current=model.voltage / motor.resistance,
             now_ns=start_ns,
             back_emf=back_emf,
         )
@@ -183,9 +189,12 @@ class EmulatedServo:
         self.drive.update(now_ns)
 
     def set_ambient(self, celsius: float, now_ns: int) -> None:
-        """It stands in a place where it would idle at this temperature, and has taken it [°C]."""
+        """From ``now_ns`` [ns] it would idle at this temperature [°C], and is as much warmer."""
         self.drive.advance(now_ns)
-        self.drive.health.ambient = self.table.temperature = celsius
+        health = self.drive.health
+        health.settle(now_ns)
+        self.table.temperature += celsius - health.ambient
+        health.ambient = celsius
         self.table.check_health()
         self.drive.update(now_ns)
 
@@ -245,7 +254,7 @@ class EmulatedServo:
         self._refresh(now_ns)
         if self.memory["moving"]:
             return ErrorCode.RESULT_FAIL
-        self.drive.forget_turns()
+        self.drive.clear_turns(now_ns)
         return ErrorCode.NONE
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:

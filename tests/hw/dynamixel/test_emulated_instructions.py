@@ -17,7 +17,8 @@ from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
 TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
 TORQUE_ENABLE, LED, RETURN_LEVEL, REGISTERED, POSITION_P_GAIN = 64, 65, 68, 69, 84
-GOAL_CURRENT, POSITION, BACKUP_READY, INDIRECT_ADDRESS, INDIRECT_DATA = 102, 132, 147, 168, 224
+OPERATING_MODE, GOAL_CURRENT, GOAL_POSITION, POSITION, BACKUP_READY = 11, 102, 116, 132, 147
+INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
 X = "XM430-W350"
 
 
@@ -109,6 +110,22 @@ def test_clear_brings_the_position_back_into_one_turn():
         (reply,) = client.replies()
         assert (reply.id, reply.error) == (1, 0)
         assert client.read(1, POSITION, 4, signed=True) == 1024
+
+
+@pytest.mark.parametrize("mode", [4, 5])
+def test_clear_moves_nothing_that_is_held(mode):
+    """The vendor's example clears with torque on: left as it was, the goal is two turns away."""
+    client = Client(true=replace(FREE, damping=0.05))
+    client.write(1, OPERATING_MODE, mode, 1)
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    client.write(1, GOAL_POSITION, 10_000, 4)
+    client.pass_time(8_000 * MS)
+    held = client.position()
+    assert client.read(1, POSITION, 4) == 10_000
+    assert client.ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == 0
+    client.pass_time(2_000 * MS)
+    assert client.read(1, POSITION, 4) == client.read(1, GOAL_POSITION, 4) == 10_000 % 4096
+    assert client.position() == pytest.approx(held, abs=1e-4)
 
 
 def test_clear_is_refused_while_it_moves():
@@ -317,6 +334,20 @@ def test_reg_write_and_action_to_a_secondary_id():
     client.replies()
     assert leds(client) == [1, 1, 1, 1, 1]
     assert [client.read(i, REGISTERED, 1) for i in client.servos] == [0] * 5
+
+
+def test_a_secondary_id_that_is_its_own_changes_nothing():
+    """ "The actuator will respond as if commands are sent only to its primary ID"."""
+    client = Client()
+    assert client.write(1, SECONDARY_ID, 1, 1) == 0
+    assert client.write(1, LED, 1, 1) == 0  # one answer: ``ask`` sees to it
+    assert client.read(1, LED, 1) == 1
+    assert client.write(1, HOMING, 7, 4) == 0  # EEPROM too
+    assert client.read(1, HOMING, 4) == 7
+    register = words(GOAL_CURRENT) + words(3)
+    assert client.ask(1, Instruction.REG_WRITE, register).error == 0
+    assert client.ask(1, Instruction.ACTION).error == 0  # carried out once
+    assert client.ask(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
 
 
 @pytest.mark.parametrize("value", [253, 254, 255])

@@ -186,6 +186,45 @@ def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model, mode
     assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
 
 
+def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say():
+    client = Client(true=HELD, recorded=False)
+    client.write(1, SHUTDOWN, 0, 1)
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 1193, 2)  # 1.4 times the stall current
+    client.pass_time(1_000_000 * MS)
+    assert client.read(1, TEMPERATURE, 1) == 255
+    assert client.torque() != 0
+
+
+@pytest.mark.parametrize("celsius", [-40.0, 20.0, 79.0])
+def test_it_starts_as_warm_as_the_place_it_stands_in(celsius):
+    client = Client(true=replace(HELD, ambient=celsius))
+    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
+    assert client.ask(1, Instruction.PING).error == 0
+    client.pass_time(1_000_000 * MS)
+    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
+
+
+@pytest.mark.parametrize(("volts", "error"), [(9.4, 0x01), (9.5, 0), (16.0, 0), (16.1, 0x01)])
+def test_it_is_powered_up_with_the_supply_it_is_given(volts, error):
+    client = Client(true=replace(HELD, supply=volts), fast=False)
+    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
+    assert client.read(1, HARDWARE_ERROR, 1) == error
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
+    assert client.read(1, HARDWARE_ERROR, 1) == error
+
+
+def test_a_warmer_place_adds_to_what_the_motor_heats():
+    client = held("XM430-W350", 400)
+    client.pass_time(1_000_000 * MS)
+    before = client.read(1, TEMPERATURE, 1)
+    client.servos[1].set_ambient(42.0, client.clock.now_ns())
+    assert before > 32
+    assert client.read(1, TEMPERATURE, 1) == before + 10
+
+
 def test_a_reboot_does_not_cool_it():
     client = Client()
     client.servos[1].set_ambient(90.0, client.clock.now_ns())

@@ -269,6 +269,26 @@ def test_homing_offset_shifts_the_position():
     assert client.read(1, POSITION, 4, signed=True) == before - 1000
 
 
+@pytest.mark.parametrize(
+    ("mode", "offset", "shown"),
+    [
+        (3, 1024, 1024),
+        (3, -1024, -1024),
+        (3, 1025, 0),
+        (3, -4096, 0),
+        (4, 4096, 4096),
+        (0, 2000, 2000),
+    ],
+)
+def test_position_mode_ignores_a_homing_offset_beyond_a_quarter_turn(mode, offset, shown):
+    client = Client()
+    client.write(1, 11, mode, 1)
+    before = client.read(1, POSITION, 4, signed=True)
+    assert client.write(1, HOMING, offset, 4) == 0
+    assert client.read(1, HOMING, 4, signed=True) == offset
+    assert client.read(1, POSITION, 4, signed=True) == before + shown
+
+
 def test_position_counts_over_turns_and_a_reboot_forgets_them():
     client = Client(true=replace(FREE, position=-0.1))
     counts = round(-0.1 * 4096 / (2 * math.pi))

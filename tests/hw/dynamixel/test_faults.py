@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -13,7 +14,7 @@ from hw.dynamixel.emulated.faults import KINDS
 from hw.dynamixel.emulated.injection import Faults
 from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.errors import ServoLostError
-from tests.hw.dynamixel.emulated_client import BYTE_NS, MS, TORQUE_UNIT, Client
+from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
 
 X = "XM430-W350"
 PING = encode(1, Instruction.PING)
@@ -336,6 +337,32 @@ def test_an_error_that_is_not_in_shutdown_only_alerts():
     assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
 
 
+def test_a_supply_that_sags_and_recovers_leaves_its_error_latched():
+    client = Client(true=replace(FREE, supply=11.5))
+    client.inject("supply:volts=9,at=0.1,for=0.05")
+    client.pass_time(99 * MS)
+    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (115, 0)
+    client.pass_time(5 * MS)
+    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (90, 0x01)
+    client.pass_time(50 * MS)
+    assert (client.read(1, 144, 2), client.read(1, 70, 1)) == (115, 0x01)
+    assert [name for _, _, name in client.fault_rows()] == ["supply", "supply over"]
+
+
+def test_one_servo_stands_in_the_heat_until_that_is_lifted():
+    client = Client((X, 1), (X, 2))
+    client.enable_current_mode(2)
+    client.write(2, 102, 100, 2)
+    client.inject("ambient:celsius=85,id=2")
+    assert [client.read(i, 146, 1) for i in (1, 2)] == [32, 85]
+    assert [client.read(i, 70, 1) for i in (1, 2)] == [0, 0x04]
+    assert client.torque(2) == 0  # overheating is in Shutdown
+    assert client.bus.lift("ambient", client.clock.now_ns())
+    client.ask(2, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert (client.read(2, 146, 1), client.read(2, 70, 1)) == (32, 0)
+
+
 def test_a_brown_out_is_a_reboot_that_nobody_asked_for():
     client = Client()
     client.enable_current_mode()
@@ -461,6 +488,8 @@ STEADY = [
     "stuck:for=0.003,repeat=0.007",
     "jump:counts=-77,repeat=0.003",
     "hardware-error:bits=overload,repeat=0.05",
+    "supply:volts=2,for=0.01,repeat=0.03",
+    "ambient:celsius=150,for=0.01,repeat=0.03",
     "brown-out:repeat=0.3",
     "unplug:for=0.02,repeat=0.25",
     "unplug-adapter:for=0.01,repeat=0.1",
