@@ -107,6 +107,10 @@ class Wall(Section):
         le=64,
         description="Samples the velocity is differenced over; 1: the backward difference",
     )
+    passivity_control: bool = Field(
+        False,
+        description="Put damping in where the wall gives more energy than it took",
+    )
 
 
 class Delay(Section):
@@ -235,6 +239,11 @@ class Safety(Section):
     )
     max_losses_in_row: Whole = Field(
         5, ge=1, le=1000, description="Lost readings one after the other that trip"
+    )
+    on_oscillation: Literal["reduce", "trip", "report"] = Field(
+        "reduce",
+        description="What is done when the wall oscillates by itself: reduce stiffness and damping "
+        "until it decays, trip, or only report; with guard.mode off it always trips",
     )
     heartbeat_s: float = Field(
         0.1,

@@ -79,6 +79,11 @@ class GuardLadder:
         self.rung = 0
 
     @property
+    def decisions(self) -> Sequence[Decision]:
+        """All of them, one for each age."""
+        return self._decisions
+
+    @property
     def decision(self) -> Decision:
         """The decision that holds."""
         return self._decisions[self.rung]

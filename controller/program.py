@@ -69,6 +69,7 @@ class Program:
         phase: Number of the one in force, from 0.
         stiffness: [N·m/rad], of the phase in force.
         damping: [N·m·s/rad]
+        injected: Nothing.
         position: Where the centre is [rad], in the servo's own count.
 
     Raises:
@@ -90,6 +91,7 @@ class Program:
         "damping",
         "done",
         "guarded",
+        "injected",
         "one_sided",
         "phase",
         "position",
@@ -108,7 +110,7 @@ class Program:
         self._resting_at = self._wave_phase = self._integral = 0.0
         self.phase = -1
         self.guarded = self.one_sided = self.done = False
-        self.stiffness = self.damping = self.position = 0.0
+        self.stiffness = self.damping = self.injected = self.position = 0.0
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
         """Always: a program has no outside."""

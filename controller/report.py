@@ -34,7 +34,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "bus": _bus(result.get("bus"), ended),
         "delay_s": result.get("delay"),
         "guard": result.get("guard"),
-        "oscillation": None,
+        "oscillation": result.get("oscillation"),
         "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
         "stop_reason": ended.stop_reason,
         "explanation": explanation(ended),

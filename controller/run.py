@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from types import FrameType
 
 from controller.inline import run_inline
@@ -13,6 +14,8 @@ from controller.telemetry import Telemetry, Word
 
 def run(plan: Plan, tell: Tell) -> Ended:
     """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
+
+    SIGUSR1 asks to go back to the full wall after an oscillation has made it softer.
 
     Args:
         plan: What to run.
@@ -26,7 +29,10 @@ def run(plan: Plan, tell: Tell) -> Ended:
     def stop(_signal: int, _frame: FrameType | None) -> None:
         telemetry.words[Word.STOP] = 1
 
-    with on_signals(stop):
+    def raise_again(_signal: int, _frame: FrameType | None) -> None:
+        telemetry.words[Word.RAISE] += 1
+
+    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)):
         if plan.config.loop.clock == "simulated":
             return run_inline(plan, telemetry)
         return Supervisor(plan, telemetry, tell).run()

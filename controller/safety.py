@@ -16,6 +16,8 @@ class Trip(StrEnum):
     """A position, velocity or torque was NaN or infinite."""
     OVERSPEED = "overspeed"
     """The position moved further than the speed limit allows."""
+    OSCILLATION = "oscillation"
+    """The wall oscillates by itself."""
     LOSSES_IN_ROW = "losses_in_row"
     """Too many readings in a row failed."""
     LOSS_RATE = "loss_rate"
@@ -41,6 +43,8 @@ EXPLANATIONS = {
     " or a broken servo: please report it with the log",
     Trip.OVERSPEED: "the position moved faster than safety.max_speed allows; check the encoder"
     " and the wall's stability, or raise safety.max_speed",
+    Trip.OSCILLATION: "the wall oscillates by itself; ask for less stiffness or damping, let"
+    " guard.mode be stable, or correct what model.* believes of the servo",
     Trip.LOSSES_IN_ROW: "more readings in a row failed than safety.max_losses_in_row allows;"
     " check cable, power, baud rate and adapter",
     Trip.LOSS_RATE: "a larger share of the readings failed than safety.max_loss allows; check"

@@ -8,18 +8,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from controller.assembly import guard_ladder, rendered, tick_parts
 from controller.config import Config
-from controller.delay import DelayRing
-from controller.guard import Decision, Situation, decide, decision_report
-from controller.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.loop import Waiter, next_deadline, waiter_for
-from controller.program import Phase, Program
+from controller.program import Phase
 from controller.realtime import freeze_garbage
-from controller.safety import Safety, SafetyLimits, Trip
+from controller.safety import Trip
+from controller.session_report import delay_report, guard_report
 from controller.telemetry import State, Telemetry, Word
-from controller.tick import Tick, TickParts
-from controller.velocity import velocity_estimator
-from controller.wall import Law, Wall
+from controller.tick import Tick
+from controller.watch import oscillation_report
 from hw.clock import Clock, SimulatedClock
 from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.open import open_servo
@@ -48,6 +46,7 @@ class Result:
     """What that took in real time, start-up not counted [s]"""
     grid_hz: float
     guard: dict[str, Any]
+    oscillation: dict[str, Any]
     delay: dict[str, float]
     bus: dict[str, int] | None
     torque_off: bool
@@ -89,7 +88,7 @@ def run_session(
         # All that takes long comes before the start: a started servo wants to hear something
         # within every period of its Bus Watchdog.
         limit = servo.facts.torque_limit
-        ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+        ladder = guard_ladder(config, servo, isinstance(clock, SimulatedClock))
         freeze_garbage()
         prepare()
         waiter = waiter_for(clock, _spin_ns(config))
@@ -98,11 +97,13 @@ def run_session(
             checks = servo.start()
             # The servo's own Current Limit is another, or replies come later than was thought.
             if servo.facts.torque_limit != limit or servo.facts.reply_s:
-                ladder = _ladder(config, servo, isinstance(clock, SimulatedClock))
+                ladder = guard_ladder(config, servo, isinstance(clock, SimulatedClock))
             passed = f", {len(checks)} start-up checks passed" if checks else ""
             tell(f"{servo.facts.name}: torque is on{passed}")
-        law = _law(config, servo, program)
-        tick = Tick(_parts(config, clock, servo, telemetry, ladder, law))
+        law = rendered(config, servo, program)
+        parts = tick_parts(config, clock, servo, telemetry, ladder, law)
+        watch = parts.watch
+        tick = Tick(parts)
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
@@ -124,23 +125,13 @@ def run_session(
         elapsed_s=grid.elapsed_s,
         real_s=real_s,
         grid_hz=1e9 / grid.period_ns,
-        guard=decision_report(decision),
+        guard=guard_report(decision, tick, law, watch),
+        oscillation=oscillation_report(watch),
         delay=delay_report(config, decision, ladder.age_ns),
         bus=asdict(servo.counts) if servo.facts.has_bus else None,
         torque_off=torque_off,
         checks=checks,
     )
-
-
-def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
-    """The parts of the delay that the guard counted with, and their sum [s]."""
-    inserted = config.delay.steps * config.period_ns * 1e-9
-    return {
-        "inserted": inserted,
-        "device": config.belief().delay.high,
-        "measured": age_ns * 1e-9,
-        "total": decision.delay,
-    }
 
 
 def _spin_ns(config: Config) -> int | None:
@@ -255,75 +246,3 @@ def _run(
         return f"trip:{Trip.SERVO_LOST}", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
         return f"trip:{Trip.INTERNAL_ERROR}", f"{type(error).__name__}: {error}"
-
-
-def _ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
-    """The guard's decisions for every sample age that may come."""
-    period = config.period_ns * 1e-9
-    situation = Situation(
-        belief=config.belief(),
-        period=period,
-        torque_limit=servo.facts.torque_limit,
-        position_step=servo.facts.position_step,
-        slow_replies=servo.facts.reply_s > 0.0,
-    )
-    # In the same process on the simulated clock a sample has no age.
-    ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
-    inserted = config.delay.steps * period
-    least_ns = round(config.guard.sample_age * 1e9)
-    ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = decide(
-        config.request(),
-        config.guard_settings(),
-        situation,
-        [inserted + age * 1e-9 for age in ages_ns],
-        inserted,
-    )
-    window = max(1, round(config.guard.window_s / period))
-    run = max(RUN, round(RUN_S / period))
-    return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window, run)
-
-
-def _ages_ns(config: Config, servo: Servo) -> list[int]:
-    return rung_ages_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
-
-
-def _law(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
-    """The wall, which the guard will set, or what an experiment wants in its place."""
-    if program:
-        return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    return Wall(0.0, 0.0, config.wall.position, config.wall.side)
-
-
-def _parts(
-    config: Config,
-    clock: Clock,
-    servo: Servo,
-    telemetry: Telemetry,
-    ladder: GuardLadder,
-    law: Law,
-) -> TickParts:
-    period_ns = config.period_ns
-    period = period_ns * 1e-9
-    wall, safety = config.wall, config.safety
-    return TickParts(
-        clock=clock,
-        servo=servo,
-        wall=law,
-        velocity=velocity_estimator(period, wall.velocity_samples),
-        ring=DelayRing(config.delay.steps),
-        ladder=ladder,
-        safety=Safety(
-            SafetyLimits(
-                max_speed=safety.max_speed,
-                position_step=servo.facts.position_step,
-                max_loss=safety.max_loss,
-                loss_window=max(1, round(safety.loss_window_s / period)),
-                max_losses_in_row=safety.max_losses_in_row,
-            )
-        ),
-        telemetry=telemetry,
-        period_ns=period_ns,
-        ramp_ticks=max(1, round(RAMP_S / period)),
-        pipelined=config.servo.schedule == "pipelined",
-    )

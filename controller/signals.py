@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -14,15 +14,17 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 @contextlib.contextmanager
 def on_signals(
     handler: signal.Handlers | Callable[[int, FrameType | None], None],
+    numbers: Sequence[signal.Signals] = STOPPING,
 ) -> Iterator[None]:
-    """What Ctrl-C, SIGTERM and SIGHUP do meanwhile.
+    """What signals do meanwhile.
 
     Args:
+        numbers: The signals in question, those that stop a run unless told otherwise.
         handler: As ``signal.signal`` takes it; a function of ours only sets flags.
     """
-    before = [signal.signal(number, handler) for number in STOPPING]
+    before = [signal.signal(number, handler) for number in numbers]
     try:
         yield
     finally:
-        for number, earlier in zip(STOPPING, before, strict=True):
+        for number, earlier in zip(numbers, before, strict=True):
             signal.signal(number, earlier)

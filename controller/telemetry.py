@@ -80,6 +80,8 @@ class Word(IntEnum):
     """Ticks executed (loop)."""
     MISSED = 8
     """Whole periods skipped (loop)."""
+    RAISE = 9
+    """How often it was asked to go back to the full wall (supervisor)."""
 
 
 class State(IntEnum):

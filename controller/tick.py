@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 from controller.delay import DelayRing
 from controller.ladder import GuardLadder
+from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
 from controller.velocity import VelocityEstimator
 from controller.wall import Law
+from controller.watch import Watch
 from hw.clock import Clock
 from hw.servo import Outcome, Servo
 
@@ -36,6 +38,9 @@ class TickParts:
     ring: DelayRing
     ladder: GuardLadder
     safety: Safety
+    watch: Watch
+    passivity: PassivityControl | None
+    """Puts damping in where the wall gives energy; None: it does not"""
     telemetry: Telemetry
     period_ns: int
     ramp_ticks: int
@@ -73,6 +78,9 @@ class Tick:
         self._ramp_stiffness = 0.0
         self._ramp_damping = 0.0
         self._target = 0.0  # stiffness at the end of the ramp
+        self._target_damping = 0.0
+        self._share = 1.0  # of the decision, since an oscillation was noticed
+        self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
         self.trip: Trip | None = None
@@ -92,8 +100,22 @@ class Tick:
             parts.wall.stiffness = decision.stiffness
             parts.wall.damping = decision.damping
         self._target = decision.stiffness
-        self._delay_s = decision.delay
+        self._target_damping = decision.damping
+        self._take_delay()
         self.warm_up = False
+
+    def _take_delay(self) -> None:
+        """Count with the delay that the ladder has found."""
+        parts = self._parts
+        self._delay_s = parts.ladder.decision.delay
+        parts.watch.set_age(parts.ladder.age_ns * 1e-9)
+        if parts.passivity is not None:
+            parts.passivity.allow(parts.ladder.rung)
+
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered, ramps at their end."""
+        return self._target, self._target_damping
 
     def inside_one_sided_wall(self) -> bool:
         """Whether the last known position is inside a wall that has an outside."""
@@ -120,6 +142,7 @@ class Tick:
         if self.warm_up:
             flags = FLAG_WARM_UP
         elif self._sampled_ns is not None:
+            self._look(position, contact, periods)
             wall_torque = parts.wall.torque(position, velocity)
         if contact:
             flags |= FLAG_CONTACT
@@ -136,6 +159,7 @@ class Tick:
         # way is the same, and so is no part of the age.
         sent_ns = self._now()
         sent = parts.servo.write(torque)
+        parts.watch.sent(sent)
         if parts.pipelined:
             parts.servo.request()
 
@@ -153,13 +177,13 @@ class Tick:
             missed,
             flags,
             parts.wall.phase,
-            0,
+            parts.watch.current,
             position,
             velocity,
             wall_torque,
             sent,
             parts.wall.stiffness,
-            parts.wall.damping,
+            parts.wall.damping + parts.wall.injected,
             self._delay_s,
             self._measured_torque,
         )
@@ -208,6 +232,22 @@ class Tick:
         self._velocity = parts.velocity.update(reading.position, periods)
         return self._velocity
 
+    def _look(self, position: float, contact: bool, periods: int) -> None:
+        """Watch the motion for an oscillation, and the wall for energy it gives."""
+        parts = self._parts
+        watch, wall = parts.watch, parts.wall
+        watch.passed(periods)
+        if self._outcome != Outcome.OK:
+            return
+        watch.sample(position, wall.stiffness, self._measured_torque)
+        if watch.failed and self.trip is None:
+            self.trip = Trip.OSCILLATION
+        if parts.passivity is not None:
+            penetration = position - wall.position if contact else 0.0
+            wall.injected = parts.passivity.update(
+                position, penetration, wall.stiffness, watch.acted, watch.spanned
+            )
+
     def _at_surface(self) -> bool:
         """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""
         wall = self._parts.wall
@@ -216,26 +256,20 @@ class Tick:
     def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
         """Count the age; move the commanded stiffness and damping along the ray if need be."""
         parts = self._parts
-        wall = parts.wall
-        if parts.ladder.observe(age_ns, may_raise) and not self.warm_up:
-            decision = parts.ladder.decision
-            self._delay_s = decision.delay
-            if not wall.guarded:
-                return
-            # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
-            # A longer delay may allow more too: it allows less damping, and that leaves more of
-            # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
-            target = decision.stiffness
-            self._owed = target > wall.stiffness and not may_raise
-            if self._owed:
-                target = wall.stiffness
-            self._target = target
-            self._ramp_left = 1 if target > wall.stiffness else parts.ramp_ticks
-            self._ramp_stiffness = (target - wall.stiffness) / parts.ramp_ticks
-            self._ramp_damping = (decision.damping - wall.damping) / parts.ramp_ticks
+        wall, watch = parts.wall, parts.watch
+        if self._words[9] != self._raises:  # Word.RAISE
+            self._raises = self._words[9]
+            watch.raise_again()
+        share = watch.share
+        changed = parts.ladder.observe(age_ns, may_raise)
+        if (changed or share != self._share) and not self.warm_up:
+            if changed:
+                self._take_delay()
+            if wall.guarded:
+                self._begin_ramp(share, may_raise)
         elif self._owed and may_raise and not self._ramp_left:
             self._owed = False
-            self._target = parts.ladder.decision.stiffness
+            self._target = parts.ladder.decision.stiffness * share
             self._ramp_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -244,4 +278,23 @@ class Tick:
                 wall.damping += self._ramp_damping
             else:
                 wall.stiffness = self._target
-                wall.damping = parts.ladder.decision.damping
+                wall.damping = self._target_damping
+
+    def _begin_ramp(self, share: float, may_raise: bool) -> None:
+        """Set out for the decision in force, or the share of it that an oscillation has left."""
+        parts = self._parts
+        wall, decision = parts.wall, parts.ladder.decision
+        # What grows does not wait for a soft ramp: a tenth of it, a few milliseconds.
+        ticks = parts.ramp_ticks if share >= self._share else max(1, parts.ramp_ticks // 10)
+        self._share = share
+        # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
+        # A longer delay may allow more too: it allows less damping, and that leaves more of
+        # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
+        target = decision.stiffness * share
+        self._owed = target > wall.stiffness and not may_raise
+        if self._owed:
+            target = wall.stiffness
+        self._target, self._target_damping = target, decision.damping * share
+        self._ramp_left = 1 if target > wall.stiffness else ticks
+        self._ramp_stiffness = (target - wall.stiffness) / ticks
+        self._ramp_damping = (self._target_damping - wall.damping) / ticks

@@ -13,6 +13,7 @@ class Law(Protocol):
     Attributes:
         stiffness: In force [N·m/rad]
         damping: [N·m·s/rad]
+        injected: Damping added to it by passivity control [N·m·s/rad]
         position: What the stiffness counts from [rad]
         phase: Of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
@@ -23,6 +24,7 @@ class Law(Protocol):
     one_sided: bool
     stiffness: float
     damping: float
+    injected: float
     position: float
     phase: int
     done: bool
@@ -45,6 +47,7 @@ class Wall:
     Attributes:
         stiffness: [N·m/rad]
         damping: [N·m·s/rad]
+        injected: Damping added to it by passivity control [N·m·s/rad]
         position: Where the wall's surface is [rad].
         one_sided: It never pulls, and so has an outside.
     """
@@ -54,6 +57,7 @@ class Wall:
         "damping",
         "done",
         "guarded",
+        "injected",
         "one_sided",
         "phase",
         "position",
@@ -63,6 +67,7 @@ class Wall:
     def __init__(self, stiffness: float, damping: float, position: float, side: Side) -> None:
         self.stiffness = stiffness
         self.damping = damping
+        self.injected = 0.0
         self.position = position
         self._sign = {"above": 1, "below": -1, "both": 0}[side]
         self.one_sided = self._sign != 0
@@ -74,7 +79,8 @@ class Wall:
 
     def torque(self, position: float, velocity: float) -> float:
         """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
-        torque = -self.stiffness * (position - self.position) - self.damping * velocity
+        damping = self.damping + self.injected
+        torque = -self.stiffness * (position - self.position) - damping * velocity
         sign = self._sign
         if sign == 0:
             return torque

@@ -7,11 +7,13 @@ import pytest
 from controller.delay import DelayRing
 from controller.ladder import GuardLadder
 from controller.loop import next_deadline
+from controller.oscillation import DetectorSettings
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
 from controller.tick import Tick, TickParts
 from controller.velocity import BackwardDifference
 from controller.wall import Wall
+from controller.watch import Watch, WatchSettings
 from hw.clock import SimulatedClock
 from hw.servo import BusCounts, Facts, Outcome, Reading
 
@@ -76,6 +78,8 @@ class Rig:
                 ring=DelayRing(steps),
                 ladder=self.ladder,
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3)),
+                watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
+                passivity=None,
                 telemetry=self.telemetry,
                 period_ns=PERIOD_NS,
                 ramp_ticks=50,

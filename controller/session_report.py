@@ -1,0 +1,45 @@
+"""What the guard and the watch have to say at the end of a run, as JSON can hold it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from controller.config import Config
+from controller.guard import Decision, decision_report
+from controller.tick import Tick
+from controller.wall import Law
+from controller.watch import Watch
+
+
+def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
+    """The parts of the delay that the guard counted with, and their sum [s]."""
+    inserted = config.delay.steps * config.period_ns * 1e-9
+    return {
+        "inserted": inserted,
+        "device": config.belief().delay.high,
+        "measured": age_ns * 1e-9,
+        "total": decision.delay,
+    }
+
+
+def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict[str, Any]:
+    """The guard's decision, with what is really commanded at the end, and why that differs."""
+    report = decision_report(decision)
+    if not law.guarded:
+        return report
+    stiffness, damping = tick.commanded
+    report["commanded"] = {"stiffness": stiffness, "damping": damping}
+    reasons = list(decision.reasons)
+    if watch.share < 1.0:
+        reasons.append(
+            f"an oscillation of {watch.frequency_hz:.3g} Hz was noticed after "
+            f"{watch.first_alarm_s:.3g} s: stiffness and damping are reduced to "
+            f"{100 * watch.share:.3g} % of what the guard allows, until it is asked to raise them"
+        )
+    elif stiffness < decision.stiffness:
+        reasons.append(
+            f"{decision.stiffness:.4g} N·m/rad are allowed, but K is raised only out of contact or "
+            "at the surface, and the shaft has not been there since"
+        )
+    report["reasons"] = reasons
+    return report
