@@ -7,11 +7,10 @@ grid lies in it decides how long a reply waits. Judged by the bus's record: how 
 was, and whether it was the sample it was taken for.
 """
 
-import argparse
 import bisect
+import itertools
 from collections import Counter
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -21,19 +20,19 @@ from hw.dynamixel.emulated.adapter import BLOCKS
 from hw.dynamixel.tables import POSITION_UNIT
 from hw.errors import ServoError
 from hw.servo import Outcome
-from scripts.rehearsal import Rehearsed, rehearse
+from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
+from scripts.whole_program import measured_on, page_options, say_time
 
-HERE = Path(__file__).resolve().parent
-LIMITS = (
-    "safety.max_speed=15",
-    "safety.max_loss=0.05",
-    "safety.max_losses_in_row=5",
-    "safety.heartbeat_s=0.1",
-    "servo.watchdog_s=0.04",
-)
-"""Of hardware"""
 WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
 """A knock every second: at 5 rad/s a sample of the period before is three counts off"""
+SETTINGS = tuple(
+    itertools.product(
+        ((1, BLOCKS[1]), (1, BLOCKS[0]), (16, BLOCKS[1])), (1000, 500), ("immediate", "pipelined")
+    )
+)
+"""Timer [ms] and block, rate, schedule of each row"""
+START_S, SIMULATED = 0.2, 0.1
+"""What a run takes to compute, and a second of it"""
 MS_NS = 1_000_000
 REPLY_CHECK = "adapter reply"
 
@@ -63,7 +62,7 @@ def over_phases(
     """One schedule at one rate, at so many phases of the timer."""
     found = Found()
     for number in range(phases):
-        sets = (*LIMITS, *WALL, f"loop.rate_hz={rate}", f"servo.schedule={schedule}")
+        sets = (*LIMITS_OF_HARDWARE, *WALL, f"loop.rate_hz={rate}", f"servo.schedule={schedule}")
         shift_ns = number * timer_ms * MS_NS // phases
         adapter = (timer_ms * MS_NS, block)
         try:
@@ -127,15 +126,13 @@ def row(rate: int, schedule: str, timer_ms: int, block: int, found: Found) -> st
 def page(phases: int, seconds: float) -> str:
     """The whole page."""
     rows, reasons = [], []
-    for timer_ms, block in ((1, BLOCKS[1]), (1, BLOCKS[0]), (16, BLOCKS[1])):
-        for rate in (1000, 500):
-            for schedule in ("immediate", "pipelined"):
-                found = over_phases(rate, schedule, timer_ms, block, phases, seconds)
-                rows.append(row(rate, schedule, timer_ms, block, found))
-                print(rows[-1], flush=True)
-                if schedule == "pipelined" and block == BLOCKS[1]:
-                    about = found.refused or f"{found.start}. {found.reasons}"
-                    reasons.append(f"- {timer_ms} ms, {rate} Hz: {about}")
+    for (timer_ms, block), rate, schedule in SETTINGS:
+        found = over_phases(rate, schedule, timer_ms, block, phases, seconds)
+        rows.append(row(rate, schedule, timer_ms, block, found))
+        print(rows[-1], flush=True)
+        if schedule == "pipelined" and block == BLOCKS[1]:
+            about = found.refused or f"{found.start}. {found.reasons}"
+            reasons.append(f"- {timer_ms} ms, {rate} Hz: {about}")
     return "\n".join(
         [
             "# An adapter's latency timer",
@@ -152,6 +149,8 @@ def page(phases: int, seconds: float) -> str:
             " *Mistaken*: positions that the servo, by the bus's record, did not have when they"
             " were asked for.",
             "",
+            f"{measured_on()} On the simulated clock others find the same.",
+            "",
             "| timer, block | rate | schedule | ends, phases | age p50, ms | age p99, ms | without"
             " | K, N·m/rad | mistaken |",
             "|---|---|---|---|---|---|---|---|---|",
@@ -167,13 +166,11 @@ def page(phases: int, seconds: float) -> str:
 
 def main() -> None:
     """Rehearse, write the page."""
-    parser = argparse.ArgumentParser(
-        prog="scripts/adapter_phases", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--phases", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=1.5)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "adapter.md")
+    parser = page_options("adapter_phases", __doc__, "adapter.md")
+    parser.add_argument("--phases", type=int, default=20, help="of the timer, for each row")
+    parser.add_argument("--seconds", type=float, default=1.5, help="length of each run")
     wanted = parser.parse_args()
+    say_time(len(SETTINGS) * wanted.phases * (START_S + wanted.seconds * SIMULATED))
     wanted.out.write_text(page(wanted.phases, wanted.seconds))
 
 

@@ -5,33 +5,24 @@
 In memory, on the simulated clock: the page is the same every time, and a test holds it to that.
 """
 
-import argparse
 import itertools
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from hw.servo import Outcome
-from scripts.rehearsal import Rehearsed, rehearse
+from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
+from scripts.whole_program import measured_on, page_options, say_time
 
-HERE = Path(__file__).resolve().parent
-SETTINGS = (
-    "safety.max_speed=15",
-    "safety.max_loss=0.05",
-    "safety.max_losses_in_row=5",
-    "safety.heartbeat_s=0.1",
-    "servo.watchdog_s=0.04",
-    "servo.hand=lean",
-    "servo.kick=-0.5",
-    "loop.warm_up_s=0.1",
-)
-"""The limits that hardware has, and a hand that swings the servo into the wall and leans on it"""
+SETTINGS = (*LIMITS_OF_HARDWARE, "servo.hand=lean", "servo.kick=-0.5", "loop.warm_up_s=0.1")
+"""With a hand that swings the servo into the wall and leans on it"""
 AT_S = 0.9005
 """When the fault comes, after torque on: the shaft moves into the wall, and the next tick is half a
 period away"""
 DURATION_S = 1.05
+ROW_S = 0.3
+"""What one row takes to rehearse"""
 PERIOD_NS = 1_000_000
 IN_TICK = ("overspeed", "losses_in_row", "loss_rate", "hardware_error", "not_a_number")
 """Trips whose own tick has a row"""
@@ -142,8 +133,12 @@ def as_row(each: Line) -> str:
     return f"| {each.name} | `{each.spec}` | {each.did} | {each.periods} | {each.torque} |"
 
 
-def page() -> str:
-    """The whole page."""
+def page(machine: str) -> str:
+    """The whole page.
+
+    Args:
+        machine: A line that says what it was written on.
+    """
     rows = [as_row(each) for each in lines()]
     return "\n".join(
         [
@@ -158,6 +153,8 @@ def page() -> str:
             " ([emulated bus](emulated-bus.md)). *Periods*, of 1 ms: from the fault to the tick"
             " that ended the run, or those that had to use an older sample. *Torque*: the true one,"
             " by the bus's record.",
+            "",
+            machine,
             "",
             "| fault | as asked for | what the program did | periods | torque |",
             "|---|---|---|---|---|",
@@ -174,12 +171,9 @@ def page() -> str:
 
 def main() -> None:
     """Write the page."""
-    parser = argparse.ArgumentParser(
-        prog="scripts/fault_table", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "fault-table.md")
-    wanted = parser.parse_args()
-    wanted.out.write_text(page())
+    wanted = page_options("fault_table", __doc__, "fault-table.md").parse_args()
+    say_time(ROW_S * (1 + len(FAULTS)))
+    wanted.out.write_text(page(f"{measured_on()} On the simulated clock others find the same."))
 
 
 if __name__ == "__main__":

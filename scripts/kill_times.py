@@ -7,9 +7,7 @@ Watchdog at 40 ms as for hardware. From the signal to zero torque by the witness
 that acts, recorded every millisecond. What killed it, and who ended the torque, is in the table.
 """
 
-import argparse
 import contextlib
-import csv
 import os
 import random
 import signal
@@ -20,10 +18,19 @@ import tempfile
 import time
 from pathlib import Path
 
-from controller.telemetry import ROW
+from haptic_wall_pytest.record import read_rows
 
-HERE = Path(__file__).resolve().parent
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+from controller.telemetry import ROW
+from hw.dynamixel.codec import Instruction
+from scripts.whole_program import (
+    PROGRAM,
+    emulated_bus,
+    measured_on,
+    page_options,
+    say_time,
+    with_sets,
+)
+
 LIMIT_MS = 60.0
 SETTINGS = (
     "servo.watchdog_s=0.04",
@@ -48,13 +55,10 @@ KILLS = {
     ),
     "SIGSTOP of the loop": (("loop_process", signal.SIGSTOP),),
 }
+ENDED_BY = {Instruction.SYNC_WRITE: "goal current 0", Instruction.WRITE: "Torque Enable 0"}
+ROUND_S = 8
 ATTEMPTS = 5
 """A run that a stall of the machine has ended before the signal came is begun again"""
-
-
-def with_sets(settings: tuple[str, ...]) -> list[str]:
-    """As options."""
-    return [word for setting in settings for word in ("--set", setting)]
 
 
 def loop_of(pid: int) -> int | None:
@@ -75,65 +79,46 @@ def one_kill(kills: tuple[tuple[str, signal.Signals], ...], folder: Path) -> tup
     """
     record, log = folder / "witness.csv", folder / "run.hwlog"
     log.unlink(missing_ok=True)
-    emulator = subprocess.Popen(
-        [*PROGRAM, "emulate", "--record", record, *with_sets(TRUTH)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    port = emulator.stdout.readline().strip()
-    run = subprocess.Popen(
-        [
-            *[*PROGRAM, "run", "xm430-w350", "--log", log, "--plot", folder / "run.png"],
-            *with_sets((*SETTINGS, f"servo.port={port}")),
-        ],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
     asked = None
-    try:
-        enough = 2500 * ROW.itemsize  # the warm-up is over and the hand leans on the wall
-        while run.poll() is None and not (log.exists() and log.stat().st_size > enough):
-            time.sleep(0.02)
-        time.sleep(random.random() * 0.05)
-        pids = {"supervisor": run.pid, "loop_process": loop_of(run.pid)}
-        if run.poll() is None and all(pids.values()):
-            asked = time.monotonic()
-            for name, number in kills:
-                os.kill(pids[name], number)
-            time.sleep(1.0)
-    finally:
-        if run.poll() is None:
-            run.send_signal(signal.SIGINT)
-        run.wait()
-        emulator.terminate()
-        emulator.wait()
+    with emulated_bus("--record", record, *with_sets(TRUTH)) as bus:
+        run = subprocess.Popen(
+            [
+                *[*PROGRAM, "run", "xm430-w350", "--log", log, "--plot", folder / "run.png"],
+                *with_sets((*SETTINGS, f"servo.port={bus.port}")),
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            enough = 2500 * ROW.itemsize  # the warm-up is over and the hand leans on the wall
+            while run.poll() is None and not (log.exists() and log.stat().st_size > enough):
+                time.sleep(0.02)
+            time.sleep(random.random() * 0.05)
+            pids = {"supervisor": run.pid, "loop_process": loop_of(run.pid)}
+            if run.poll() is None and all(pids.values()):
+                asked = time.monotonic()
+                for name, number in kills:
+                    os.kill(pids[name], number)
+                time.sleep(1.0)
+        finally:
+            if run.poll() is None:
+                run.send_signal(signal.SIGINT)
+            run.wait()
     return None if asked is None else until_no_torque(record, asked)
 
 
 def until_no_torque(record: Path, asked: float) -> tuple[float, str] | None:
     """From an instant [s] to the last torque [ms], and what ended it; None: there was none."""
-    with record.open() as file:
-        rows = [
-            (float(row["time_s"]), float(row["torque_nm"]), row) for row in csv.DictReader(file)
-        ]
-    before = [torque for at, torque, _ in rows if at <= asked]
+    rows = read_rows(record)
+    before = [row.torque_nm for row in rows if row.time_s <= asked]
     if not before or abs(before[-1]) < 0.1:
         return None
-    end = (
-        next(i for i in range(len(rows) - 1, -1, -1) if rows[i][0] <= asked or rows[i][1] != 0.0)
-        + 1
-    )
-    if end == len(rows):
+    last = max(i for i, row in enumerate(rows) if row.time_s <= asked or row.torque_nm != 0.0)
+    if last + 1 == len(rows):
         return float("inf"), "nothing"
-    at, _, row = rows[end]
-    if row["event"] == "rx" and row["instruction"] == str(0x83):
-        by = "goal current 0"
-    elif row["event"] == "rx" and row["instruction"] == "3":
-        by = "Torque Enable 0"
-    else:
-        by = "Bus Watchdog"
-    return (at - asked) * 1e3, by
+    end = rows[last + 1]
+    by = ENDED_BY.get(end.instruction, "Bus Watchdog") if end.event == "rx" else "Bus Watchdog"
+    return (end.time_s - asked) * 1e3, by
 
 
 def measure(rounds: int) -> tuple[list[str], bool]:
@@ -164,10 +149,10 @@ def measure(rounds: int) -> tuple[list[str], bool]:
 
 def main() -> None:
     """Measure, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "kill-times.md")
+    parser = page_options("kill_times", __doc__, "kill-times.md")
+    parser.add_argument("--rounds", type=int, default=8, help="runs killed in each way")
     wanted = parser.parse_args()
+    say_time(len(KILLS) * wanted.rounds * ROUND_S)
     rows, held = measure(wanted.rounds)
     page = [
         "# From the kill to no torque",
@@ -176,6 +161,7 @@ def main() -> None:
         " on the wall, the loop runs at 1 kHz with the Bus Watchdog at 40 ms, and a process is"
         " killed or stopped. The time is from the signal to zero torque, the true one by the"
         " [emulated bus's record](emulated-bus.md), to a millisecond.",
+        measured_on(),
         "",
         *rows,
         "",

@@ -6,12 +6,8 @@ Everything over the emulated bus is judged by the witness (the emulator's own re
 side with the bare loop of scripts/bare_loop.py on the same emulator, in alternating rounds.
 """
 
-import argparse
-import csv
 import json
 import math
-import os
-import platform
 import signal
 import statistics
 import subprocess
@@ -20,49 +16,26 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
+from haptic_wall_pytest.record import read_rows
 
-from controller.theory import critical_stiffness
+from hw.dynamixel.codec import Instruction
+from scripts.whole_program import (
+    FORGIVING,
+    PROGRAM,
+    ROOT,
+    emulated_bus,
+    measured_on,
+    page_options,
+    say_time,
+    wall_run,
+    with_sets,
+)
+from scripts.witnessed import witnessed
 
-HERE = Path(__file__).resolve().parent
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
-FORGIVING = [
-    word
-    for setting in (
-        "realtime.profile=best-effort",
-        "servo.watchdog_s=0.5",
-        "safety.heartbeat_s=2",
-        "safety.max_losses_in_row=400",
-        "safety.max_loss=0.9",
-    )
-    for word in ("--set", setting)
-]
-"""What the machine's own stalls must not end; none of it changes what is measured."""
-INERTIA, DAMPING, VIRTUAL_DAMPING, PERIOD = 0.011951, 0.011692, 0.02, 1e-3
-
-
-def wall_run(folder: Path, *arguments: str) -> dict:
-    """One ``haptic-wall run``, its report."""
-    places = ["--log", str(folder / "run.hwlog"), "--plot", str(folder / "run.png"), "--json"]
-    done = subprocess.run(
-        [*PROGRAM, "run", *arguments, *places], check=False, capture_output=True, text=True
-    )
-    if done.returncode:
-        sys.exit(f"a run ended with {done.returncode}: {done.stdout or done.stderr}")
-    return json.loads(done.stdout)
-
-
-def machine() -> str:
-    """What this was measured on."""
-    model = next(
-        line.split(":")[1].strip()
-        for line in Path("/proc/cpuinfo").read_text().splitlines()
-        if line.startswith("model name")
-    )
-    return (
-        f"{os.cpu_count()} cores of {model}, Linux {platform.release()}, Python"
-        f" {platform.python_version()}"
-    )
+BARE_LOOP = ROOT / "scripts" / "bare_loop.py"
+ON_THE_WALL = ("wall.side=both", f"wall.position={math.pi}")
+START_S, SIMULATED_S, STOPPED_S = 4, 3, 8
+"""What a run takes beside its length; one on the simulated clock; one that is stopped"""
 
 
 def simulated_speed(folder: Path, rounds: int) -> list[str]:
@@ -102,14 +75,10 @@ def beside_bare_loop(folder: Path, rounds: int, seconds: float) -> list[str]:
     The servo simulated in the loop's process has no bus: nothing is lost, nothing waited for.
     """
     bare, ours, inside = [], [], []
-    emulator = subprocess.Popen(
-        [*PROGRAM, "emulate", "--set", "servo.coulomb=0"], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        port = emulator.stdout.readline().strip()
+    with emulated_bus("--set", "servo.coulomb=0") as bus:
         for _ in range(rounds):
             done = subprocess.run(
-                [sys.executable, HERE / "bare_loop.py", port, str(seconds)],
+                [sys.executable, BARE_LOOP, bus.port, str(seconds)],
                 check=True,
                 capture_output=True,
                 text=True,
@@ -119,20 +88,11 @@ def beside_bare_loop(folder: Path, rounds: int, seconds: float) -> list[str]:
                 folder,
                 "xm430-w350",
                 f"--duration={seconds}",
-                "--set",
-                f"servo.port={port}",
-                "--set",
-                "wall.side=both",
-                "--set",
-                f"wall.position={math.pi}",
-                *FORGIVING,
+                *with_sets((f"servo.port={bus.port}", *ON_THE_WALL, *FORGIVING)),
             )
             report |= {name: report["bus"][name] for name in ("lost", "late")}
             ours.append(report)
             inside.append(wall_run(folder, "simulated", f"--duration={seconds}"))
-    finally:
-        emulator.terminate()
-        emulator.wait()
     rows = [
         "| medians of rounds | bare loop on the bus | haptic-wall on the bus |"
         " haptic-wall, servo in its process |",
@@ -151,99 +111,6 @@ def beside_bare_loop(folder: Path, rounds: int, seconds: float) -> list[str]:
                 f" {middle(inside, name, percentile):.1f} |"
             )
     return rows
-
-
-def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) -> dict:
-    """One run judged by the witness: grid, true delay, growth of the true motion."""
-    stiffness = 0.0
-    if factor is not None:
-        stiffness = factor * limit(delay)
-    record = folder / "witness.csv"
-    report = wall_run(
-        folder,
-        "emulated-xm430",
-        f"--duration={seconds}",
-        f"--witness={record}",
-        *FORGIVING,
-        *(
-            word
-            for setting in (
-                "guard.mode=off",
-                "wall.side=both",
-                f"wall.stiffness={stiffness}",
-                f"wall.damping={VIRTUAL_DAMPING if factor else 0.0}",
-                "servo.kick=0.04",
-                "servo.hand=none",
-                "servo.coulomb=0",
-                f"servo.inertia={INERTIA}",
-                f"servo.damping={DAMPING}",
-                "servo.torque_limit=6",
-            )
-            for word in ("--set", setting)
-        ),
-    )
-    samples, torques, motion = read_witness(record)
-    following = np.searchsorted(torques, samples)
-    paired = following < torques.size
-    true_delay = torques[following[paired]] - samples[paired]
-    true_delay = true_delay[true_delay < 2 * PERIOD]
-    half = true_delay[true_delay.size // 5 :]
-    index = np.round((samples - samples[0]) / PERIOD)
-    steady = slice(samples.size // 10, None)
-    period = earliest_slope(index[steady], samples[steady])
-    return {
-        "reported_ms": report["delay_s"]["total"] * 1e3,
-        "true_p50_ms": float(np.median(half)) * 1e3,
-        "true_p90_ms": float(np.percentile(half, 90)) * 1e3,
-        "ppm": (period / PERIOD - 1) * 1e6,
-        "factor": stiffness / limit(report["delay_s"]["total"]),
-        "growth": growth(*motion) if factor else 0.0,
-    }
-
-
-def earliest_slope(x: np.ndarray, y: np.ndarray, blocks: int = 40) -> float:
-    """Slope of a line under points that come late at times, and by half a period seem early."""
-    for _ in range(3):
-        rest = y - np.polyval(np.polyfit(x, y, 1), x)
-        keep = np.abs(rest - np.median(rest)) < 0.05 * PERIOD
-        x, y, rest = x[keep], y[keep], rest[keep]
-    first = [part[np.argmin(rest[part])] for part in np.array_split(np.arange(x.size), blocks)]
-    return float(np.polyfit(x[first], y[first], 1)[0])
-
-
-def limit(delay: float) -> float:
-    """Exact critical stiffness of the emulated servo at a total delay [N·m/rad]."""
-    return float(critical_stiffness(INERTIA, DAMPING, VIRTUAL_DAMPING, PERIOD, delay))
-
-
-def read_witness(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Instants of the cyclic reads and of the torques [s], and the true motion."""
-    samples, torques, times, positions = [], [], [], []
-    with path.open() as file:
-        for row in csv.DictReader(file):
-            if row["event"] == "state":
-                times.append(float(row["time_s"]))
-                positions.append(float(row["position_rad"]))
-            elif row["event"] == "rx" and int(row["instruction"]) == 0x02:
-                samples.append(float(row["time_s"]))
-            elif row["event"] == "rx" and int(row["instruction"]) == 0x83:
-                torques.append(float(row["time_s"]))
-    samples, torques = np.array(samples), np.array(torques)
-    # The cycles begin with the first torque that is followed by others every period.
-    first = torques[np.argmax(np.diff(torques, append=np.inf) < 3 * PERIOD)]
-    samples = samples[(samples > first) & (samples < torques[-1])]
-    return samples, torques, (np.array(times), np.array(positions))
-
-
-def growth(times: np.ndarray, positions: np.ndarray) -> float:
-    """Growth rate of the oscillation [1/s]: the slope of the logarithm of its turning points."""
-    moving = np.flatnonzero(np.abs(positions - positions[0]) > 0.02)
-    times, positions = times[moving[0] : -50], positions[moving[0] : -50]
-    offset = positions - math.pi if abs(np.mean(positions)) > 1 else positions
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(offset))) != 0) + 1
-    heights = np.abs(offset[turns])
-    keep = heights > 0.25 * np.median(heights)
-    return float(np.polyfit(times[turns[keep]], np.log(heights[keep]), 1)[0])
 
 
 def by_the_witness(folder: Path, rounds: int, seconds: float) -> list[str]:
@@ -295,19 +162,12 @@ def stopping(folder: Path, rounds: int) -> list[str]:
         asked = time.monotonic()
         process.send_signal(signal.SIGINT)
         process.wait()
-        for name, found in (("0x83", zero), ("0x03", off)):
-            with record.open() as file:
-                found.append(
-                    next(
-                        float(row["time_s"]) - asked
-                        for row in csv.DictReader(file)
-                        if row["event"] == "rx"
-                        and float(row["time_s"]) > asked
-                        and int(row["instruction"]) == int(name, 16)
-                        and (row["params"].endswith("0000") if name == "0x83" else True)
-                    )
-                    * 1e3
-                )
+        after = [row for row in read_rows(record) if row.event == "rx" and row.time_s > asked]
+        goals = [row for row in after if row.instruction == Instruction.SYNC_WRITE]
+        none = next(row for row in goals if row.params.endswith(bytes(2)))
+        last = next(row for row in after if row.instruction == Instruction.WRITE)
+        zero.append((none.time_s - asked) * 1e3)
+        off.append((last.time_s - asked) * 1e3)
     for name, values in (("goal current 0", zero), ("Torque Enable 0", off)):
         rows.append(f"| {name} | {statistics.median(values):.2f} | {max(values):.2f} |")
     return rows
@@ -315,16 +175,17 @@ def stopping(folder: Path, rounds: int) -> list[str]:
 
 def main() -> None:
     """Measure everything and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = page_options("measure", __doc__, "measured.md")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each run")
     parser.add_argument("--rounds", type=int, default=3, help="alternating rounds")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "measured.md")
     wanted = parser.parse_args()
+    runs = 5 * wanted.rounds + 1  # three beside the bare loop, two witnessed
+    say_time(runs * (wanted.seconds + START_S) + 2 * wanted.rounds * (SIMULATED_S + STOPPED_S))
     page = [
         "# Measured",
         "",
         "Written by `scripts/measure`; run it to see the figures of your machine.",
-        f"This page: {machine()}. No wire and no USB adapter is in these figures: the bus is a"
+        f"{measured_on()} No wire and no USB adapter is in these figures: the bus is a"
         " pseudo-terminal.",
         "",
     ]

@@ -22,6 +22,13 @@ from hw.dynamixel.tables import MODELS
 from hw.servo import Servo
 from hw.settings import DynamixelSettings
 
+LIMITS_OF_HARDWARE = (
+    "safety.max_speed=15",
+    "safety.max_loss=0.05",
+    "safety.max_losses_in_row=5",
+    "safety.heartbeat_s=0.1",
+    "servo.watchdog_s=0.04",
+)
 FIRMWARE = 48
 MS_NS = 1_000_000
 AFTERWARDS_NS = 200_000_000

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from scripts.adapter_phases import LIMITS, WALL, mistaken
-from scripts.rehearsal import rehearse
+from scripts.adapter_phases import WALL, mistaken
+from scripts.rehearsal import LIMITS_OF_HARDWARE, rehearse
 
 MS_NS = 1_000_000
-PIPELINED = (*LIMITS, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")
+PIPELINED = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")
 
 
 @pytest.mark.parametrize("shift_us", [0, 450, 900])

@@ -11,7 +11,8 @@ SOME = ("drop:times=1,way=reply", "drop:way=reply", "jump:counts=500", "unplug-a
 def test_the_page_is_what_a_rehearsal_finds(thorough):
     text = PAGE.read_text()
     if thorough:
-        assert text == page(), "run scripts/fault_table"
+        (machine,) = (line for line in text.splitlines() if line.startswith("This page: "))
+        assert text == page(machine), "run scripts/fault_table"
         return
     rows = map(as_row, lines([fault for fault in FAULTS if fault[1] in SOME]))
     assert [row for row in rows if row not in text] == [], "run scripts/fault_table"

@@ -1,0 +1,77 @@
+"""The whole program in real time through damaged replies, judged by the emulated bus's record."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+import numpy as np
+from haptic_wall_pytest.record import read_rows
+
+from controller.logfile import read_log
+from hw.dynamixel.codec import Instruction
+from scripts.whole_program import FORGIVING, PROGRAM, emulated_bus, with_sets
+
+WALL = ("wall.side=both", f"wall.position={pi + 0.3}", "wall.stiffness=2", "wall.damping=0")
+
+
+@dataclass(frozen=True, slots=True)
+class Soaked:
+    """What the program and the record say of one run."""
+
+    report: dict
+    struck: Counter[str]
+    """How often each fault struck"""
+    rate_hz: float
+    """Of its reads, by the median of their intervals"""
+    furthest: float
+    """Largest distance of a position from the truth at its instant [rad]"""
+
+
+def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Path) -> Soaked:
+    """Run for so long on a pseudo-terminal; the damage begins when torque is on."""
+    record, log = folder / "witness.csv", folder / "run.hwlog"
+    with emulated_bus("--record", record, "--seed", str(seed)) as bus:
+        run = subprocess.Popen(
+            [
+                *[*PROGRAM, "run", "xm430-w350", "--json", f"--duration={seconds}"],
+                *with_sets((f"servo.port={bus.port}", *FORGIVING, *WALL)),
+                *["--log", log, "--plot", folder / "run.png"],
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        said = ""
+        for line in run.stderr:
+            said += line
+            if "torque is on" in line:
+                bus.process.stdin.write("\n".join([*damage, ""]))
+                bus.process.stdin.flush()
+                break
+        output, rest = run.communicate()
+    if run.returncode:
+        sys.exit(f"the run in real time ended with {run.returncode}: {output}{said}{rest}")
+    truth = read_rows(record)
+    states = [row for row in truth if row.event == "state"]
+    reads = [
+        row.time_s for row in truth if row.event == "rx" and row.instruction == Instruction.READ
+    ]
+    _, rows = read_log(log)
+    rows = rows[np.isfinite(rows["position"])]
+    true = np.interp(
+        rows["sampled_ns"] * 1e-9,
+        [row.time_s for row in states],
+        [row.position_rad for row in states],
+    )
+    last = np.array(reads)[-round(seconds * 900) :]
+    return Soaked(
+        json.loads(output),
+        Counter(row.fault for row in truth if row.event == "fault"),
+        1.0 / float(np.median(np.diff(last))),
+        float(np.abs(rows["position"] - true).max()),
+    )

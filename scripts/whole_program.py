@@ -1,0 +1,99 @@
+"""The whole program as a user starts it, for scripts that measure it and write a page of docs/."""
+
+import argparse
+import contextlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.benchmarks.machine import machine, versions
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+FORGIVING = (
+    "realtime.profile=best-effort",
+    "servo.watchdog_s=0.5",
+    "safety.heartbeat_s=2",
+    "safety.max_losses_in_row=400",
+    "safety.max_loss=0.9",
+)
+"""What the machine's own stalls must not end; none of it changes what is measured"""
+
+
+@dataclass(frozen=True, slots=True)
+class Bus:
+    """An emulated bus in a process of its own."""
+
+    process: subprocess.Popen[str]
+    """Lines on its standard input change faults"""
+    port: str
+
+
+def with_sets(settings: tuple[str, ...]) -> list[str]:
+    """Settings as options."""
+    return [word for setting in settings for word in ("--set", setting)]
+
+
+@contextlib.contextmanager
+def emulated_bus(*options: str | Path) -> Iterator[Bus]:
+    """An emulated bus, as long as it is needed; afterwards its record is whole."""
+    process = subprocess.Popen(
+        [*PROGRAM, "emulate", *options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        yield Bus(process, process.stdout.readline().strip())
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def wall_run(folder: Path, *options: str) -> dict:
+    """The report of one ``haptic-wall run``; its log and picture go to a folder."""
+    places = ["--log", folder / "run.hwlog", "--plot", folder / "run.png", "--json"]
+    done = subprocess.run(
+        [*PROGRAM, "run", *options, *places], check=False, capture_output=True, text=True
+    )
+    if done.returncode:
+        sys.exit(f"a run ended with {done.returncode}: {done.stdout or done.stderr}")
+    return json.loads(done.stdout)
+
+
+def measured_on() -> str:
+    """What the figures of a page were measured on, as a sentence of it."""
+    here = machine()
+    return (
+        f"This page: {here['cores']} cores of {here['processor']}, {here['system']}, Python"
+        f" {versions()['python']}."
+    )
+
+
+def page_options(script: str, doc: str, page: str) -> argparse.ArgumentParser:
+    """The options of a script that writes a page.
+
+    Args:
+        script: Its name in scripts/.
+        doc: Its docstring, whose first line says what it does.
+        page: Its page in docs/.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"scripts/{script}",
+        description=doc.splitlines()[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "docs" / page, metavar="FILE", help="where it is written"
+    )
+    return parser
+
+
+def say_time(seconds: float) -> None:
+    """Tell whoever waits how long it will take, to half as much again."""
+    length = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    print(f"this takes about {length}", file=sys.stderr, flush=True)
