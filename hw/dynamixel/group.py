@@ -9,6 +9,7 @@ latched hardware error.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Final
 
 from hw.clock import Clock
@@ -144,10 +145,8 @@ class DynamixelGroup:
         """
         if self._running:
             self._running = False
-            try:
+            with suppress(ServoError):  # torque off, which each is told next, is what counts
                 self._together.send_currents([0] * len(self._servos))
-            except ServoError:
-                return False
         stopped = [servo.stop() for servo in self._servos]  # each, whatever the others say
         return all(stopped)
 

@@ -18,6 +18,7 @@ QUARANTINE: Final = 10
 """Requests before the length of an unanswered one is used again; fewer than there are lengths, so
 that one is always free"""
 
+_HALF: Final = TICK_MODULUS // 2
 _TICK_SLACK_MS: Final = 5.0
 """A request may wait in the adapter, and so may the next"""
 _TICK_DRIFT: Final = 0.02
@@ -66,25 +67,26 @@ class ServoClock:
             tick: What the servo says.
             sent_ns: When it was asked [ns].
         """
-        now = (tick, sent_ns)
-        if self._accepted is None or _in_step(self._accepted, now):
-            self._accepted = now
-            self._doubted = None
-            self._proofs = 0
+        accepted = self._accepted
+        if accepted is None or _in_step(accepted[0], accepted[1], tick, sent_ns):
+            self._accepted = tick, sent_ns
+            if self._doubted is not None:
+                self._doubted = None
+                self._proofs = 0
             return True
         if self._doubted is not None:
-            self._proofs = self._proofs + 1 if _in_step(self._doubted, now) else 0
-        self._doubted = now
+            in_step = _in_step(*self._doubted, tick, sent_ns)
+            self._proofs = self._proofs + 1 if in_step else 0
+        self._doubted = tick, sent_ns
         return False
 
 
-def _in_step(before: tuple[int, int], now: tuple[int, int]) -> bool:
-    """Whether one tick follows from another, each with the instant it was asked for."""
-    passed_ns = now[1] - before[1]
+def _in_step(before: int, before_ns: int, tick: int, sent_ns: int) -> bool:
+    """Whether one tick follows from another, each with the instant it was asked for [ns]."""
+    passed_ns = sent_ns - before_ns
     if passed_ns > _TICK_TRUST_NS:
         return True
-    half = TICK_MODULUS // 2
-    advance = (now[0] - before[0] + half) % TICK_MODULUS - half
+    advance = (tick - before + _HALF) % TICK_MODULUS - _HALF
     passed_ms = passed_ns * 1e-6
     slack = _TICK_SLACK_MS + _TICK_DRIFT * passed_ms
     return advance >= 0 and -slack <= advance - passed_ms <= slack

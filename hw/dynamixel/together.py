@@ -5,8 +5,7 @@ its share to one frame, each with a checksum over all before it, so shares in fr
 are whole. Those behind it are never sent: so a servo that has not answered is asked last.
 
 Replies are matched to requests as ``link`` does it: by a length that changes, and by each servo's
-own clock. Of several that do not answer another is asked first each time, or those behind it would
-never be heard again.
+own clock.
 
 What a quiet bus repeats is prepared: the requests, what their joint reply must look like, and all
 but the values of the goals.
@@ -19,32 +18,17 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
-from hw.dynamixel.codec import (
-    BROADCAST,
-    ExpectedFastReply,
-    FastReply,
-    Frame,
-    Instruction,
-    Parser,
-    SyncWrite,
-    crc16,
-    decode_fast_status,
-    encode,
-)
+from hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, SyncWrite, encode
+from hw.dynamixel.joint_reply import JointReply, shares
 from hw.dynamixel.line import Line
 from hw.dynamixel.samples import LENGTHS, QUARANTINE, SAMPLE, SAMPLE_ADDRESS, Sample, ServoClock
+from hw.dynamixel.turns import Turns
 from hw.servo import BusCounts, Outcome
 
 _GOAL_CURRENT: Final = 102
-_GONE: Final = 3
-"""Readings lost in a row after which a servo is not waited for as long"""
 _GRACE_NS: Final = 200_000
-"""How long those are waited for when all others have answered"""
-_FAST_HEAD: Final = b"\xff\xff\xfd\x00\xfe"
-_FAST_HEAD_BYTES: Final = 8
-_PREAMBLE: Final = 7
-_SHARE: Final = "BxH4xh4xi"
-"""Of a joint reply, what is used of a servo's: error, tick, current and position"""
+"""How long those that stay away are waited for when all others have answered"""
+_OK: Final = Outcome.OK  # looked up in every cycle, which takes as long as a servo's sample
 
 
 class Way(Enum):
@@ -78,8 +62,7 @@ class Together:
         self._ids = tuple(ids)
         self._parser = Parser()
         self._clocks = {id_: ServoClock() for id_ in ids}
-        self._unheard = dict.fromkeys(ids, 0)
-        """Readings lost in a row, by its own fault"""
+        self._turns = Turns(ids)
         self._order = self._ids
         self._free_at = dict.fromkeys(LENGTHS, 0)
         self._number = 0
@@ -90,11 +73,13 @@ class Together:
         self._broken: set[int] = set()
         self._raw = bytearray()
         """What has come of a joint reply"""
+        self._begun: tuple[int, ...] = ()
+        """Whose shares of it have come, if only in part"""
+        self._corrupt_before = 0
+        """What the parser had given up before the last request"""
         self._goals = SyncWrite(_GOAL_CURRENT, self._ids)
-        self._all_heard = True
-        """None of them stays away, so they are asked in the order of ids"""
         self._requests = {size: self._request_frame(size, self._ids) for size in LENGTHS}
-        self._expected = {size: _Expected(self._ids, size) for size in LENGTHS}
+        self._expected = {size: JointReply(self._ids, size) for size in LENGTHS}
 
     @property
     def restarted(self) -> list[int]:
@@ -113,23 +98,25 @@ class Together:
             for frame in self._parser.feed(stale):
                 self._count_late(frame)
         self._parser.reset()
+        self._corrupt_before = self._parser.corrupt
         self._raw.clear()
+        self._begun = ()
         self._found.clear()
         self._broken.clear()
         number = self._number
-        for size, free_at in self._free_at.items():
-            if free_at <= number:
-                break
+        size = LENGTHS.start  # found in two steps while nothing goes wrong
+        while self._free_at[size] > number:
+            size += 1
         self._length = size
         self._number = number + 1
-        if self._all_heard:
+        if self._turns.all_heard:
             self._order = self._ids
-            frame = self._requests[size]
+            request = self._requests[size]
         else:
-            self._order = self._by_silence()
-            frame = self._request_frame(size, self._order)
+            self._order = self._turns.order(number)
+            request = self._request_frame(size, self._order)
         self._sent_ns = dict.fromkeys(self._ids, self._now_ns())
-        self._line.write(frame)
+        self._line.write(request)
 
     def collect(self, deadline_ns: int) -> list[Sample]:
         """The answers to the last request, waiting until ``deadline_ns`` [ns] at most.
@@ -143,8 +130,16 @@ class Together:
         self.waited_ns = 0
         if self.way is Way.PLAIN:
             self._collect_one_by_one(deadline_ns)
-        else:
-            self._gather(self._order, deadline_ns)
+            return self._close()
+        if self.way is Way.FAST and self._turns.all_heard:
+            data = self._next(deadline_ns)
+            if data is None:
+                return self._close()
+            samples = self._take_expected(data)
+            if samples is not None:
+                return samples
+            self._take_in(data)
+        self._gather(self._order, deadline_ns)
         return self._close()
 
     def send_currents(self, goals: Sequence[int]) -> None:
@@ -162,13 +157,6 @@ class Together:
             return encode(order[0], Instruction.READ, block)
         return encode(BROADCAST, self.way.value, block + bytes(order))
 
-    def _by_silence(self) -> tuple[int, ...]:
-        """Who answers first, then who does not, these by turns."""
-        silent = [id_ for id_ in self._ids if self._unheard[id_]]
-        turn = self._number % len(silent)
-        heard = (id_ for id_ in self._ids if not self._unheard[id_])
-        return (*heard, *silent[turn:], *silent[:turn])
-
     def _collect_one_by_one(self, deadline_ns: int) -> None:
         """Each in turn; who answers is not kept waiting by who does not."""
         block = struct.pack("<HH", SAMPLE_ADDRESS, self._length)
@@ -179,79 +167,88 @@ class Together:
                 self._sent_ns[id_] = now_ns
                 self._line.write(encode(id_, Instruction.READ, block))
             self._gather((id_,), min(deadline_ns, now_ns + share_ns))
+            self._parser.reset()  # what it begins is no part of the next one's answer
+
+    def _next(self, deadline_ns: int) -> bytes | None:
+        """What comes next; None where nothing does until ``deadline_ns``."""
+        began_ns = self._now_ns()
+        come = self._line.wait(deadline_ns)
+        self.waited_ns += self._now_ns() - began_ns
+        return self._line.read() if come else None
 
     def _gather(self, ids: Sequence[int], deadline_ns: int) -> None:
         """Take in what comes until all of ``ids`` have answered or time is up."""
-        line, now_ns = self._line, self._now_ns
-        fast = self.way is Way.FAST
-        patient = [id_ for id_ in ids if self._unheard[id_] < _GONE]
+        now_ns = self._now_ns
+        broken = self._parser.corrupt
+        patient = self._turns.expected(ids)
         end_ns = deadline_ns
-        while True:
-            began_ns = now_ns()
-            come = line.wait(end_ns)
-            self.waited_ns += now_ns() - began_ns
-            if not come:
-                return
-            data = line.read()
-            if fast:
-                if self._take_expected(data):
-                    return
-                self._raw += data
-                self._take_joint_reply()
-            else:
-                for frame in self._parser.feed(data):
-                    self._take_frame(frame)
-            if all(id_ in self._found or id_ in self._broken for id_ in ids):
-                return
+        while not self._settled(ids):
             if patient and all(id_ in self._found for id_ in patient):
                 end_ns = min(deadline_ns, now_ns() + _GRACE_NS)
                 patient = []
-            if began_ns >= end_ns:  # a bus without a servo may never be silent
-                return
+            began_ns = now_ns()
+            data = self._next(end_ns)
+            if data is not None:
+                self._take_in(data)
+            if data is None or began_ns >= end_ns:  # without a servo it may never be silent
+                break
+        if self.way is not Way.FAST:
+            self._lay_to(ids, self._parser.corrupt - broken + (not self._parser.idle))
 
-    def _take_expected(self, data: bytes) -> bool:
-        """Whether ``data`` is just the joint reply, in the usual order, of all and accepted."""
-        expected = self._expected[self._length]
-        if self._raw or not self._all_heard or not expected.reply.match(data):
-            return False
-        values = expected.layout.unpack(data)
+    def _settled(self, ids: Sequence[int]) -> bool:
+        return all(id_ in self._found or id_ in self._broken for id_ in ids)
+
+    def _lay_to(self, ids: Sequence[int], count: int) -> None:
+        """Count so many replies that came broken as those of the first who are missing."""
+        missing = [id_ for id_ in ids if id_ not in self._found and id_ not in self._broken]
+        self._broken.update(missing[:count])
+
+    def _take_in(self, data: bytes) -> None:
+        """Whatever it holds of the answers."""
+        if self.way is Way.FAST:
+            self._raw += data
+            self._take_joint_reply()
+        else:
+            for frame in self._parser.feed(data):
+                self._take_frame(frame)
+
+    def _take_expected(self, data: bytes) -> list[Sample] | None:
+        """The samples, if ``data`` is just the joint reply of all; None if it is anything else."""
+        values = self._expected[self._length].values(data)
+        if values is None:
+            return None
         sent_ns = self._sent_ns[self._ids[0]]
         found = self._found
-        for id_, clock, error, tick, current, position in zip(
-            self._ids,
-            self._clocks.values(),
-            values[::4],
-            values[1::4],
-            values[2::4],
-            values[3::4],
-            strict=True,
+        for (id_, clock), error, tick, current, position in zip(
+            self._clocks.items(), values, values, values, values, strict=False
         ):
             if not error & 0x7F and clock.accept(tick, sent_ns):
-                found[id_] = Sample(Outcome.OK, position, current, error != 0, sent_ns)
+                found[id_] = Sample(_OK, position, current, error != 0, sent_ns)
             else:
                 self._broken.add(id_)
-        return True
+        if self._broken:
+            return self._close()
+        for counts in self.counts:
+            counts.cycles += 1
+        self._free_at[self._length] = self._number + 1
+        self._length = 0
+        return list(found.values())
 
     def _take_joint_reply(self) -> None:
         """The shares in what has come so far of a fast sync read's reply."""
-        size = self._length
-        length = 1 + len(self._order) * (size + 4)
-        head = _FAST_HEAD + struct.pack("<HB", length, Instruction.STATUS)
-        at = self._raw.find(head)
-        if at < 0:
-            return
-        reply = bytes(self._raw[at : at + _PREAMBLE + length])
-        whole = len(reply) == _PREAMBLE + length
-        if whole and crc16(reply[:-2]) == reply[-2] | reply[-1] << 8:
-            frame = Frame(BROADCAST, Instruction.STATUS, reply[8], reply[9:-2])
-            shares = decode_fast_status(frame, size)
-        else:
-            shares = _shares_in_front(reply, size)
-        for id_, share in zip(self._order, shares, strict=False):
-            if share.id == id_:
+        come = shares(self._raw, len(self._order), self._length)
+        for id_, share in zip(self._order, come.good, strict=False):
+            if share.id == id_ and id_ not in self._broken:
                 self._take(id_, share.error, share.data)
-        if whole:
-            self._broken.update(id_ for id_ in self._order if id_ not in self._found)
+                if id_ not in self._found:
+                    self._broken.add(id_)
+        self._begun = self._order[: come.begun]
+        if come.whole:
+            self._broken_off()
+
+    def _broken_off(self) -> None:
+        """What has begun to come and is no answer will not become one."""
+        self._broken.update(id_ for id_ in self._begun if id_ not in self._found)
 
     def _take_frame(self, frame: Frame) -> None:
         """A reply of one servo."""
@@ -278,7 +275,8 @@ class Together:
         """Stop waiting; the samples in the order of ids."""
         samples = []
         whole = True
-        cut = bool(self._raw) or self._parser.corrupt > 0
+        cut = bool(self._raw) or self._parser.corrupt > self._corrupt_before
+        self._broken_off()
         for id_, counts in zip(self._ids, self.counts, strict=True):
             counts.cycles += 1
             found = self._found.get(id_)
@@ -290,52 +288,14 @@ class Together:
                 outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
                 found = Sample(outcome, 0, 0, False, self._sent_ns[id_])
             samples.append(found)
-        if not whole or not self._all_heard:
-            self._blame()
+        if not whole or not self._turns.all_heard:
+            self._turns.heard(self._order, self._found, chained=self.way is Way.FAST)
         # A late reply, or a copy, must not meet a request of its own length.
         self._free_at[self._length] = self._number + (1 if whole and not cut else QUARANTINE)
         self._length = 0
         return samples
 
-    def _blame(self) -> None:
-        """Who was not heard; behind the first one missing in a joint reply, nobody could be."""
-        for id_ in self._order:
-            if id_ in self._found:
-                self._unheard[id_] = 0
-                continue
-            self._unheard[id_] += 1
-            if self.way is Way.FAST:
-                break
-        self._all_heard = not any(self._unheard.values())
-
     def _count_late(self, frame: Frame) -> None:
         for id_, counts in zip(self._ids, self.counts, strict=True):
             if frame.id == id_ and len(frame.params) in LENGTHS:
                 counts.late += 1
-
-
-class _Expected:
-    """How a joint reply must look when all is well, and where in it what is."""
-
-    __slots__ = ("layout", "reply")
-
-    def __init__(self, ids: Sequence[int], size: int) -> None:
-        self.reply = ExpectedFastReply(ids, size)
-        rest = size - SAMPLE.size + 2  # unused bytes, and the share's CRC
-        self.layout = struct.Struct(f"<{_FAST_HEAD_BYTES}x" + f"{_SHARE}{rest}x" * len(ids))
-
-
-def _shares_in_front(reply: bytes, size: int) -> list[FastReply]:
-    """The shares of a joint reply whose own checksum holds, up to the first that is not whole."""
-    shares = []
-    at = _FAST_HEAD_BYTES
-    crc = crc16(reply[:at])
-    while at + size + 4 <= len(reply):
-        end = at + size + 4
-        crc = crc16(reply[at : end - 2], crc)
-        if crc != reply[end - 2] | reply[end - 1] << 8:
-            break
-        shares.append(FastReply(reply[at + 1], reply[at], reply[at + 2 : end - 2]))
-        crc = crc16(reply[end - 2 : end], crc)
-        at = end
-    return shares

@@ -17,7 +17,7 @@ from hw.dynamixel.group import DynamixelGroup
 from hw.dynamixel.line import Line
 from hw.dynamixel.tables import MODELS, POSITION_UNIT
 from hw.dynamixel.together import Together, Way
-from hw.errors import UnfitServoError
+from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome, Reading
 from hw.settings import DynamixelSettings, TrueServo
 
@@ -235,3 +235,89 @@ def test_two_servos_with_one_id_are_refused() -> None:
     settings = DynamixelSettings("", 4_000_000, 1, MODEL)
     with pytest.raises(UnfitServoError, match="give each another"):
         DynamixelGroup([settings, settings], bench.line)
+
+
+def cut_off(bench: Bench, keep: int) -> None:
+    """Let only the first bytes of the next answers through; then there is silence."""
+    inner = bench.line.read
+
+    def read() -> bytes:
+        data = inner()
+        return data[:keep] if len(data) > keep else data
+
+    bench.line.read = read
+
+
+@pytest.mark.parametrize("keep", [30, 40, 60])
+def test_what_a_truncated_joint_reply_costs_is_counted_by_what_arrived(keep: int) -> None:
+    """Shares in front are good, the one that was cut is broken, those behind it never came."""
+    bench = started(48, 48, 48)
+    together = Together(bench.line, [1, 2, 3], Way.FAST)
+    cut_off(bench, keep)
+    together.request()
+    samples = together.collect(bench.clock.now_ns() + 800_000)
+    good, rest = divmod(keep - 8, 20)
+    wanted = [Outcome.OK] * good + [Outcome.CORRUPT] * (rest > 0) + [Outcome.LOST] * 3
+    assert [sample.outcome for sample in samples] == wanted[:3]
+
+
+@pytest.mark.parametrize("way", [Way.SYNC, Way.PLAIN])
+def test_a_truncated_reply_of_one_servo_is_its_own_broken_one(way: Way) -> None:
+    bench = started(48, 48, 48)
+    together = Together(bench.line, [1, 2, 3], way)
+    bench.bus.inject("truncate:p=1,way=reply,id=2", bench.clock.now_ns())
+    together.request()
+    samples = together.collect(bench.clock.now_ns() + 1_600_000)
+    wanted = [Outcome.OK, Outcome.CORRUPT, Outcome.OK]
+    assert [sample.outcome for sample in samples] == wanted
+    assert [counts.corrupt for counts in together.counts] == [0, 1, 0]
+
+
+def test_lengths_alternate_between_two_as_long_as_nothing_is_lost() -> None:
+    """A longer one costs its bytes on the wire of every servo."""
+    bench = started(48, 48, 48)
+    frames = len(bench.line.frames)
+    for _ in range(20):
+        bench.cycle()
+    asked = {data[10] for data in bench.line.frames[frames:] if data[7] == Way.FAST.value}
+    assert asked == {16, 17}
+
+
+def test_a_restarted_clock_is_proved_by_several_replies_and_not_by_one() -> None:
+    bench = started(48, 48, 48)
+    together = Together(bench.line, [1, 2, 3], Way.FAST)
+
+    def cycle() -> list[Outcome]:
+        begun = bench.clock.now_ns()
+        together.request()
+        samples = together.collect(begun + 800_000)
+        bench.clock.wait_until(begun + PERIOD_NS)
+        return [sample.outcome for sample in samples]
+
+    assert cycle() == [Outcome.OK] * 3
+    bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
+    bench.truths[1]._boot_ns -= 7_000_000_000
+    assert cycle() == [Outcome.OK, Outcome.CORRUPT, Outcome.OK]
+    assert together.restarted == []
+    cycle()
+    cycle()
+    assert together.restarted == [2]
+
+
+def test_a_zero_that_cannot_be_sent_keeps_nobody_from_being_switched_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A port that took no byte for a moment may take the next: each servo is still told."""
+    bench = started(48, 48, 48)
+    bench.cycle([0.5, 0.5, 0.5])
+    write = bench.line.write
+    failures = iter([True])
+
+    def failing_once(data: bytes) -> None:
+        if next(failures, False):
+            raise ServoLostError("the port has sent nothing")
+        write(data)
+
+    monkeypatch.setattr(bench.line, "write", failing_once)
+    assert bench.group.stop() is True
+    assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
