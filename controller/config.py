@@ -100,6 +100,8 @@ class Config(Section):
             torque_step=servo.torque_step,
             backlash=servo.backlash,
             torque_constant=servo.torque_constant or 0.0,
+            supply=servo.supply,
+            ambient=servo.ambient,
             position=self.start_position,
             hand=servo.hand,
             hand_origin=self.wall.position,
@@ -136,6 +138,8 @@ class Config(Section):
             period_s=self.period_s,
             max_speed=self.safety.max_speed,
             emulated=self.true_servo() if in_memory else None,
+            faults=servo.faults if emulated else (),
+            fault_seed=servo.fault_seed,
         )
 
     def _inside(self) -> tuple[float, float] | None:

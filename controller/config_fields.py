@@ -75,6 +75,8 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
         return f"{_bounds(value.annotation, value.metadata)}, or {{value, low, high}}"
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(map(str, get_args(annotation)))
+    if get_origin(annotation) is tuple:
+        return "a list of texts"
     return _bounds(annotation, info.metadata)
 
 

@@ -207,6 +207,30 @@ def _model_makes_torque(config: Config) -> Iterator[Problem]:
         )
 
 
+@_reads(*_KIND, "servo.faults", "servo.id")
+def _faults_can_happen(config: Config) -> Iterator[Problem]:
+    servo = config.servo
+    if servo.faults and servo.kind == "simulated":
+        yield Problem(
+            "servo.faults",
+            f"found {', '.join(servo.faults)}, but a simulated servo has no bus; wanted an emulated"
+            " one, such as the preset emulated-xm430",
+        )
+    elif servo.kind == "emulated":
+        from hw.open import check_fault  # not at the top: most configurations have no faults
+
+        for spec in servo.faults:
+            try:
+                check_fault(spec, servo.id)
+            except ValueError as error:
+                hint = (
+                    "; in a list, quote a fault that has commas"
+                    if "=" in spec.split(":")[0]
+                    else ""
+                )
+                yield Problem("servo.faults", f"{error}{hint}")
+
+
 _CYCLE_SHARE = 0.8
 """Of a period that a cycle may be on the wire: what comes later than that counts as lost"""
 

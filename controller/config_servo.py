@@ -20,6 +20,13 @@ Baud = Annotated[
 """What the Baud Rate register of the X series can hold. Source: ROBOTIS e-manual."""
 
 
+def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Let one text be a list of its words, and a list be what pydantic calls a tuple."""
+    if isinstance(found, str):
+        return tuple(found.split())
+    return tuple(found) if isinstance(found, list) else found
+
+
 def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
     """What a field's declaration carries beside its bounds: unit, and which servos it is for."""
     return {"unit": unit, "used_by": list(used_by)}
@@ -35,6 +42,7 @@ def used_by(name: str) -> tuple[str, ...]:
 _ANY: tuple[Kind, ...] = ("simulated", "emulated", "hardware")
 _TRUTH: tuple[Kind, ...] = ("simulated", "emulated")
 _BUS: tuple[Kind, ...] = ("emulated", "hardware")
+_EMULATED: tuple[Kind, ...] = ("emulated",)
 
 
 class Servo(Section):
@@ -76,6 +84,33 @@ class Servo(Section):
         le=1,
         description="True play between shaft and encoder, full width",
         json_schema_extra=_facts("rad", _TRUTH),
+    )
+    supply: float | None = Field(
+        None,
+        ge=1,
+        le=60,
+        description="True voltage of the supply; null: the one its model's figures hold for",
+        json_schema_extra=_facts("V", _EMULATED),
+    )
+    ambient: float = Field(
+        32.0,
+        ge=-40,
+        le=200,
+        description="True temperature of the servo while it does nothing",
+        json_schema_extra=_facts("°C", _EMULATED),
+    )
+    faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        (),
+        description="What goes wrong on the emulated bus, as for haptic-wall emulate --fault, e.g. "
+        "drop:p=0.01; several as a list, or in one text with blanks between them",
+        json_schema_extra=_facts("", _EMULATED),
+    )
+    fault_seed: Whole = Field(
+        0,
+        ge=0,
+        le=2**32,
+        description="Decides what the faults strike",
+        json_schema_extra=_facts("", _EMULATED),
     )
     hand: HandName = Field(
         "none",

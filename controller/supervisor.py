@@ -272,8 +272,13 @@ def emulator_arguments(
     """The command that starts an emulated bus with one servo, after ``python -m``."""
     arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
     arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
+    arguments += ["--seed", str(settings.fault_seed)]
+    for fault in settings.faults:
+        arguments += ["--fault", fault]
     for part in fields(true):
-        arguments += ["--set", f"servo.{part.name}={getattr(true, part.name)}"]
+        value = getattr(true, part.name)
+        if value is not None:
+            arguments += ["--set", f"servo.{part.name}={value}"]
     if witness is not None:
         arguments += ["--record", str(witness)]
     return arguments

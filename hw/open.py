@@ -34,6 +34,21 @@ def torque_models() -> dict[str, bool]:
     }
 
 
+def check_fault(spec: str, servo_id: int) -> None:
+    """Whether an emulated bus with this servo would take a fault of ``DynamixelSettings.faults``.
+
+    Args:
+        spec: The fault, as text.
+        servo_id: The one id on the bus.
+
+    Raises:
+        ValueError: It is no fault, or one of a servo that is not there.
+    """
+    from hw.dynamixel.emulated.faults import parse_fault
+
+    parse_fault(spec).check_servo([servo_id])
+
+
 def open_port(settings: DynamixelSettings) -> int:
     """Open the servo's serial port for this process and those it hands the descriptor to.
 
@@ -95,6 +110,7 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
     """An emulated bus in memory with the configured servo on it."""
     from hw.dynamixel.emulated.bus import EmulatedBus
+    from hw.dynamixel.emulated.injection import Faults
     from hw.dynamixel.emulated.memory_line import MemoryLine
     from hw.dynamixel.emulated.servo import EmulatedServo
     from hw.dynamixel.servo import drivable
@@ -109,7 +125,13 @@ def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedC
         start_ns=now_ns,
         baud=settings.baud,
     )
-    return MemoryLine(EmulatedBus([servo], baud=settings.baud, start_ns=now_ns), clock)
+    bus = EmulatedBus(
+        [servo],
+        baud=settings.baud,
+        start_ns=now_ns,
+        faults=Faults(settings.faults, settings.fault_seed),
+    )
+    return MemoryLine(bus, clock)
 
 
 def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bool:

@@ -80,6 +80,10 @@ class DynamixelSettings:
     """Positions that it could reach only faster are refused [rad/s]; 0: none are"""
     emulated: TrueServo | None = None
     """Truth of the emulated servo where the bus is in memory"""
+    faults: tuple[str, ...] = ()
+    """What goes wrong on an emulated bus, as ``hw.dynamixel.emulated.faults`` reads it"""
+    fault_seed: int = 0
+    """Decides what those faults strike"""
 
 
 ServoSettings = SimulatedSettings | DynamixelSettings

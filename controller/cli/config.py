@@ -85,6 +85,8 @@ def _row(loaded: Loaded, field: Field, width: int) -> str:
 def _text(value: Any) -> str:  # noqa: ANN401
     if value is None:
         return "null"
+    if isinstance(value, tuple):
+        return " ".join(map(str, value)) or "none"
     if isinstance(value, dict):
         return f"{value['value']:g} ({value['low']:g} to {value['high']:g})"
     return f"{value:.8g}" if isinstance(value, float) else str(value)

@@ -64,6 +64,10 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used():
         "servo.delay",
         "servo.torque_step",
         "servo.backlash",
+        "servo.supply",
+        "servo.ambient",
+        "servo.faults",
+        "servo.fault_seed",
         "servo.hand",
         "servo.kick",
     ]

@@ -49,7 +49,7 @@ def refused(capsys, *arguments):
         (["--fault", "drp:p=0.1"], ["--fault", "'drp'", "did you mean drop?"]),
         (
             ["--fault", "unplug:at=2,id=7"],
-            ["--fault", "unplug:at=2,id=7", "no servo", "there are 1"],
+            ["--fault", "unplug:at=2,id=7", "no servo", "ids here are 1"],
         ),
         (["--nonsense"], ["--nonsense"]),
     ],

@@ -209,6 +209,7 @@ def test_every_field_says_what_it_means(field):
         "guard.damping_cap",
         "guard.quantisation_share",
         "servo.id",
+        "servo.fault_seed",
         "model.torque_gain",
         "safety.max_loss",
         "safety.max_losses_in_row",

@@ -104,7 +104,7 @@ def test_the_port_stays_when_the_adapter_is_unplugged_and_back(dynamixel_bus):
 def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus):
     with pytest.raises(BusError, match="drop"):
         dynamixel_bus.inject("dorp")
-    with pytest.raises(BusError, match="no servo with id 9"):
+    with pytest.raises(BusError, match="has the id 9"):
         dynamixel_bus.inject("stuck:id=9")
     with pytest.raises(BusError, match="no fault"):
         dynamixel_bus.lift("dorp")

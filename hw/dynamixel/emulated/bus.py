@@ -304,13 +304,7 @@ class EmulatedBus:
         return self.connected and reply.baud == self.host_baud
 
     def _add(self, fault: Fault, now_ns: int) -> None:
-        ids = [servo.id for servo in self.servos]
-        id_ = fault.values.get("id")
-        if not fault.strikes_frames and id_ is not None and id_ not in ids:
-            raise ValueError(
-                f"{fault.text}: no servo with id {id_} is on this bus; there are "
-                + ", ".join(map(str, ids))
-            )
+        fault.check_servo([servo.id for servo in self.servos])
         if self._adapter is None:
             self._adapter = Adapter(0, BLOCKS[-1], now_ns)
         self._faults.add(fault, now_ns)

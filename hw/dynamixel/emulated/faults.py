@@ -7,7 +7,7 @@ the adapter, at an instant. Times are seconds since the fault was given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -153,6 +153,19 @@ class Fault:
         """After how long it happens again [ns]; None: it does not."""
         seconds = self.values.get("repeat")
         return None if seconds is None else round(seconds * _SECOND_NS)
+
+    def check_servo(self, ids: Collection[int]) -> None:
+        """Whether the servo it happens to, if it names one, is among those with these ids.
+
+        Raises:
+            ValueError: It is not.
+        """
+        id_ = self.values.get("id")
+        if not self.strikes_frames and id_ is not None and id_ not in ids:
+            raise ValueError(
+                f"{self.text}: no servo on this bus has the id {id_}; the ids here are "
+                + ", ".join(map(str, ids))
+            )
 
 
 def parse_fault(text: str) -> Fault:

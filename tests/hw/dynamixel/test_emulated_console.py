@@ -49,7 +49,7 @@ def test_faults_come_and_go_by_lines():
         (b"off drp\n", ["'drp'", "did you mean drop?"]),
         (b"off\n", ["''", "known are drop"]),
         (b"drop:p=7\n", ["drop: p", "'7'"]),
-        (b"stuck:id=9\n", ["no servo with id 9"]),
+        (b"stuck:id=9\n", ["has the id 9"]),
         (b"\xff\xfe\n", ["known are"]),
     ],
 )

@@ -1,0 +1,118 @@
+"""Faults on a configuration's emulated bus: said in words, checked, and on both kinds of bus."""
+
+import itertools
+import json
+import subprocess
+import sys
+
+import pytest
+
+from controller.config import Config
+from controller.config_load import load_config
+from controller.errors import ConfigError
+from controller.supervisor import emulator_arguments
+
+EMULATED = "emulated-xm430"
+PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+
+
+def faults(*sets):
+    return load_config(EMULATED, [f"servo.faults={text}" for text in sets]).config.servo.faults
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("drop:p=0.01", ("drop:p=0.01",)),
+        ("late:ms=3,p=.1", ("late:ms=3,p=.1",)),
+        ("drop:p=0.01 late:ms=3,p=.1", ("drop:p=0.01", "late:ms=3,p=.1")),
+        ('["late:ms=3,p=.1", stuck]', ("late:ms=3,p=.1", "stuck")),
+        ("[]", ()),
+    ],
+)
+def test_one_fault_or_several_as_people_write_them(text, found):
+    assert faults(text) == found
+
+
+@pytest.mark.parametrize(
+    ("source", "change", "words"),
+    [
+        (EMULATED, "servo.faults=drp:p=1", ["servo.faults (from --set)", "did you mean drop?"]),
+        (EMULATED, "servo.faults=[late:ms=3,p=.1]", ["'p=.1'", "quote"]),
+        (EMULATED, "servo.faults=stuck:id=7", ["has the id 7", "ids here are 1"]),
+        (EMULATED, "servo.faults=5", ["found 5, wanted a list of texts"]),
+        (EMULATED, "servo.faults=[1]", ["found [1], wanted a list of texts"]),
+        (EMULATED, "servo.supply=0.5", ["found 0.5", "from 1 to 60", "[V]"]),
+        (EMULATED, "servo.ambient=300", ["found 300", "from -40 to 200", "[°C]"]),
+        ("simulated", "servo.faults=drop", ["no bus", "emulated-xm430"]),
+        ("xm430-w350", "servo.faults=drop", ["servo.port", "is a real one"]),
+        ("xm430-w350", "servo.supply=12", ["servo.port", "is a real one"]),
+    ],
+)
+def test_what_cannot_happen_is_refused_by_name(source, change, words):
+    with pytest.raises(ConfigError) as refused:
+        load_config(source, [change])
+    (problem,) = refused.value.problems
+    for word in words:
+        assert word in problem
+
+
+def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus():
+    config = load_config(EMULATED, ["servo.id=7", "servo.faults=stuck:id=7"]).config
+    assert config.servo.faults == ("stuck:id=7",)
+
+
+def test_they_travel_between_processes_and_to_the_emulator():
+    sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
+    loaded = load_config(EMULATED, sets).config
+    config = Config.model_validate_json(loaded.model_dump_json())
+    words = emulator_arguments(config.servo_settings("/dev/pts/9"), config.true_servo(), None)
+    pairs = list(itertools.pairwise(words))
+    assert [value for name, value in pairs if name == "--fault"] == ["drop:p=0.01", "jump:counts=5"]
+    assert ("--seed", "3") in pairs
+    assert ("--set", "servo.supply=11.0") in pairs
+    assert not any("None" in word for word in words)
+
+
+def run(folder, *sets):
+    changes = [word for text in ("loop.clock=simulated", *sets) for word in ("--set", text)]
+    done = subprocess.run(
+        [*PROGRAM, "run", EMULATED, "--json", "--duration", "1", *changes],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=False,
+    )
+    return done.returncode, json.loads(done.stdout or "null"), done.stderr
+
+
+def test_they_happen_on_the_bus_in_memory_as_the_seed_says(tmp_path):
+    counts = []
+    for seed in (0, 0, 1):
+        spec = "servo.faults=corrupt:p=0.05,way=reply"
+        status, report, _ = run(tmp_path, spec, f"servo.fault_seed={seed}")
+        assert status == 0
+        counts.append((report["bus"]["corrupt"], report["bus"]["lost"]))
+        assert 0.02 < sum(counts[-1]) / report["bus"]["cycles"] < 0.09
+    assert counts[0] == counts[1] != counts[2]
+
+
+def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on(tmp_path):
+    status, _, message = run(tmp_path, "servo.supply=9")
+    assert status == 4
+    assert "supplied with 9 V" in message
+
+
+@pytest.mark.realtime
+def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path):
+    status, report, message = run(
+        tmp_path,
+        "loop.clock=monotonic",
+        "servo.faults=drop:every=20,way=reply",
+        "safety.max_loss=1",
+        "safety.max_losses_in_row=900",
+        "servo.watchdog_s=2.5",
+        "safety.heartbeat_s=5",
+    )
+    assert status == 0, message
+    assert report["bus"]["lost"] > 20
