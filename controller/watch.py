@@ -1,7 +1,9 @@
 """Watches the running wall for an oscillation of its own making, and answers it.
 
 ``report`` only tells. ``reduce`` takes stiffness and damping together toward the origin, a step
-each half cycle until the motion decays: along that ray a stable wall stays stable. They come back
+each half cycle until the motion decays: along that ray a stable wall stays stable. A step waits for
+the motion to turn: there the spring holds all the energy, and a softer one keeps less of it, while
+in the middle the motion holds it and would swing further against a softer spring. They come back
 only on request. Where that does not help, and in ``trip``, the run ends. The torque itself is never
 limited in its rate: that would be one more delay.
 """
@@ -53,9 +55,11 @@ class Watch:
     __slots__ = (
         "_acting",
         "_detector",
+        "_last_move",
         "_mean",
         "_period",
         "_periods",
+        "_position",
         "_settings",
         "_ticks",
         "_wait",
@@ -79,6 +83,8 @@ class Watch:
         self._periods = 0
         self._ticks = 0
         self._wait = 0
+        self._position = math.nan
+        self._last_move = 0.0
         self.acted = 0.0
         self.spanned = 1
         self.share = 1.0
@@ -122,10 +128,11 @@ class Watch:
         self.current = state = detector.update(position, torque, periods)
         if state:
             self._note(state)
+        turned = self._turned(position)
         if detector.alarm:
             if math.isnan(self.first_alarm_s):
                 self.first_alarm_s = self._ticks * self._period
-            self._answer()
+            self._answer(turned)
 
     def raise_again(self) -> None:
         """Allow all that the guard allows again, and begin to watch anew."""
@@ -140,18 +147,31 @@ class Watch:
             self.amplitude = amplitude
             self.frequency_hz = self._detector.frequency_hz
 
-    def _answer(self) -> None:
+    def _turned(self, position: float) -> bool:
+        """Whether the motion goes another way than the last time it moved."""
+        moved = position - self._position
+        self._position = position
+        if not moved:
+            return False
+        turned = moved * self._last_move < 0.0
+        self._last_move = moved
+        return turned
+
+    def _answer(self, turned: bool) -> None:
         answer = self._settings.answer
         if answer == "trip":
             self.failed = True
-        if answer != "reduce" or self._ticks < self._wait:
+        if answer != "reduce" or not turned or self._ticks < self._wait:
             return
         if self.share <= LEAST_SHARE:
             self.failed = True
             return
         detector = self._detector
-        self.share = max(LEAST_SHARE, self.share * self._step(detector.growth))
-        half_s = 0.5 / detector.frequency_hz if detector.frequency_hz > 0.0 else _LONGEST_S
+        step = self._step(detector.growth)
+        self.share = max(LEAST_SHARE, self.share * step)
+        # A little less than half a cycle, which is longer on the softer spring: the next turn.
+        hertz = detector.frequency_hz * math.sqrt(step)
+        half_s = 0.4 / hertz if hertz > 0.0 else _LONGEST_S
         self._wait = self._ticks + math.ceil(min(half_s, _LONGEST_S) / self._period)
 
     def _step(self, growth: float) -> float:
