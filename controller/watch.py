@@ -44,7 +44,8 @@ class Watch:
         share: Of the guard's stiffness and damping that may be commanded [1].
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
         state: The worst seen.
-        frequency_hz: Of the largest oscillation in that state [Hz]; NaN: none was seen.
+        frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
+            NaN: none was seen.
         amplitude: Of it [rad].
         first_alarm_s: When the first alarm came, from when the wall went on [s]; NaN: none has.
         current: What the motion does now.
@@ -142,7 +143,8 @@ class Watch:
 
     def _note(self, state: State) -> None:
         amplitude = self._detector.amplitude
-        if state > self.state or (state == self.state and amplitude > self.amplitude):
+        larger = amplitude > self.amplitude and self.share == 1.0
+        if state > self.state or (state == self.state and larger):
             self.state = state
             self.amplitude = amplitude
             self.frequency_hz = self._detector.frequency_hz
