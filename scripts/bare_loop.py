@@ -7,12 +7,12 @@ least on the machine and bus it runs on. Torque stays off: goal currents have no
     .venv/bin/python scripts/bare_loop.py PORT [SECONDS]     one JSON object on standard output
 """
 
+import argparse
 import contextlib
 import gc
 import json
 import os
 import select
-import sys
 import time
 
 import serial
@@ -27,8 +27,11 @@ SPIN_NS = 150_000
 
 def main() -> None:
     """Run the loop and print what happened."""
-    port = serial.Serial(sys.argv[1], 4_000_000, timeout=0, exclusive=True)
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("port")
+    parser.add_argument("seconds", type=float, nargs="?", default=10.0)
+    wanted = parser.parse_args()
+    port, seconds = serial.Serial(wanted.port, 4_000_000, timeout=0, exclusive=True), wanted.seconds
     descriptor = port.fileno()
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))
