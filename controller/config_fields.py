@@ -13,7 +13,7 @@ from controller.config import Config
 from controller.config_model import Estimate, Section
 from controller.config_servo import used_by
 
-_KIND_NAMES = {float: "a number", int: "a whole number", str: "a text"}
+_KIND_NAMES = {bool: "true or false", float: "a number", int: "a whole number", str: "a text"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -192,6 +192,8 @@ def test_every_field_is_bounded(field):
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
 def test_every_field_refuses_what_is_not_a_number_or_a_name(field):
     for value in ("true", "[1]", ".nan", "{a: 1}"):
+        if value == field.wanted.partition(" ")[0]:
+            continue
         found = problems("simulated", f"{field.path}={value}")
         assert any(line.startswith(field.path) for line in found)
 
