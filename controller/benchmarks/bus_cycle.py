@@ -1,73 +1,64 @@
 """What a cycle on the bus costs a client: ours beside dynamixel-sdk and rustypot, on one port.
 
-A cycle reads current, velocity and position (10 bytes) of every servo and writes every goal current
-(2 bytes). All clients have the same emulated bus open and take turns.
+All clients have the same emulated bus open and take short turns, so that whatever else the machine
+does falls on all of them alike. Compared is what does the same work: clients that read the same
+bytes, in the same rounds.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import statistics
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.metadata import version
+from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Final, Protocol
+from typing import Final
 
+from controller.benchmarks.bus_clients import (
+    LONG,
+    SHORT,
+    Cycle,
+    codec,
+    driver,
+    rusty,
+    rustypot,
+    vendors,
+)
 from controller.benchmarks.rows import Row, Section
 from controller.errors import PlatformError
 from controller.processes import Child, first_line
 from hw.clock import MonotonicClock
-from hw.dynamixel.codec import (
-    BROADCAST,
-    ExpectedReply,
-    Instruction,
-    Parser,
-    decode_fast_status,
-    encode,
-)
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
+from hw.dynamixel.codec import BROADCAST, Instruction, encode
 from hw.dynamixel.serial_line import FdLine
-from hw.dynamixel.together import Together, Way
-from hw.servo import Outcome
 
-_ROUNDS, _CYCLES = 15, 60
+_ROUNDS, _CYCLES = 40, 24
 _COUNTS = (1, 3, 6)
+_BLOCKS: Final = (SHORT, LONG)
 _BAUD: Final = 4_000_000
 _START_S: Final = 20.0
-_PATIENCE_NS: Final = 50_000_000
 _RETURN_DELAY: Final = 9
-_GOAL, _GOAL_BYTES = 102, 2
-_BLOCK, _BLOCK_BYTES = 126, 10
-_DRIVER: Final = "haptic-wall, as its driver reads (16 or 17 bytes)"
-_CODEC: Final = "haptic-wall, codec alone"
-_OURS: Final = (_DRIVER, _CODEC)
-
-_Cycle = Callable[[], bool]
-"""One cycle; whether every servo answered"""
+_OURS: Final = "haptic-wall"
 
 
-class _Rustypot(Protocol):
-    """What is used of a rustypot controller."""
+@dataclass(slots=True)
+class _Times:
+    """Of one client [µs]."""
 
-    def set_fast_sync_read(self, enabled: bool, /) -> None: ...
-
-    def read_raw_data(self, id: int, addr: int, length: int, /) -> object: ...  # noqa: A002
-
-    def sync_read_raw_data(self, ids: list[int], addr: int, length: int, /) -> object: ...
-
-    def sync_write_raw_data(self, ids: list[int], addr: int, data: list[list[int]], /) -> None: ...
+    rounds: list[float] = field(default_factory=list)
+    """Median cycle of each round"""
+    busy: list[float] = field(default_factory=list)
+    """Processor time of a cycle, mean of each round"""
+    failed: int = 0
 
 
 def measure() -> Section:
     """Time and processor time of a cycle with one servo and with several, of each client."""
     notes: list[str] = []
-    rustypot = _rustypot()
-    if rustypot is None:
+    compiled = rustypot()
+    if compiled is None:
         notes.append(
             "rustypot is not installed, so nothing is compared with it: pip install "
             "'haptic-wall[bench]' adds it, up to Python 3.13"
@@ -76,223 +67,102 @@ def measure() -> Section:
     for count in _COUNTS:
         ids = range(1, count + 1)
         with _bus(ids) as path, ExitStack() as stack:
-            clients = _clients(path, ids, rustypot, stack)
-            times, failed = _taking_turns(clients)
-        rows += _rows(count, times)
-        notes += [
-            f"{name}, {count} servos: {cycles} cycles failed and count with their time"
-            for name, cycles in failed.items()
-            if cycles
-        ]
+            groups = _clients(path, ids, compiled, stack)
+            times = _taking_turns(groups)
+        for title, clients in times.items():
+            what = f"{title}, {count} servos" if count > 1 else f"{title}, 1 servo"
+            rows += _rows(what, clients)
+            notes += [
+                f"{name}, {what}: {client.failed} cycles failed and count with their time"
+                for name, client in clients.items()
+                if client.failed
+            ]
     return Section(tuple(rows), tuple(notes))
 
 
 def _taking_turns(
-    clients: Mapping[str, _Cycle],
-) -> tuple[dict[str, tuple[float, float]], dict[str, int]]:
-    """Median time and processor time of each client's cycle [µs], and how many cycles failed.
+    groups: Mapping[str, Mapping[str, Cycle]],
+) -> dict[str, dict[str, _Times]]:
+    """Every client's times, by block and client; a round before the first one is not counted.
 
-    A round before the first one is not counted. The time is the median of all cycles, because one
-    that the machine interrupts takes ten times as long; the processor time that of the rounds.
+    Medians, because a cycle that the machine interrupts takes ten times as long.
     """
     now_ns, busy_ns = time.perf_counter_ns, time.thread_time_ns
-    taken: dict[str, list[int]] = {name: [] for name in clients}
-    worked: dict[str, list[float]] = {name: [] for name in clients}
-    failed = dict.fromkeys(clients, 0)
+    times = {title: {name: _Times() for name in clients} for title, clients in groups.items()}
     for counted in range(_ROUNDS + 1):
-        for name, cycle in clients.items():
-            times = []
-            good = 0
-            began_ns = busy_ns()
-            for _ in range(_CYCLES):
-                sent_ns = now_ns()
-                good += cycle()
-                times.append(now_ns() - sent_ns)
-            if counted:
-                worked[name].append((busy_ns() - began_ns) / _CYCLES)
-                taken[name] += times
-                failed[name] += _CYCLES - good
-    return {
-        name: (1e-3 * statistics.median(taken[name]), 1e-3 * statistics.median(worked[name]))
-        for name in clients
-    }, failed
+        for title, clients in groups.items():
+            for name, cycle in clients.items():
+                taken = []
+                good = 0
+                began_ns = busy_ns()
+                for _ in range(_CYCLES):
+                    sent_ns = now_ns()
+                    good += cycle()
+                    taken.append(now_ns() - sent_ns)
+                if counted:
+                    client = times[title][name]
+                    client.busy.append(1e-3 * (busy_ns() - began_ns) / _CYCLES)
+                    client.rounds.append(1e-3 * statistics.median(taken))
+                    client.failed += _CYCLES - good
+    return times
 
 
-def _rows(count: int, times: Mapping[str, tuple[float, float]]) -> list[Row]:
-    servos = "1 servo" if count == 1 else f"{count} servos"
+def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
     rows = []
-    for name, (wall, busy) in times.items():
+    for name, times in clients.items():
         rows += [
             Row(
-                f"{name}, {servos}",
-                wall,
+                f"{name}, {what}",
+                statistics.median(times.rounds),
                 "µs/cycle",
                 "a real adapter, which adds its USB frames and latency timer; in it are the "
                 "emulated wire at 4 Mbit/s and the emulator's own time",
             ),
             Row(
-                f"{name}, {servos}, processor time",
-                busy,
+                f"{name}, {what}, processor time",
+                statistics.median(times.busy),
                 "µs/cycle",
                 "waiting asleep, and what the operating system does in others' name",
             ),
         ]
-    peers = [wall for name, (wall, _) in times.items() if name not in _OURS]
-    return rows + [
-        Row(
-            f"the quickest peer's time over that of {name}, {servos}",
-            min(peers) / times[name][0],
-            "1",
-            "equal work: the driver reads the servo's clock too, 6 or 7 bytes more of each servo, "
-            "and matches replies to requests"
-            if name == _DRIVER
-            else "a client: replies are checked, not matched to their requests",
-        )
-        for name in _OURS
+    peers = {name: times for name, times in clients.items() if not name.startswith(_OURS)}
+    quickest = min(peers, key=lambda name: statistics.median(peers[name].rounds))
+    for name, times in clients.items():
+        if name.startswith(_OURS):
+            rows += _compared(f"{name}, {what}", times.rounds, quickest, peers[quickest].rounds)
+    return rows
+
+
+def _compared(what: str, ours: Sequence[float], peer: str, theirs: Sequence[float]) -> list[Row]:
+    """Our time over the quickest peer's, round by round."""
+    ratios = [one / other for one, other in zip(ours, theirs, strict=True)]
+    low, middle, high = statistics.quantiles(ratios, n=4) if len(ratios) > 1 else ratios * 3
+    name = f"{what}: time over that of {peer}"
+    shows_not = "work that is not the same: both read the same bytes"
+    return [
+        Row(name, middle, "1", shows_not),
+        Row(f"{name}, lower quartile of the rounds", low, "1", shows_not),
+        Row(f"{name}, upper quartile of the rounds", high, "1", shows_not),
     ]
 
 
 def _clients(
-    path: str, ids: Sequence[int], rustypot: ModuleType | None, stack: ExitStack
-) -> dict[str, _Cycle]:
-    """Every client with the port open, and its cycle."""
+    path: str, ids: Sequence[int], compiled: ModuleType | None, stack: ExitStack
+) -> dict[str, dict[str, Cycle]]:
+    """The cycles of every client with the port open, by block."""
     # A pseudo-terminal is raw already, and only what sets its speed is heard at that speed.
     line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
     stack.callback(line.close)
     line.write(encode(BROADCAST, Instruction.WRITE, struct.pack("<HB", _RETURN_DELAY, 0)))
-    alone = len(ids) == 1
-    clients = {
-        _DRIVER: _link(line, ids[0]) if alone else _together(line, ids),
-        _CODEC: _codec(line, ids),
-    }
-    clients |= _vendors(path, ids, stack)
-    if rustypot is not None:  # the last: it keeps others from opening
-        client = rustypot.Xl430PyController(path, _BAUD, 1e-9 * _PATIENCE_NS)
-        stack.callback(client.close)
-        clients |= _rusty(client, ids)
-    return clients
-
-
-def _link(line: Line, id_: int) -> _Cycle:
-    link = Link(line, id_)
-
-    def cycle() -> bool:
-        link.request()
-        sample = link.collect(time.monotonic_ns() + _PATIENCE_NS)
-        link.send_current(0)
-        return sample.outcome is Outcome.OK
-
-    return cycle
-
-
-def _together(line: Line, ids: Sequence[int]) -> _Cycle:
-    together = Together(line, ids, Way.FAST)
-    goals = [0] * len(ids)
-
-    def cycle() -> bool:
-        together.request()
-        samples = together.collect(time.monotonic_ns() + _PATIENCE_NS)
-        together.send_currents(goals)
-        return all(sample.outcome is Outcome.OK for sample in samples)
-
-    return cycle
-
-
-def _codec(line: Line, ids: Sequence[int]) -> _Cycle:
-    block = struct.pack("<HH", _BLOCK, _BLOCK_BYTES)
-    goals = struct.pack("<HH", _GOAL, _GOAL_BYTES) + b"".join(bytes((i, 0, 0)) for i in ids)
-    write = encode(BROADCAST, Instruction.SYNC_WRITE, goals)
-    parser = Parser()
-    if len(ids) == 1:
-        request = encode(ids[0], Instruction.READ, block)
-        expected = ExpectedReply(ids[0], _BLOCK_BYTES)
-    else:
-        request = encode(BROADCAST, Instruction.FAST_SYNC_READ, block + bytes(ids))
-        expected = None
-
-    def cycle() -> bool:
-        line.write(request)
-        deadline_ns = time.monotonic_ns() + _PATIENCE_NS
-        good = False
-        while not good and line.wait(deadline_ns):
-            data = line.read()
-            if expected is not None and expected.match(data) is not None:
-                good = True
-                break
-            for frame in parser.feed(data):
-                shares = decode_fast_status(frame, _BLOCK_BYTES)
-                good = len(shares) == len(ids) or frame.id == ids[0]
-        line.write(write)
-        return good
-
-    return cycle
-
-
-def _vendors(path: str, ids: Sequence[int], stack: ExitStack) -> dict[str, _Cycle]:
-    sdk = importlib.import_module("dynamixel_sdk")
-    port = sdk.PortHandler(path)
-    port.baudrate = _BAUD
-    port.openPort()
-    stack.callback(port.closePort)
-    handler = sdk.PacketHandler(2.0)
-    write = sdk.GroupSyncWrite(port, handler, _GOAL, _GOAL_BYTES)
-    read = sdk.GroupSyncRead(port, handler, _BLOCK, _BLOCK_BYTES)
-    for i in ids:
-        write.addParam(i, [0, 0])
-        read.addParam(i)
-
-    def cycle_of(ask: Callable[[], int]) -> _Cycle:
-        def cycle() -> bool:
-            good = bool(ask() == sdk.COMM_SUCCESS)
-            write.txPacket()
-            return good
-
-        return cycle
-
-    name = f"dynamixel-sdk {version('dynamixel-sdk')}"
-    if len(ids) == 1:
-        return {name: cycle_of(lambda: handler.readTxRx(port, ids[0], _BLOCK, _BLOCK_BYTES)[1])}
-    return {
-        f"{name}, sync read": cycle_of(read.txRxPacket),
-        f"{name}, fast sync read": cycle_of(read.fastSyncRead),
-    }
-
-
-def _rusty(client: _Rustypot, ids: Sequence[int]) -> dict[str, _Cycle]:
-    all_ids = list(ids)
-    goals = [[0, 0] for _ in ids]
-
-    def cycle_of(ask: Callable[[], object], fast: bool) -> _Cycle:
-        def cycle() -> bool:
-            client.set_fast_sync_read(fast)
-            try:
-                ask()
-                good = True
-            except RuntimeError:
-                good = False
-            client.sync_write_raw_data(all_ids, _GOAL, goals)
-            return good
-
-        return cycle
-
-    def together() -> object:
-        return client.sync_read_raw_data(all_ids, _BLOCK, _BLOCK_BYTES)
-
-    name = f"rustypot {version('rustypot')}"
-    if len(all_ids) == 1:
-        alone = all_ids[0]
-        return {name: cycle_of(lambda: client.read_raw_data(alone, _BLOCK, _BLOCK_BYTES), False)}
-    return {
-        f"{name}, sync read": cycle_of(together, False),
-        f"{name}, fast sync read": cycle_of(together, True),
-    }
-
-
-def _rustypot() -> ModuleType | None:
-    try:
-        return importlib.import_module("rustypot")
-    except ImportError:
-        return None
+    peers = [vendors(path, _BAUD, ids, _BLOCKS, stack)]
+    if compiled is not None:  # the last: it keeps others from opening
+        peers.append(rusty(compiled, path, _BAUD, ids, _BLOCKS, stack))
+    groups = {}
+    for block, *theirs in zip(_BLOCKS, *peers, strict=True):
+        groups[block.name] = driver(line, ids) if block is LONG else {}
+        for cycles in (codec(line, ids, block), *theirs):
+            groups[block.name] |= cycles
+    return groups
 
 
 @contextmanager

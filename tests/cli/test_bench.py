@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from controller.benchmarks import array_simulation, boundary, bus_cycle
+from controller.benchmarks import array_simulation, boundary, bus_clients, bus_cycle
 from controller.benchmarks.rows import interleaved
 from controller.cli import main as cli
 from controller.cli.bench import SECTIONS
@@ -27,7 +27,7 @@ def little_work(monkeypatch):
     monkeypatch.setattr(array_simulation, "_PERIODS_ALONE", 200)
     monkeypatch.setattr(bus_cycle, "_ROUNDS", 1)
     monkeypatch.setattr(bus_cycle, "_CYCLES", 5)
-    monkeypatch.setattr(bus_cycle, "_PATIENCE_NS", 2_000_000_000)
+    monkeypatch.setattr(bus_clients, "_PATIENCE_NS", 2_000_000_000)
     monkeypatch.setattr(bus_cycle, "_COUNTS", (1, 3))
 
 
@@ -88,9 +88,14 @@ def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back(
     assert os.sched_getaffinity(0) == cores
     names = [row.name for row in section.rows]
     peers = ["dynamixel-sdk"] + ["rustypot"] * (importlib.util.find_spec("rustypot") is not None)
-    for client in ("haptic-wall, as its driver reads", "haptic-wall, codec alone", *peers):
+    for client in ("haptic-wall, driver", "haptic-wall, codec alone", *peers):
         assert any(n.startswith(client) and n.endswith("1 servo") for n in names)
         assert any(n.startswith(client) and n.endswith("3 servos") for n in names)
+    compared = [row for row in section.rows if "time over that of" in row.name]
+    ours = ["codec alone, 10 bytes", "codec alone, 16 or 17 bytes", "driver, 16 or 17 bytes"]
+    assert {row.name.split(":")[0] for row in compared} == {
+        f"haptic-wall, {one}, {servos}" for one in ours for servos in ("1 servo", "3 servos")
+    }
     # One may fail where the machine stalls; not all that were counted.
     assert not [note for note in section.notes if f"{bus_cycle._CYCLES} cycles failed" in note]
 

@@ -1,0 +1,238 @@
+"""The clients whose cycles on a bus are compared: ours, dynamixel-sdk and rustypot.
+
+A cycle reads a block of every servo and writes every goal current (2 bytes). The *short* block is
+current, velocity and position (10 bytes). The *long* one is what our driver reads: from the servo's
+clock on, 16 and 17 bytes in turn, which is how it knows a reply from an older one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import struct
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from importlib.metadata import version
+from itertools import cycle as in_turn
+from types import ModuleType
+from typing import Final, NamedTuple, Protocol
+
+from hw.dynamixel.codec import (
+    BROADCAST,
+    ExpectedFastReply,
+    ExpectedReply,
+    Instruction,
+    SyncWrite,
+    encode,
+)
+from hw.dynamixel.line import Line
+from hw.dynamixel.link import Link
+from hw.dynamixel.together import Together, Way
+from hw.servo import Outcome
+
+_PATIENCE_NS = 50_000_000
+_GOAL, _GOAL_BYTES = 102, 2
+
+Cycle = Callable[[], bool]
+"""One cycle; whether every servo answered"""
+
+
+class Block(NamedTuple):
+    """What a cycle reads of every servo."""
+
+    name: str
+    address: int
+    sizes: tuple[int, ...]
+    """Bytes, in turn"""
+    layout: str
+    """Of the first bytes, as ``struct`` has it"""
+
+
+SHORT: Final = Block("10 bytes", 126, (10,), "hii")
+LONG: Final = Block("16 or 17 bytes", 120, (16, 17), "Hxxhhii")
+
+
+class _Rustypot(Protocol):
+    """What is used of a rustypot controller."""
+
+    def set_fast_sync_read(self, enabled: bool, /) -> None: ...
+
+    def read_raw_data(self, id: int, addr: int, length: int, /) -> object: ...  # noqa: A002
+
+    def sync_read_raw_data(self, ids: list[int], addr: int, length: int, /) -> object: ...
+
+    def sync_write_raw_data(self, ids: list[int], addr: int, data: list[list[int]], /) -> None: ...
+
+
+def driver(line: Line, ids: Sequence[int]) -> dict[str, Cycle]:
+    """Our driver: every reply matched to its request, by length and by the servo's clock."""
+    return {"haptic-wall, driver": _link(line, ids[0]) if len(ids) == 1 else _together(line, ids)}
+
+
+def _link(line: Line, id_: int) -> Cycle:
+    link = Link(line, id_)
+
+    def cycle() -> bool:
+        link.request()
+        sample = link.collect(time.monotonic_ns() + _PATIENCE_NS)
+        link.send_current(0)
+        return sample.outcome is Outcome.OK
+
+    return cycle
+
+
+def _together(line: Line, ids: Sequence[int]) -> Cycle:
+    together = Together(line, ids, Way.FAST)
+    goals = [0] * len(ids)
+
+    def cycle() -> bool:
+        together.request()
+        samples = together.collect(time.monotonic_ns() + _PATIENCE_NS)
+        together.send_currents(goals)
+        return all(sample.outcome is Outcome.OK for sample in samples)
+
+    return cycle
+
+
+def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
+    """Our codec alone, as somebody might use it: replies are checked and decoded, not matched."""
+    goals = SyncWrite(_GOAL, ids)
+    zeros = [0] * len(ids)
+    asked = in_turn([_request(ids, block, size) for size in block.sizes])
+
+    def cycle() -> bool:
+        request, decode = next(asked)
+        line.write(request)
+        deadline_ns = time.monotonic_ns() + _PATIENCE_NS
+        come = b""
+        good = False
+        while not good and line.wait(deadline_ns):
+            come += line.read()
+            good = decode(come) is not None
+        line.write(goals.encode(zeros))
+        return good
+
+    return {"haptic-wall, codec alone": cycle}
+
+
+def _request(
+    ids: Sequence[int], block: Block, size: int
+) -> tuple[bytes, Callable[[bytes], tuple[int, ...] | None]]:
+    """A request, and how to decode what answers it."""
+    params = struct.pack("<HH", block.address, size)
+    skipped = size - struct.calcsize(f"<{block.layout}")
+    if len(ids) == 1:
+        alone = ExpectedReply(ids[0], size)
+        layout = struct.Struct(f"<{block.layout}{skipped}x")
+
+        def of_one(data: bytes) -> tuple[int, ...] | None:
+            frame = alone.match(data)
+            return None if frame is None or frame.error else layout.unpack(frame.params)
+
+        return encode(ids[0], Instruction.READ, params), of_one
+    joint = ExpectedFastReply(ids, size)
+    shares = struct.Struct("<8x" + f"Bx{block.layout}{skipped + 2}x" * len(ids))
+
+    def of_all(data: bytes) -> tuple[int, ...] | None:
+        return shares.unpack(data) if joint.match(data) else None
+
+    return encode(BROADCAST, Instruction.FAST_SYNC_READ, params + bytes(ids)), of_all
+
+
+def vendors(
+    path: str, baud: int, ids: Sequence[int], blocks: Sequence[Block], stack: ExitStack
+) -> list[dict[str, Cycle]]:
+    """dynamixel-sdk on a port of its own: the cycles by block."""
+    sdk = importlib.import_module("dynamixel_sdk")
+    port = sdk.PortHandler(path)
+    port.baudrate = baud
+    port.openPort()
+    stack.callback(port.closePort)
+    handler = sdk.PacketHandler(2.0)
+    write = sdk.GroupSyncWrite(port, handler, _GOAL, _GOAL_BYTES)
+    for i in ids:
+        write.addParam(i, [0, 0])
+    name = f"dynamixel-sdk {version('dynamixel-sdk')}"
+
+    def cycle_of(asks: Sequence[Callable[[], int]]) -> Cycle:
+        asked = in_turn(asks)
+
+        def cycle() -> bool:
+            good = bool(next(asked)() == sdk.COMM_SUCCESS)
+            write.txPacket()
+            return good
+
+        return cycle
+
+    def alone(address: int, size: int) -> Callable[[], int]:
+        return lambda: int(handler.readTxRx(port, ids[0], address, size)[1])
+
+    def of(block: Block) -> dict[str, Cycle]:
+        if len(ids) == 1:
+            return {name: cycle_of([alone(block.address, size) for size in block.sizes])}
+        reads = [sdk.GroupSyncRead(port, handler, block.address, size) for size in block.sizes]
+        for read in reads:
+            for i in ids:
+                read.addParam(i)
+        return {
+            f"{name}, sync read": cycle_of([read.txRxPacket for read in reads]),
+            f"{name}, fast sync read": cycle_of([read.fastSyncRead for read in reads]),
+        }
+
+    return [of(block) for block in blocks]
+
+
+def rusty(
+    module: ModuleType,
+    path: str,
+    baud: int,
+    ids: Sequence[int],
+    blocks: Sequence[Block],
+    stack: ExitStack,
+) -> list[dict[str, Cycle]]:
+    """Rustypot on a port of its own, which it keeps others from opening: the cycles by block."""
+    client = module.Xl430PyController(path, baud, 1e-9 * _PATIENCE_NS)
+    stack.callback(client.close)
+    return [_rusty(client, ids, block) for block in blocks]
+
+
+def _rusty(client: _Rustypot, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
+    all_ids = list(ids)
+    goals = [[0, 0] for _ in ids]
+
+    def cycle_of(ask: Callable[[int], object], fast: bool) -> Cycle:
+        sizes = in_turn(block.sizes)
+
+        def cycle() -> bool:
+            client.set_fast_sync_read(fast)
+            try:
+                ask(next(sizes))
+                good = True
+            except RuntimeError:
+                good = False
+            client.sync_write_raw_data(all_ids, _GOAL, goals)
+            return good
+
+        return cycle
+
+    def alone(size: int) -> object:
+        return client.read_raw_data(all_ids[0], block.address, size)
+
+    def together(size: int) -> object:
+        return client.sync_read_raw_data(all_ids, block.address, size)
+
+    name = f"rustypot {version('rustypot')}"
+    if len(all_ids) == 1:
+        return {name: cycle_of(alone, False)}
+    return {
+        f"{name}, sync read": cycle_of(together, False),
+        f"{name}, fast sync read": cycle_of(together, True),
+    }
+
+
+def rustypot() -> ModuleType | None:
+    """The module, where it is installed."""
+    try:
+        return importlib.import_module("rustypot")
+    except ImportError:
+        return None
