@@ -25,7 +25,7 @@ from hw.clock import MonotonicClock
 from hw.dynamixel.examine.adapter import examine_port
 from hw.dynamixel.examine.cycles import Phase, Replies, Series
 from hw.dynamixel.examine.finding import Change, Finding, not_applicable
-from hw.dynamixel.examine.judgement import Judgement, Repair, judge
+from hw.dynamixel.examine.judgement import Judgement, Repair, in_order_of_repair, judge
 from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
 from hw.dynamixel.examine.search import Found, opened
 from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
@@ -231,7 +231,7 @@ class _Checkup:
     def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
         """Mend what can be and may be; whether anything was tried."""
         tried = False
-        for finding, repair in judged:
+        for finding, repair in in_order_of_repair(judged):
             if repair is None or not self._may(_question(finding, repair)):
                 continue
             tried = True

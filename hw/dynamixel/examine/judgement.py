@@ -5,7 +5,7 @@ Pure: values in, findings out. The names are those of the checked start-up where
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from hw.dynamixel.examine.finding import Finding
@@ -48,6 +48,15 @@ class Judgement(NamedTuple):
     repair: Repair | None = None
 
 
+def in_order_of_repair(judged: Iterable[Judgement]) -> list[Judgement]:
+    """Those that can be mended: torque first, which locks EEPROM, and a reboot last of all.
+
+    A reboot does what Startup Configuration says, so that is to be mended before.
+    """
+    repairs = [one for one in judged if one.repair is not None]
+    return sorted(repairs, key=lambda one: one.repair == Repair())
+
+
 class Examined(NamedTuple):
     """A servo's registers as read; None where it has no such register, or did not answer."""
 
@@ -57,7 +66,7 @@ class Examined(NamedTuple):
 
 
 def judge(examined: Examined, torque_limit: float, constant: float) -> list[Judgement]:
-    """What of the registers is wrong, and what would mend it, in the order to mend it in.
+    """What of the registers is wrong, and what would mend it.
 
     Args:
         examined: The registers.

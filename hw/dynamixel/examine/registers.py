@@ -1,7 +1,7 @@
 """Registers of a servo, read all at once without driving it, and mended on request.
 
 Reading changes nothing in the servo. ``mend`` writes one register, or reboots, and reads back; it
-never writes Torque Enable 1.
+never writes Torque Enable 1, and reboots no servo that may start with its torque on.
 """
 
 from __future__ import annotations
@@ -13,10 +13,7 @@ from hw.dynamixel.examine.judgement import Examined, Repair
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.sdk import Sdk, Table
-from hw.dynamixel.tables import (
-    Model,
-    Register,
-)
+from hw.dynamixel.tables import Model, Register
 from hw.errors import ServoError, ServoLostError, ServoMissingError
 
 READ: Final = (
@@ -137,9 +134,15 @@ def mend(servo: Contact, name: str, repair: Repair) -> Change:
 def _reboot(servo: Contact, name: str) -> Change:
     table, clock = servo.table, servo.line.clock
     register = table.registers["hardware_error_status"]
-    before = _decode(_image(servo), register)
+    image = _image(servo)
+    before = _decode(image, register)
+    startup = table.registers.get("startup_configuration")
+    if startup is not None and _decode(image, startup):  # bit 0 does, bit 1 restores who knows what
+        why = "not rebooted: its Startup Configuration (60) may switch its torque on"
+        return Change(name, f"0x{before:02x}", why, False)
+    begun = clock.now_ns()
     table.sdk.reboot()
-    end = clock.now_ns() + _BOOT_NS
+    end = begun + _BOOT_NS
     while True:
         clock.wait_until(clock.now_ns() + _BOOT_STEP_NS)
         try:
@@ -149,7 +152,9 @@ def _reboot(servo: Contact, name: str) -> Change:
             if clock.now_ns() < end:
                 continue
             raise
-        return Change(name, f"0x{before:02x}", f"0x{after:02x}, after a reboot", after == 0)
+        took_s = (clock.now_ns() - begun) * 1e-9
+        found = f"0x{after:02x}, after a reboot of {took_s:.1f} s"
+        return Change(name, f"0x{before:02x}", found, after == 0)
 
 
 def set_status_level(servo: Contact) -> Change:

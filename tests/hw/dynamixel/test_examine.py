@@ -15,7 +15,7 @@ from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.examine import adapter as adapters
 from hw.dynamixel.examine.cycles import run_series, time_replies
-from hw.dynamixel.examine.judgement import judge
+from hw.dynamixel.examine.judgement import in_order_of_repair, judge
 from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
 from hw.dynamixel.examine.search import search
 from hw.dynamixel.port import kept_settings, open_port
@@ -179,6 +179,23 @@ def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more
     bus.set(max_voltage_limit=160)
     assert mend(bus.contact(), "hardware error", error.repair).verified
     assert bus.finding("hardware error").ok
+
+
+@pytest.mark.parametrize("startup", [1, 2])
+def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended(startup):
+    bus = Bus(return_delay=0)
+    bus.set(startup_configuration=startup)
+    bus.servos[1].latch_errors(0x20, bus.clock.now_ns())
+    judged = bus.judged()
+    error = next(j for j in judged if j.finding.name == "hardware error")
+    change = mend(bus.contact(), "hardware error", error.repair)
+    assert not change.verified
+    assert "Startup Configuration (60)" in change.after
+    assert Instruction.REBOOT not in {frame.instruction for frame in bus.sent}
+    for finding, repair in in_order_of_repair(judged):
+        assert mend(bus.contact(), finding.name, repair).verified
+    assert bus.finding("hardware error").ok
+    assert bus.finding("torque").ok
 
 
 def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended():
