@@ -87,6 +87,7 @@ class _Contact:
     def __init__(self, loops: Loops, walls: Walls) -> None:
         self._loops = loops
         self._walls = walls
+        self._decay = walls.damping / walls.inertia
         self._position = loops.bodies.position.copy()
         self._velocity = loops.bodies.velocity.copy()
         self._outside_for = np.zeros(walls.size, dtype=np.int64)
@@ -112,10 +113,14 @@ class _Contact:
         out = ~inside & self.entered
         if out.any():
             speed = np.maximum(self.leaving, -v)
-            # Within the step in which it left it may have been faster than at its end.
+            # Within the step in which it left it may have been faster than at its end. The push
+            # outwards is the balance of momentum; then the balance of energy from the wall on,
+            # what friction takes on that short way by the mean of the speeds at its ends.
             crossed = out & (before > 0.0)
-            gain = 2.0 * (came - v) / since * np.abs(x)
-            at_wall = np.sqrt(np.maximum(v * v - gain, 0.0))
+            push = (came - v + self._decay * (before - x)) / since
+            lost = np.where(crossed, -self._decay * x, 0.0)
+            square = lost * lost + 4.0 * (v * v + 2.0 * push * x - lost * v)
+            at_wall = 0.5 * (lost + np.sqrt(np.maximum(square, 0.0)))
             speed = np.where(crossed, np.maximum(speed, at_wall), speed)
             self.leaving = np.where(out, speed, 0.0)
         self.leaving[inside] = 0.0
