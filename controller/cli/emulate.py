@@ -7,13 +7,14 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import click
 
 from controller import realtime
+from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
 from controller.cli.options import writing
 from controller.errors import PlatformError, UserError
@@ -31,7 +32,6 @@ from hw.dynamixel.tables import TICK_MODULUS
 DEFAULT_BAUD = 4_000_000
 PRIORITY = 70
 """Of SCHED_FIFO where it is granted: below the controller's loop"""
-INTERRUPTED = 130
 _MS_NS = 1_000_000
 
 
@@ -43,7 +43,7 @@ _MS_NS = 1_000_000
     default=("XM430-W350:1",),
     show_default=True,
     metavar="MODEL[:ID[:FIRMWARE]]",
-    help="A servo on the bus (repeatable). The id is 1 unless given.",
+    help="A servo on the bus (repeatable). The id is 1 unless given; two with one id collide.",
 )
 @click.option(
     "--baud",
@@ -123,11 +123,6 @@ def command(
     timer_ms, block_size = _adapter(latency_timer, block)
     given = given_truth(sets)
     plan = [servo_of(text) for text in servos]
-    if len({id_ for _, id_, _ in plan}) < len(plan):
-        raise UserError(
-            "--servo: two servos have the same id; give each its own, e.g. --servo "
-            f"{plan[0][0].name}:1 --servo {plan[1][0].name}:2"
-        )
     with ExitStack() as stack:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             before = signal.signal(number, lambda received, _frame: signals.append(received))
@@ -168,6 +163,7 @@ def command(
         click.echo(terminal.path)
         if not die_with_parent:
             _report(settings)
+            _warn_of_shared_ids([id_ for _, id_, _ in plan])
         console = Console(bus, sys.stdin.fileno(), _say, _complain) if sys.stdin else None
         serve(bus, terminal, lambda: bool(signals), witness, console, _say)
     if witness is not None and witness.failure is not None:
@@ -175,7 +171,7 @@ def command(
             f"--record {record}: the record is incomplete: {witness.failure.strerror}; make room "
             "or name another place (the bus itself was not disturbed)"
         )
-    return INTERRUPTED if signals[0] == signal.SIGINT else 0
+    return interrupt.INTERRUPTED if signals[0] == signal.SIGINT else 0
 
 
 def _speed(text: str) -> int:
@@ -228,6 +224,15 @@ def _as_user_error(option: str = "") -> Iterator[None]:
         raise UserError(f"--link: {error}; name another place") from error
     except ValueError as error:
         raise UserError(f"{option}{error}") from error
+
+
+def _warn_of_shared_ids(ids: Sequence[int]) -> None:
+    for id_ in sorted({id_ for id_ in ids if ids.count(id_) > 1}):
+        click.echo(
+            f"{ids.count(id_)} servos have the id {id_}: as on a real bus all of them obey and "
+            "answer, and their replies collide; give each an id of its own unless this is meant",
+            err=True,
+        )
 
 
 def _report(settings: Iterable[realtime.Setting]) -> None:

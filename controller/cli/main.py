@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import click
 
 from controller import __version__
+from controller.cli import interrupt
 from controller.cli.options import forget_output
 from controller.errors import HapticWallError, PlatformError
 from hw.errors import ServoError
@@ -40,7 +41,6 @@ NEEDS_LINUX = frozenset({"run", "emulate", "scan", "doctor"})
 
 HARDWARE = 4
 USER = 2
-INTERRUPTED = 130
 
 
 class _Commands(click.Group):
@@ -60,6 +60,7 @@ class _Commands(click.Group):
                 "machine or a virtual one"
             )
         command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        interrupt.raise_again()  # it is loaded, and from here on knows what to do
         assert isinstance(command, click.Command)
         return command
 
@@ -102,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return USER
     except (click.Abort, KeyboardInterrupt):
-        return INTERRUPTED
+        return interrupt.INTERRUPTED
     except HapticWallError as error:
         return _say(error, error.exit_status)
     except ServoError as error:

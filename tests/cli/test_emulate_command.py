@@ -1,11 +1,15 @@
 """What the emulate command makes of its options, and what it says of wrong ones."""
 
 import math
+import subprocess
+import sys
 
 import pytest
+import serial
 
 from controller.cli import main as cli
 from controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
+from hw.dynamixel.codec import Instruction, Parser, encode
 from hw.dynamixel.tables import MODELS
 
 
@@ -28,7 +32,6 @@ def refused(capsys, *arguments):
         (["--servo", "XM430-W350:1:45:2"], ["MODEL[:ID[:FIRMWARE]]"]),
         (["--servo", "XM430-W350:253"], ["id 253", "252"]),
         (["--servo", "XM430-W350:1:300"], ["firmware_version 300", "255"]),
-        (["--servo", "XM430-W350", "--servo", "XL330-M288"], ["same id"]),
         (["--servo", "XD540-T270"], ["XD540-T270", "servo.torque_constant"]),
         (["--baud", "fast"], ["--baud", "fast"]),
         (["--baud", "12345"], ["12345", "4000000"]),
@@ -88,3 +91,26 @@ def test_truth_is_what_was_set_and_the_models_limits_otherwise():
 def test_kick_is_the_distance_from_the_wall():
     true = truth_of(MODELS["XM430-W350"], {"kick": -0.25, "hand_origin": 2.0})
     assert true.position == 1.75
+
+
+@pytest.mark.realtime
+def test_two_servos_may_share_an_id_and_it_is_said():
+    servos = ("XM430-W350:3", "XL330-M288:3", "XM430-W350:4")
+    words = [word for servo in servos for word in ("--servo", servo)]
+    program = [sys.executable, "-m", "controller.cli.main", "emulate", *words]
+    with subprocess.Popen(
+        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        path = process.stdout.readline().strip()
+        with serial.Serial(path, 4_000_000, timeout=2.0) as port:
+            port.write(encode(3, Instruction.PING))
+            garbled = port.read(14)
+            port.write(encode(4, Instruction.PING))
+            good = port.read(14)
+        process.terminate()
+        note = process.stderr.read()
+    assert len(garbled) == 14
+    assert Parser().feed(garbled) == []
+    assert Parser().feed(good)[0].id == 4
+    assert "2 servos have the id 3" in note
+    assert process.returncode == 0

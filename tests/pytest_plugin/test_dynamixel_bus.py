@@ -119,3 +119,12 @@ def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus):
 def test_one_that_was_not_started_says_so():
     with pytest.raises(BusError, match="does not run"):
         _ = DynamixelBus().rows
+
+
+@pytest.mark.dynamixel_bus(servos=["XM430-W350:1", "XL330-M288:1"])
+def test_two_servos_may_share_an_id_and_different_answers_collide(dynamixel_bus):
+    with Client(dynamixel_bus) as client:
+        assert client.ping(patience_ms=SHORT_MS)[1] != sdk.COMM_SUCCESS
+        client.ping(patience_ms=SHORT_MS)  # whatever is left of it
+        same = client.handler.read1ByteTxRx(client.port, 1, 64)
+        assert same == (0, sdk.COMM_SUCCESS, 0)
