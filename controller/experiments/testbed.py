@@ -69,6 +69,10 @@ class Testbed:
         tell: Called with what a person should know meanwhile.
         witness: The emulated bus keeps its record of each run beside the log.
 
+    Attributes:
+        config: As it is run.
+        folder: See above.
+
     Raises:
         UserError: The folder cannot be made.
     """
@@ -86,7 +90,7 @@ class Testbed:
         raw["guard"]["mode"] = "off"
         raw["wall"]["side"] = "both"
         self.config = Config.model_validate(raw)
-        self._folder = folder
+        self.folder = folder
         self._tell = tell
         self._witness = witness
         try:
@@ -115,7 +119,7 @@ class Testbed:
             raw = config.model_dump(mode="json")
             raw["delay"]["steps"] = delay_steps
             config = Config.model_validate(raw)
-        log = self._folder / f"{name}{SUFFIX}"
+        log = self.folder / f"{name}{SUFFIX}"
         log.unlink(missing_ok=True)
         metadata = {
             "program": f"haptic-wall {__version__}",

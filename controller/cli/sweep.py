@@ -1,0 +1,244 @@
+"""``haptic-wall sweep``: the critical stiffness of a servo, measured on it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from controller.cli.numbers import numbers
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    set_option,
+    writing,
+)
+from controller.config_load import load_config
+from controller.errors import UserError
+
+if TYPE_CHECKING:
+    from controller.config import Config
+    from controller.experiments.critical import PointResult
+    from controller.experiments.sweep_plan import Options, Setting
+
+_INTERRUPTED = 130
+_MOST_STEPS = 1000
+
+
+@click.command()
+@config_argument()
+@click.option(
+    "--virtual-damping",
+    "dampings",
+    callback=numbers,
+    metavar="B[,B...]",
+    required=True,
+    help="[N·m·s/rad], negative ones too.",
+)
+@click.option(
+    "--delay-steps",
+    "steps",
+    callback=numbers,
+    metavar="n[,n...]",
+    required=True,
+    help="Whole periods inserted, on top of what the loop and the servo have.",
+)
+@click.option(
+    "--kick",
+    type=float,
+    metavar="RAD",
+    help="How far from the wall the shaft is let go [rad]; default: for each point the largest up"
+    " to 0.1 that leaves the torque room.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
+    " was interrupted there goes on. Default: a new folder in ./runs/.",
+)
+@click.option("--fresh", is_flag=True, help="Replace what an earlier sweep left in DIR.")
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1, max=100),
+    default=2,
+    show_default=True,
+    metavar="N",
+    help="Trials at each stiffness near the limit.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=1e-5, max=0.5),
+    default=0.005,
+    show_default=True,
+    metavar="SHARE",
+    help="Trials go on until the standard error is this share of the stiffness.",
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N",
+              help="Processes on the simulated clock (all cores).")  # fmt: skip
+@set_option
+@json_option
+def command(
+    config: str,
+    dampings: list[float],
+    steps: list[float],
+    kick: float | None,
+    out: Path | None,
+    fresh: bool,
+    repeats: int,
+    tolerance: float,
+    workers: int | None,
+    sets: tuple[str, ...],
+    as_json_wanted: bool,
+) -> None:
+    """Measure the stiffness above which CONFIG's servo oscillates, at every B and delay.
+
+    The shaft is kicked, at many stiffnesses about the limit: a soft spring moves it, lets it rest,
+    then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
+    """
+    from controller.experiments.sweep import experiment_config, sweep
+    from controller.experiments.sweep_plan import Device, Options
+    from controller.experiments.sweep_store import PNG, Asked, SweepStore
+
+    if kick is not None and not 0.0 < kick <= 3.0:
+        raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
+    loaded = load_config(config, sets)
+    effective = experiment_config(loaded.config)
+    settings = _settings(dampings, steps)
+    options = Options(kick, repeats, tolerance)
+    device = Device.of(effective)
+    folder = _folder(loaded.name) if out is None else out
+    store = SweepStore(folder, Asked(effective, settings, options), fresh)
+    _announce(effective, settings, options, store.done)
+    progress = _Progress(len(settings), len(store.done))
+    with writing("--out", folder):
+        finished = sweep(
+            effective, store, settings, options, tell=_say, progress=progress.point, workers=workers
+        )
+        points = store.points()
+        if points:
+            from controller.sweep_plot import plot_sweep
+
+            store.write()
+            plot_sweep(points, device, loaded.name, folder / PNG)
+    report = {**store.report(loaded.name), "out": folder}
+    answer(as_json(report) if as_json_wanted else _text(points, folder))
+    if not finished:
+        _say(
+            f"interrupted: {len(points)} of {len(settings)} points are kept; the same command with"
+            f" --out {folder} goes on"
+        )
+        sys.exit(_INTERRUPTED)
+
+
+def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
+    from controller.experiments.sweep_plan import Setting
+
+    for value in steps:
+        if value != int(value) or not 0 <= value <= _MOST_STEPS:
+            raise UserError(
+                f"--delay-steps: found {value:g}, wanted whole periods from 0 to {_MOST_STEPS}"
+            )
+    # Each once: results are kept by point.
+    return tuple(dict.fromkeys(Setting(b, int(n)) for n in steps for b in dampings))
+
+
+def _folder(name: str) -> Path:
+    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-sweep-{Path(name).stem}"
+    while stem.exists():  # two within a second
+        stem = stem.with_name(stem.name + "+")
+    return stem
+
+
+def _announce(
+    config: Config,
+    settings: tuple[Setting, ...],
+    options: Options,
+    done: dict[Setting, PointResult],
+) -> None:
+    """What is about to happen, before it does."""
+    from controller.experiments.sweep import excursion, expected_s
+
+    left = tuple(setting for setting in settings if setting not in done)
+    if done:
+        _say(f"{len(done)} of {len(settings)} points were measured before and are kept")
+    if not left:
+        _say("nothing is left to measure; --fresh measures anew")
+        return
+    if config.loop.clock == "monotonic":
+        hint = ""
+        if config.servo.kind == "simulated":
+            hint = "; --set loop.clock=simulated does the same in seconds"
+        _say(f"{len(left)} points, {_span(expected_s(config, left, options))} in real time{hint}")
+    if config.servo.kind == "hardware":
+        far = excursion(config, left, options)
+        _say(
+            f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
+            f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
+            f" to {config.servo.torque_limit:g} N·m, at more and more stiffness: keep its way free"
+            " and the power switch at hand; Ctrl-C ends it"
+        )
+
+
+class _Progress:
+    """A line for each point, with the time that is left."""
+
+    def __init__(self, total: int, before: int) -> None:
+        self._total = total
+        self._done = self._before = before
+        self._began = time.monotonic()
+
+    def point(self, _setting: Setting, result: PointResult) -> None:
+        self._done += 1
+        left = self._total - self._done
+        pace = (time.monotonic() - self._began) / (self._done - self._before)
+        rest = f", {_span(pace * left)} left" if left else ""
+        _say(f"{self._done}/{self._total}  {_line(result)}{rest}")
+
+
+def _line(point: PointResult) -> str:
+    where = f"B {point.virtual_damping:g}, {point.delay_steps} steps"
+    if point.measured is None:
+        return f"{where}: {point.reason}"
+    return (
+        f"{where}: {point.measured:.4g} ± {point.uncertainty:.2g} N·m/rad"
+        f" (exact {point.exact:.4g}) at {point.frequency_hz or float('nan'):.3g} Hz"
+    )
+
+
+def _span(seconds: float) -> str:
+    return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"
+
+
+def _text(points: list[PointResult], folder: Path) -> str:
+    lines = [
+        f"{'B':>9} {'delay':>8} {'measured':>10} {'±':>8} {'exact':>9} {'linear':>9}"
+        f" {'friction':>9} {'f':>7} {'kick':>8}",
+        f"{'N·m·s/rad':>9} {'ms':>8} {'N·m/rad':>10} {'':>8} {'':>9} {'':>9} {'':>9} {'Hz':>7}"
+        f" {'rad':>8}",
+    ]
+    for point in points:
+        lines.append(
+            f"{point.virtual_damping:>9.4g} {1e3 * point.delay_s:>8.3f} {_cell(point.measured):>10}"
+            f" {_cell(point.uncertainty, 2):>8} {_cell(point.exact):>9} {_cell(point.linear):>9}"
+            f" {_cell(point.predicted_with_friction):>9} {_cell(point.frequency_hz, 3):>7}"
+            f" {_cell(point.kick_rad, 3):>8}"
+        )
+        if point.reason is not None:
+            lines.append(f"{'':>9} {point.reason}")
+        elif point.trips:
+            lines.append(f"{'':>9} tripped on the way: {'; '.join(point.trips)}")
+    return "\n".join([*lines, "", f"written to {folder}: sweep.csv, sweep.json, sweep.png, logs/"])
+
+
+def _cell(value: float | None, digits: int = 4) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)

@@ -1,0 +1,148 @@
+"""How much an oscillation grows or shrinks from one turning point to the next, from samples.
+
+Turning points lie between samples and between encoder counts, so each is fitted: a constant and a
+sinusoid of the frequency at hand, over the samples about it. The constant takes up whatever the
+oscillation rides on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.checks import FloatArray
+
+_WINDOW = 1.0 / 3.0
+"""Half width of a fit in half periods: ±60 degrees."""
+_LEAST_SAMPLES = 2
+"""On either side of a turning point: together with it, two more than are fitted."""
+_SETTLED = 2
+"""Turning points after the release from which on amplitudes count, where there are enough: the
+first carry what the release excites beside the oscillation."""
+_ENOUGH = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Turning points in order of time; the first is where the motion began, at rest."""
+
+    time: FloatArray
+    """Shape (n,) [s]"""
+    position: FloatArray
+    """Shape (n,) [rad]"""
+
+    @property
+    def half_period(self) -> float:
+        """Median time between two of them, the first left out [s]; NaN with fewer than three."""
+        return float(np.median(np.diff(self.time[1:]))) if self.time.size > 2 else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Growth of the amplitude from each turning point to the next."""
+
+    log_ratio: FloatArray
+    """Logarithm of the ratio of successive amplitudes, shape (n,)"""
+    amplitude: FloatArray
+    """Geometric mean of the two [rad]"""
+    number: NDArray[np.int64]
+    """Which turning point it starts from; neighbours share an amplitude and its error"""
+
+
+def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turns:
+    """The turning points of a motion that starts at rest.
+
+    Args:
+        time: Of the samples, increasing, gaps allowed, shape (n,) [s].
+        position: Shape (n,) [rad].
+        least: What turns back by less is noise [rad].
+
+    Returns:
+        The start and every turning point that was confirmed by a way back of ``least``.
+    """
+    if time.size == 0:
+        return Turns(np.empty(0), np.empty(0))
+    found = _reversals(position, least)
+    rough = np.concatenate([time[:1], [0.5 * (time[a] + time[b]) for a, b in found]])
+    where = np.concatenate([position[:1], [position[a] for a, _ in found]])
+    fitted_time, fitted = rough.copy(), where.copy()
+    for _ in range(2):  # once more with the better instants: the frequency comes from them
+        for n in range(1, rough.size):
+            spacing = _spacing(fitted_time, n)
+            fitted_time[n], fitted[n] = _fit(time, position, rough[n], spacing, where[n])
+    return Turns(fitted_time, fitted)
+
+
+def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
+    """Growth per half cycle, of the oscillation alone.
+
+    The amplitude at a turning point is half its distance from the mean of its neighbours: what the
+    oscillation rides on, off-centre or creeping, drops out.
+
+    Args:
+        turns: n of them.
+        sound: Whether the motion between each and the next can be used, shape (n - 1,).
+    """
+    x = turns.position
+    if x.size < 4:
+        return Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
+    amplitude = 0.5 * np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
+    first = _SETTLED - 1 if x.size >= _ENOUGH else 0
+    number = np.arange(first, amplitude.size - 1)
+    good = sound[number] & sound[number + 1] & sound[number + 2]
+    good &= (amplitude[number] > 0.0) & (amplitude[number + 1] > 0.0)
+    number = number[good]
+    before, after = amplitude[number], amplitude[number + 1]
+    return Growth(np.log(after / before), np.sqrt(before * after), number)
+
+
+def _reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:
+    """First and last sample of each extreme that the motion came back from by ``least``."""
+    found: list[tuple[int, int]] = []
+    start = position[0]
+    direction = 0.0
+    best, first, last = start, 0, 0
+    for i, x in enumerate(position.tolist()):
+        if direction == 0.0:
+            if abs(x - start) >= least:
+                direction = 1.0 if x > start else -1.0
+                best, first, last = x, i, i
+        elif (x - best) * direction > 0.0:
+            best, first, last = x, i, i
+        elif x == best:
+            last = i
+        elif (best - x) * direction >= least:
+            found.append((first, last))
+            direction = -direction
+            best, first, last = x, i, i
+    return found
+
+
+def _spacing(time: FloatArray, n: int) -> float:
+    """Half period about a turning point [s]; the way from the release takes longer."""
+    neighbours = time[max(1, n - 1) : n + 2]
+    if neighbours.size < 2:
+        return float(time[n] - time[n - 1])
+    return float((neighbours[-1] - neighbours[0]) / (neighbours.size - 1))
+
+
+def _fit(
+    time: FloatArray, position: FloatArray, rough: float, spacing: float, extreme: float
+) -> tuple[float, float]:
+    """Instant and position of one turning point."""
+    centre = int(np.searchsorted(time, rough))
+    low = int(np.searchsorted(time, rough - _WINDOW * spacing))
+    high = int(np.searchsorted(time, rough + _WINDOW * spacing, side="right"))
+    low, high = min(low, centre - _LEAST_SAMPLES), max(high, centre + _LEAST_SAMPLES + 1)
+    low, high = max(low, 0), min(high, time.size)
+    s = (time[low:high] - rough) * (np.pi / spacing)
+    if s.size < 2 * _LEAST_SAMPLES:
+        return rough, extreme
+    basis = np.column_stack([np.ones_like(s), np.cos(s), np.sin(s)])
+    (offset, a, b), *_ = np.linalg.lstsq(basis, position[low:high], rcond=None)
+    size = float(np.hypot(a, b))
+    side = 1.0 if a > 0.0 else -1.0
+    shift = float(np.arctan2(side * b, side * a)) * spacing / np.pi
+    return rough + shift, float(offset + side * size)

@@ -1,0 +1,170 @@
+"""A sweep's folder: what was measured, under which settings; only the same settings may go on."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from controller import __version__
+from controller.config import Config
+from controller.errors import UserError
+from controller.experiments.critical import PointResult
+from controller.experiments.sweep_plan import Options, Setting
+
+JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
+_FORMAT = "haptic-wall sweep 1"
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Everything a sweep's figures depend on."""
+
+    config: Config
+    settings: tuple[Setting, ...]
+    options: Options
+
+    @property
+    def fingerprint(self) -> str:
+        """Differs when anything does, the program's version too."""
+        described = {
+            "program": __version__,
+            "config": self.config.model_dump(mode="json"),
+            "settings": [asdict(setting) for setting in self.settings],
+            "options": asdict(self.options),
+        }
+        text = json.dumps(described, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+class SweepStore:
+    """Keeps the points that are done, after each of them.
+
+    Args:
+        folder: Made if need be.
+        asked: What is to be measured.
+        fresh: Forget what an earlier sweep left here.
+
+    Attributes:
+        done: Results by point.
+
+    Raises:
+        UserError: The folder holds a sweep of other settings, or cannot be used.
+    """
+
+    def __init__(self, folder: Path, asked: Asked, fresh: bool) -> None:
+        self.folder = folder
+        self._asked = asked
+        self.done: dict[Setting, PointResult] = {}
+        try:
+            (folder / LOGS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"--out {folder}: the folder cannot be made ({error.strerror}); name another place"
+            ) from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise UserError(
+                f"--out {folder}: found a folder without leave to write; name another place"
+            )
+        path = folder / JSON
+        if path.exists() and not fresh:
+            self._resume(path)
+
+    def _resume(self, path: Path) -> None:
+        try:
+            held = json.loads(path.read_text(encoding="utf-8"))
+            ours = held["format"] == _FORMAT
+        except (OSError, ValueError, KeyError, TypeError):
+            ours = False
+        if not ours:
+            raise UserError(
+                f"--out {self.folder}: {JSON} there is not a sweep of ours; name another folder, or"
+                " give --fresh to replace it"
+            )
+        if held["fingerprint"] != self._asked.fingerprint:
+            raise UserError(
+                f"--out {self.folder}: it holds a sweep with other settings"
+                f" ({held['summary']}, {held['program']}); name another folder, or give --fresh to"
+                " measure anew and replace it"
+            )
+        names = {part.name for part in fields(PointResult)}
+        for point in held["points"]:
+            result = PointResult(**{key: point[key] for key in names})
+            self.done[Setting(result.virtual_damping, result.delay_steps)] = result
+
+    def add(self, setting: Setting, result: PointResult) -> None:
+        """Keep one more point; what is on disk is never half of it.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self.done[setting] = result
+        self.write()
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point is done."""
+        return all(setting in self.done for setting in self._asked.settings)
+
+    def points(self) -> list[PointResult]:
+        """Those that are done, in the order asked for."""
+        return [self.done[s] for s in self._asked.settings if s in self.done]
+
+    def report(self, name: str) -> dict[str, Any]:
+        """What ``sweep.json`` holds, less what only a later sweep needs."""
+        config = self._asked.config
+        return {
+            "name": name,
+            "servo": config.servo.kind,
+            "clock": config.loop.clock,
+            "period_s": config.period_s,
+            "complete": self.complete,
+            "points": [asdict(point) for point in self.points()],
+        }
+
+    def write(self) -> None:
+        """Write table and results.
+
+        Raises:
+            OSError: They cannot be written.
+        """
+        points = [asdict(point) for point in self.points()]
+        held: Mapping[str, Any] = {
+            "format": _FORMAT,
+            "program": f"haptic-wall {__version__}",
+            "fingerprint": self._asked.fingerprint,
+            "summary": _summary(self._asked),
+            "complete": self.complete,
+            "config": self._asked.config.model_dump(mode="json"),
+            "points": points,
+        }
+        _replace(self.folder / JSON, json.dumps(held, indent=2, allow_nan=False) + "\n")
+        part = self.folder / f"{CSV}.part"
+        with part.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, [part.name for part in fields(PointResult)])
+            writer.writeheader()
+            writer.writerows({key: _cell(value) for key, value in row.items()} for row in points)
+        part.replace(self.folder / CSV)
+
+
+def _summary(asked: Asked) -> str:
+    """In a few words, for whoever finds the folder."""
+    kick = "chosen kicks" if asked.options.kick is None else f"kick {asked.options.kick:g} rad"
+    return f"{asked.config.servo.kind} servo, {len(asked.settings)} points, {kick}"
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "; ".join(map(str, value))
+    return value
+
+
+def _replace(path: Path, text: str) -> None:
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
