@@ -36,6 +36,7 @@ from hw.servo import BusCounts, Outcome
 from hw.wire import wire_ns
 
 _GOAL_CURRENT: Final = 102
+_OK: Final = Outcome.OK  # to look it up takes as long as to make a sample
 
 
 class Link:
@@ -73,6 +74,8 @@ class Link:
         """Of the request that waits for its answer; 0: none does"""
         self._refusals = 0
         self._sent_ns = 0
+        self._begun = False
+        """Whether anything has come since the last request"""
         self.waited_ns = 0
         """How long the last ``collect`` waited for bytes [ns]"""
         self.patience_ns = 0
@@ -132,9 +135,12 @@ class Link:
                 self._count_unmatched(frame)
         number = self._number
         if not wide or self._free_at.get(wide, 0) > number:
-            wide = next(size for size in LENGTHS if self._free_at[size] <= number)
+            wide = LENGTHS.start  # found in two steps while nothing goes wrong
+            while self._free_at[wide] > number:
+                wide += 1
         self._number = number + 1
         self._length = wide
+        self._begun = False
         self._sent_ns = self._now_ns()
         self._line.write(self._requests[wide])
 
@@ -160,6 +166,7 @@ class Link:
             if not come:
                 break
             data = line.read()
+            self._begun = True
             expected = self._expected[self._length].match(data) if parser.idle else None
             found: Sample | None = None
             for frame in parser.feed(data) if expected is None else (expected,):
@@ -175,6 +182,7 @@ class Link:
         came_broken = parser.corrupt + self._refusals > broken
         if not came_broken and now_ns() - self._sent_ns < self.patience_ns:
             return Sample(Outcome.WAITING, 0, 0, False, self._sent_ns)
+        came_broken |= self._begun and not parser.idle  # cut short, and then silence
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
     def send_current(self, goal: int) -> None:
@@ -260,7 +268,7 @@ class Link:
         self.counts.cycles += 1
         self._free_at[length] = self._number + 1  # not for the next one: a copy may follow
         self._length = 0
-        return Sample(Outcome.OK, position, current, frame.error != 0, self._sent_ns)
+        return Sample(_OK, position, current, frame.error != 0, self._sent_ns)
 
     def _give_up(self, outcome: Outcome) -> Sample:
         """Stop waiting for the last request, and keep its length out of use for a while."""

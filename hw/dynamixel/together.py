@@ -28,7 +28,7 @@ from hw.servo import BusCounts, Outcome
 _GOAL_CURRENT: Final = 102
 _GRACE_NS: Final = 200_000
 """How long those that stay away are waited for when all others have answered"""
-_OK: Final = Outcome.OK  # looked up in every cycle, which takes as long as a servo's sample
+_OK: Final = Outcome.OK  # to look it up takes as long as to make a sample
 
 
 class Way(Enum):

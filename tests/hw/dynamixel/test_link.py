@@ -227,7 +227,22 @@ def test_a_reply_cut_short_costs_only_itself(kept: int) -> None:
     samples = [bench.cycle() for _ in range(20)]
     bad = [n for n, sample in enumerate(samples) if sample.outcome is not Outcome.OK]
     assert bad == [5]
+    assert samples[5].outcome is Outcome.CORRUPT  # bytes came, and were no reply
     assert all(is_its_own(sample) for sample in samples if sample.outcome is Outcome.OK)
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (0, 0, 1)
+
+
+def test_silence_behind_a_reply_cut_short_is_a_loss() -> None:
+    """The remains of the first are no sign of the second."""
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return {5: [(0, reply[:12])], 6: []}.get(number, [(0, reply)])
+
+    bench = Bench(fate)
+    samples = [bench.cycle() for _ in range(20)]
+    bad = {n: s.outcome for n, s in enumerate(samples) if s.outcome is not Outcome.OK}
+    assert bad == {5: Outcome.CORRUPT, 6: Outcome.LOST}
 
 
 def test_a_reply_in_two_pieces_is_a_reply() -> None:
