@@ -1,0 +1,344 @@
+"""A servo's inertia, friction and delay from its motion: output error, with honest standard errors.
+
+The motion is cut at moments of speed into pieces, each with a beginning of its own, so that nothing
+that the model does not know adds up for longer than a piece. The least squares start from a
+regression on smoothed data, which takes nothing on trust but the model's form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from controller.experiments.motion_model import (
+    Motion,
+    Parameters,
+    Pieces,
+    pieces_of,
+    simulated,
+)
+from controller.theory.checks import FloatArray
+
+PIECE_S = 0.4
+"""Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""
+_SMOOTH_S = 0.021
+"""Window of the smoothing for the start [s]"""
+_CORRELATED_S = 0.05
+"""How long errors of successive samples are taken to belong together [s]"""
+_LATEST_S = 0.03
+"""The longest delay that the start is searched to [s]"""
+_RUN = 8
+"""A run of so many equal samples counts in full; a longer one counts no more"""
+_FELT_S = 3e-3
+"""Change of position per speed at the beginning [s] below which that speed is not fitted"""
+_FEW = 1.25
+"""Standard errors from some twenty pieces, few of which decide, come out too small by about this"""
+_SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
+"""No value is known better than by this share: rounding is in what the spring answers to as well"""
+_ROUNDS = 40
+_ENOUGH = 1e-7
+"""Share of the squares below which another round is not worth its time"""
+NAMES = ("inertia", "damping", "coulomb", "delay", "play")
+
+
+class NoFitError(Exception):
+    """The motion does not hold what the model needs; the message says what is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A model and how well it is known; torques in the unit in which they were sent."""
+
+    inertia: float
+    """[kg·m²]"""
+    damping: float
+    """[N·m·s/rad]"""
+    coulomb: float
+    """[N·m]"""
+    delay: float
+    """From a torque's sending to its action [s]"""
+    play: float
+    """[rad]; 0 where none was fitted"""
+    stderr: tuple[float, ...]
+    """Of the five, in order; 0 of a play that was not fitted"""
+    residual: float
+    """Root mean square of measured less fitted position [rad]"""
+    pieces: Pieces
+    fitted: FloatArray
+    """Positions of the model [rad], shape as the pieces'"""
+
+
+def fit_motion(motion: Motion, step: float) -> Fit:
+    """Fit the model; with play between shaft and encoder only where the motion shows it.
+
+    Args:
+        motion: At least two seconds in which the shaft moves.
+        step: One count of the encoder [rad]; 0: not quantised.
+
+    Raises:
+        NoFitError: The motion cannot tell.
+    """
+    speed, acceleration = smoothed(motion)
+    cuts = _cuts(motion, speed, max(step, 1e-6))
+    start = _start(motion, speed, acceleration)
+    pieces = pieces_of(motion, cuts)
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    without, speeds = _fitted(pieces, start, speeds, with_play=False)
+    play = _first_play(pieces, without, speeds, 0.5 * step)
+    if play == 0.0:
+        return without
+    with_play, _ = _fitted(pieces, replace(without, play=play), speeds, with_play=True)
+    # Less than half a count is what rounding itself looks like.
+    visible = with_play.play > max(4.0 * with_play.stderr[4], 0.5 * step)
+    return with_play if visible and with_play.residual < without.residual else without
+
+
+def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Speed [rad/s] and acceleration [rad/s²] at each sample, over a window of some samples.
+
+    Raises:
+        NoFitError: There is hardly any motion.
+    """
+    if motion.sampled.size < 500:
+        raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
+    period = float(np.median(np.diff(motion.sampled)))
+    window = max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
+    # On an even grid: losses and missed periods are bridged by a line.
+    even = np.arange(motion.sampled[0], motion.sampled[-1], period)
+    position = np.interp(even, motion.sampled, motion.position)
+    smooth = [savgol_filter(position, window, 3, deriv=n, delta=period) for n in (1, 2)]
+    speed, acceleration = (np.interp(motion.sampled, even, s) for s in smooth)
+    return speed, acceleration
+
+
+def _cuts(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
+    """Pieces from one moment of high speed to another; those in which little moves are left out."""
+    begins: list[int] = []
+    sampled, fast = motion.sampled, np.abs(speed)
+    end = float(sampled[-1])
+    at = float(sampled[0])
+    while at < end:
+        low, high = np.searchsorted(sampled, [at, at + 0.5 * PIECE_S])
+        if high > low:
+            begins.append(int(low + np.argmax(fast[low:high])))
+        at += PIECE_S
+    cuts = []
+    for begin, after in zip(begins, [*begins[1:], sampled.size], strict=True):
+        moved = motion.position[begin:after]
+        if after - begin >= 20 and np.ptp(moved) >= 8 * step:
+            cuts.append((begin, after))
+    if len(cuts) < 6:
+        raise NoFitError(
+            f"the shaft moved in {len(cuts) * PIECE_S:.1f} s only, wanted at least"
+            f" {6 * PIECE_S:.1f} s"
+        )
+    return cuts
+
+
+def _start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
+    """Where the fit begins: the torques, smoothed alike, against the motion, for each delay."""
+    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
+    signs = np.sign(speed[moving])
+    columns = np.column_stack([acceleration[moving], speed[moving], signs])
+    best: tuple[float, float, FloatArray] | None = None
+    delays = np.arange(0.0, _LATEST_S, 2.5e-4).tolist()
+    for delay, acting in zip(delays, torque_on(motion, delays), strict=True):
+        torque = acting[moving]
+        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
+        left = float(np.sum((torque - columns @ found) ** 2))
+        if best is None or left < best[0]:
+            best = (left, delay, found)
+    assert best is not None
+    inertia, damping, coulomb = (float(value) for value in best[2])
+    if inertia <= 0.0:
+        raise NoFitError("the shaft does not speed up with the torque that was sent")
+    empty = np.zeros((1, 1))
+    nothing = Pieces(motion, empty, empty, empty > 0)
+    # What cannot be told apart at the start begins near nothing, not below it.
+    least = 0.05 * inertia
+    return Fit(
+        inertia, max(damping, least), max(coulomb, least), best[1], 0.0, (), 0.0, nothing, empty
+    )
+
+
+def _first_play(pieces: Pieces, fit: Fit, speeds: FloatArray, least: float) -> float:
+    """The play that the residuals of a fit without it speak for, at first sight [rad]; 0: none."""
+    model = _Model(pieces, True, fit)
+    linear = model.linear(model.begin, speeds)
+    rest = linear.without_own()
+    normal = np.einsum("psn,qsn->pq", rest * linear.weights, rest)
+    right = np.sum(rest * linear.weights * linear.left, axis=(1, 2))
+    play = -float(np.linalg.lstsq(normal, right, rcond=1e-12)[0][-1])
+    return play if play > max(least, 3.0 * _standard_errors(linear, pieces)[-1]) else 0.0
+
+
+def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
+    """The torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
+    grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
+    held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
+    window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
+    smooth = savgol_filter(held, window, 3)
+    return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
+
+
+def _fitted(
+    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool
+) -> tuple[Fit, FloatArray]:
+    """The fit, and the speeds at the beginnings of the pieces."""
+    model = _Model(pieces, with_play, start)
+    values, speeds = _least_squares(model, speeds)
+    linear = model.linear(values, speeds)
+    left = linear.left[pieces.held]
+    five = [*values.tolist(), *([] if with_play else [0.0])]
+    errors = [*_standard_errors(linear, pieces), *([] if with_play else [0.0])]
+    fit = Fit(
+        *five,
+        stderr=tuple(
+            float(np.hypot(error, share * value))
+            for error, share, value in zip(errors, _SURE, five, strict=True)
+        ),
+        residual=float(np.sqrt(np.mean(left**2))),
+        pieces=pieces,
+        fitted=pieces.position + linear.left,
+    )
+    return fit, speeds
+
+
+@dataclass(frozen=True, slots=True)
+class _Linear:
+    """Residuals about some values, and how they change: arrays of shape (s, n), weights too."""
+
+    left: FloatArray
+    """Fitted less measured [rad]"""
+    shared: FloatArray
+    """Per unit of each shared value, shape (p, s, n)"""
+    own: FloatArray
+    """Per unit of the piece's own speed at its beginning"""
+    weights: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """The weighted sum of squares [rad²]."""
+        return float(np.sum(self.weights * self.left**2))
+
+    def without_own(self) -> FloatArray:
+        """What of the shared values' effect a piece's own speed cannot have; as ``shared``."""
+        cross = np.sum(self.weights * self.own * self.shared, axis=2)
+        rest: FloatArray = self.shared - (cross / self.own_square())[:, :, None] * self.own
+        return rest
+
+    def own_square(self) -> FloatArray:
+        """Of each piece's own speed; infinite where a piece begins at rest, and stays there."""
+        square = np.sum(self.weights * self.own**2, axis=1)
+        return np.where(square > _FELT_S**2 * np.sum(self.weights, axis=1), square, np.inf)
+
+
+class _Model:
+    """Residuals and their derivatives over the shared values and each piece's own speed."""
+
+    def __init__(self, pieces: Pieces, with_play: bool, start: Fit) -> None:
+        self.pieces = pieces
+        self.count = 5 if with_play else 4
+        self.begin = np.array([getattr(start, name) for name in NAMES[: self.count]])
+        self.low = np.array([0.05 * start.inertia, 0.0, 0.0, -0.005, 0.0])[: self.count]
+        self._weights = _weights(pieces)
+        self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
+        inertia = start.inertia
+        # Small beside what matters, large beside rounding.
+        steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5]
+        self._steps = np.array([*steps[: self.count], 1e-5])
+
+    def linear(self, values: FloatArray, speeds: FloatArray) -> _Linear:
+        """All variants at once: as it is, and with each value a little larger."""
+        count = self.count
+        variants = np.tile(np.pad(values, (0, 5 - count)), (count + 2, 1))
+        variants[1 : count + 1, :count] += np.diag(self._steps[:count])
+        starts = np.tile(speeds, (count + 2, 1))
+        starts[-1] += self._steps[-1]
+        parameters = Parameters(*(variants[:, n : n + 1] for n in range(5)))
+        shown = simulated(self.pieces, parameters, starts) - self.pieces.position
+        shown -= np.sum(shown * self._means, axis=2, keepdims=True)
+        slopes = (shown[1:] - shown[0]) / self._steps[:, None, None]
+        return _Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
+
+
+def _weights(pieces: Pieces) -> FloatArray:
+    """What a sample counts: one of a long run of equal ones says little that is new.
+
+    The rounding of a shaft at rest is one error, however often it is read.
+    """
+    weights = pieces.held.astype(float)
+    for position, weight, held in zip(pieces.position, weights, pieces.held, strict=True):
+        changes = np.flatnonzero(np.diff(position[held])) + 1
+        edges = np.concatenate([[0], changes, [int(held.sum())]])
+        runs = np.diff(edges)
+        weight[held] = np.repeat(np.minimum(1.0, _RUN / runs), runs)
+    return weights
+
+
+def _least_squares(model: _Model, speeds: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values and speeds of the smallest weighted squares; Levenberg's damping, values bounded.
+
+    A piece's own speed touches that piece alone, so it is eliminated piece by piece.
+    """
+    values, damped = model.begin, 1e-3
+    now = model.linear(values, speeds)
+    for _ in range(_ROUNDS):
+        weighted = now.weights * now.left
+        gradient = np.sum(now.shared * weighted, axis=(1, 2))
+        free = (values > model.low) | (gradient < 0.0)
+        rest = now.without_own()[free]
+        normal = np.einsum("psn,qsn->pq", rest * now.weights, rest)
+        right = np.sum(rest * weighted, axis=(1, 2))
+        normal[np.diag_indices_from(normal)] *= 1.0 + damped
+        step = np.zeros(values.shape)
+        step[free] = -np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+        step = np.maximum(values + step, model.low) - values
+        moved = now.left + np.tensordot(step, now.shared, axes=1)
+        pull = np.sum(now.weights * now.own * moved, axis=1)
+        after = speeds - pull / (now.own_square() * (1.0 + damped))
+        tried = model.linear(values + step, after)
+        gain = now.cost - tried.cost
+        if gain > 0.0:
+            values, speeds, now, damped = values + step, after, tried, 0.1 * damped
+            if gain < _ENOUGH * now.cost:
+                break
+        elif damped > 1e3 or abs(gain) < _ENOUGH * now.cost:
+            break
+        else:
+            damped *= 10.0
+    return values, speeds
+
+
+def _standard_errors(linear: _Linear, pieces: Pieces) -> list[float]:
+    """Of the shared values, whatever the errors of successive samples have in common.
+
+    Three estimates of the covariance, of which the largest counts: errors independent; errors
+    correlated over ``_CORRELATED_S`` (Bartlett's weights); errors of a whole piece belonging
+    together.
+
+    Source: W. K. Newey, K. D. West, Econometrica 55(3), 1987; K.-Y. Liang, S. L. Zeger,
+    Biometrika 73(1), 1986.
+    """
+    rest, weights, left = linear.without_own(), linear.weights, linear.left
+    count, groups = rest.shape[0], rest.shape[1]
+    scale = np.sqrt(np.sum(weights * rest**2, axis=(1, 2)))
+    rest = rest / np.where(scale > 0.0, scale, 1.0)[:, None, None]
+    inverse = np.linalg.pinv(np.einsum("psn,qsn->pq", rest * weights, rest))
+    scores = rest * weights * left
+    samples = float(np.sum(weights))
+    free = max(1.0, samples - count - 2 * groups)
+    sums = scores.sum(axis=2)
+    independent = linear.cost / free * inverse
+    clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count)
+    lags = round(_CORRELATED_S / float(np.median(np.diff(pieces.motion.sampled))))
+    meat = np.einsum("psn,qsn->pq", scores, scores)
+    for lag in range(1, lags + 1):
+        cross = np.einsum("psn,qsn->pq", scores[:, :, lag:], scores[:, :, :-lag])
+        meat += (1.0 - lag / (lags + 1)) * (cross + cross.T)
+    correlated = inverse @ meat @ inverse * samples / free
+    variance = np.max([np.diag(c) for c in (independent, clustered, correlated)], axis=0)
+    errors = _FEW * np.sqrt(np.maximum(variance, 0.0)) / np.where(scale > 0.0, scale, 1.0)
+    return [float(e) for e in errors]

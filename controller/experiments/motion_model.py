@@ -1,0 +1,219 @@
+"""The motion of a servo under recorded torques, for many parameters and pieces of it at once.
+
+The servo is an inertia with viscous and Coulomb friction, on which a torque acts some time after it
+was sent, and an encoder that may follow with play::
+
+    m x'' = u(t - delay) - b x' - c sign(x')
+
+Torques are held, so the motion between the instants at which one begins to act is written down,
+not stepped: also where the velocity comes to zero in between, and whether the body then sticks or
+turns back. Samples and torques stand where they were taken and sent, whatever the grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.theory.checks import FloatArray
+from controller.theory.response import held_response
+from hw.servo import Outcome
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What was recorded: positions where they were sampled, torques where they were sent."""
+
+    sampled: FloatArray
+    """Instants of the samples [s], rising, shape (n,)"""
+    position: FloatArray
+    """[rad], shape (n,)"""
+    sent: FloatArray
+    """Instants of the torques [s], rising, shape (k,)"""
+    torque: FloatArray
+    """Held from its instant to the next [N·m], shape (k,)"""
+
+
+def motion_of(rows: NDArray[np.void]) -> Motion:
+    """The motion in rows of a log.
+
+    Readings that failed hold no sample; the torques of their rows were sent all the same.
+
+    Args:
+        rows: Shape (n,), dtype ``telemetry.ROW``, of one run without gaps.
+    """
+    known = rows[rows["sampled_ns"] > 0]
+    begun = int(known["sampled_ns"][0]) if known.size else 0
+    good = known[known["outcome"] == Outcome.OK]
+    return Motion(
+        sampled=(good["sampled_ns"] - begun) * 1e-9,
+        position=good["position"].copy(),
+        sent=(known["sampled_ns"] + known["age_ns"] - begun) * 1e-9,
+        torque=known["torque"].copy(),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """What is fitted, one value for each variant: arrays of shape (v, 1)."""
+
+    inertia: FloatArray
+    """[kg·m²]"""
+    damping: FloatArray
+    """[N·m·s/rad]"""
+    coulomb: FloatArray
+    """[N·m]"""
+    delay: FloatArray
+    """From a torque's sending to its action [s]"""
+    play: FloatArray
+    """Between shaft and encoder, full width [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Parts of a motion, side by side: shape (s, n) each, filled up where one is shorter."""
+
+    motion: Motion
+    sampled: FloatArray
+    """[s]; a piece that is over stays at its last instant"""
+    position: FloatArray
+    """[rad]"""
+    held: NDArray[np.bool_]
+    """Whether there is a sample, or filling"""
+
+
+def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
+    """Cut a motion.
+
+    Args:
+        motion: As recorded.
+        cuts: First sample of each piece and the one after its last.
+    """
+    longest = max(end - begin for begin, end in cuts)
+    index = np.array([begin + np.arange(longest) for begin, _ in cuts])
+    ends = np.array([end for _, end in cuts])[:, None]
+    held = index < ends
+    index = np.minimum(index, ends - 1)
+    return Pieces(motion, motion.sampled[index], motion.position[index], held)
+
+
+def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
+    """Positions that the encoder would have shown, rounding left out [rad].
+
+    Each piece begins at zero, with the play taken up in the direction of its speed.
+
+    Args:
+        pieces: What was recorded.
+        parameters: Of v variants.
+        speeds: At the beginning of each piece in each variant [rad/s], shape (v, s).
+
+    Returns:
+        Shape (v, s, n).
+    """
+    lengths, torques = _schedule(pieces, parameters.delay)
+    inertia, coulomb = parameters.inertia, parameters.coulomb
+    decay = parameters.damping / inertia
+    response = held_response(decay[:, :, None, None], lengths)
+    phi, psi, kept = (np.moveaxis(r, (2, 3), (0, 1)) for r in response)
+    held, lengths = np.moveaxis(torques, (2, 3), (0, 1)), np.moveaxis(lengths, (2, 3), (0, 1))
+    decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
+    half = np.broadcast_to(0.5 * parameters.play, speeds.shape)
+    x, v = np.zeros(speeds.shape), speeds.copy()
+    shown = x - np.sign(v) * half
+    out = np.empty((pieces.sampled.shape[1], *speeds.shape))
+    out[0] = shown
+    for k in range(held.shape[0]):
+        for j in range(held.shape[1]):
+            u = held[k, j]
+            sign = np.sign(v)
+            sign = np.where(sign == 0.0, np.where(np.abs(u) > coulomb, np.sign(u), 0.0), sign)
+            push = np.where(sign == 0.0, 0.0, u - sign * coulomb) / inertia
+            end = v * kept[k, j] + push * phi[k, j]
+            moved = v * phi[k, j] + push * psi[k, j]
+            turned = (end * sign < 0.0).nonzero()
+            if turned[0].size:
+                rest, moved[turned], end[turned] = _through_rest(
+                    v[turned],
+                    push[turned],
+                    decay[turned],
+                    lengths[k, j][turned],
+                    _breakaway(u[turned], coulomb[turned]) / inertia[turned],
+                )
+                at = x[turned] + rest
+                shown[turned] = np.clip(shown[turned], at - half[turned], at + half[turned])
+            x = x + moved
+            v = end
+        shown = np.clip(shown, x - half, x + half)
+        out[k + 1] = shown
+    return np.moveaxis(out, 0, 2)
+
+
+def _breakaway(torque: FloatArray, coulomb: FloatArray) -> FloatArray:
+    """What is left of a torque on a body at rest when friction has taken its share [N·m]."""
+    return np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
+
+
+def _through_rest(
+    speed: FloatArray, push: FloatArray, decay: FloatArray, length: FloatArray, after: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A step in which the body comes to rest, and goes on with the push ``after``, if any.
+
+    Returns:
+        Position at rest, position and speed at the end, from where the step began.
+    """
+    ratio = speed / push  # below zero: it is braked
+    drag = -decay * ratio
+    small = drag < 1e-6
+    time = np.where(
+        small, -ratio * (1.0 - 0.5 * drag), np.log1p(drag) / np.where(small, 1.0, decay)
+    )
+    time = np.minimum(time, length)
+    by_speed, by_torque, _ = held_response(decay, np.stack([time, length - time]))
+    rest = speed * by_speed[0] + push * by_torque[0]
+    return rest, rest + after * by_torque[1], after * by_speed[1]
+
+
+def _schedule(pieces: Pieces, delay: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The held torques between samples: length [s] and torque of each part, (v, s, n - 1, j)."""
+    lengths, torques = [], []
+    known: dict[float, tuple[FloatArray, FloatArray]] = {}
+    for value in delay[:, 0].tolist():
+        if value not in known:
+            known[value] = _parts(pieces, value)
+        lengths.append(known[value][0])
+        torques.append(known[value][1])
+    most = max(part.shape[-1] for part in lengths)
+
+    def filled(parts: list[FloatArray]) -> FloatArray:
+        missing = [most - part.shape[-1] for part in parts]
+        return np.stack(
+            [
+                np.concatenate([part, np.zeros((*part.shape[:2], n))], axis=2) if n else part
+                for part, n in zip(parts, missing, strict=True)
+            ]
+        )
+
+    return filled(lengths), filled(torques)
+
+
+def _parts(pieces: Pieces, delay: float) -> tuple[FloatArray, FloatArray]:
+    motion = pieces.motion
+    acts = np.append(motion.sent + delay, np.inf)
+    torque = np.concatenate([[0.0], motion.torque])  # none before the first
+    begin, end = pieces.sampled[:, :-1], pieces.sampled[:, 1:]
+    first = np.searchsorted(acts, begin, side="right")  # acts before it: torque[first]
+    last = np.searchsorted(acts, end, side="right")
+    lengths, torques = [], []
+    edge = begin
+    for j in range(int(np.max(last - first, initial=0)) + 1):
+        index = np.minimum(first + j, last)
+        until = np.where(index < last, acts[np.minimum(index, acts.size - 1)], end)
+        lengths.append(np.maximum(until - edge, 0.0))
+        torques.append(torque[index])
+        edge = until
+    return np.stack(lengths, axis=2), np.stack(torques, axis=2)
