@@ -79,6 +79,7 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
             ),
             answer=answer if law.guarded else "report",
             lag=belief.delay.value,
+            inserted=config.delay.steps * config.period_ns * 1e-9,
         )
     )
 

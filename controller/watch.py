@@ -1,11 +1,11 @@
 """Watches the running wall for an oscillation of its own making, and answers it.
 
 ``report`` only tells. ``reduce`` takes stiffness and damping together toward the origin, a step
-each half cycle until the motion decays: along that ray a stable wall stays stable. A step waits for
-the motion to turn: there the spring holds all the energy, and a softer one keeps less of it, while
-in the middle the motion holds it and would swing further against a softer spring. They come back
-only on request. Where that does not help, and in ``trip``, the run ends. The torque itself is never
-limited in its rate: that would be one more delay.
+each half cycle until the motion decays: along that ray a stable wall stays stable. They come back
+only on request. A step is timed to act where the motion turns, unless waiting costs more: there the
+spring holds all the energy, and a softer one keeps less of it, while in the middle the motion holds
+it and would swing further against a softer spring. Where all that does not help, and in ``trip``,
+the run ends. The torque itself is never limited in its rate: that would be one more delay.
 """
 
 from __future__ import annotations
@@ -22,7 +22,13 @@ Answer = Literal["report", "reduce", "trip"]
 LEAST_SHARE = 1.0 / 64.0
 """Of the decision's stiffness. What still oscillates at less is not the wall's doing."""
 _STEP = 0.5
-"""A step takes at least this share of the stiffness away."""
+"""What a step leaves where the servo's friction is not known."""
+_MARGIN = 0.8
+"""Share of the stiffness thought neutral that a step leaves; and the most it leaves."""
+_LARGEST_STEP = 0.25
+"""The least it leaves: the motion swings further against a spring that is softer still."""
+_NEAR = 0.02
+"""So near to the best moment is as good [1]"""
 _LONGEST_S = 0.5
 """A step is waited for at most so long, however slow the oscillation [s]."""
 
@@ -35,6 +41,8 @@ class WatchSettings:
     answer: Answer
     lag: float
     """From a torque's being sent to its action, believed [s]"""
+    inserted: float = 0.0
+    """From a torque's being computed to its being sent [s]"""
 
 
 class Watch:
@@ -62,6 +70,7 @@ class Watch:
         "_periods",
         "_position",
         "_settings",
+        "_since_turn",
         "_ticks",
         "_wait",
         "acted",
@@ -86,6 +95,7 @@ class Watch:
         self._wait = 0
         self._position = math.nan
         self._last_move = 0.0
+        self._since_turn = 0
         self.acted = 0.0
         self.spanned = 1
         self.share = 1.0
@@ -129,11 +139,11 @@ class Watch:
         self.current = state = detector.update(position, torque, periods)
         if state:
             self._note(state)
-        turned = self._turned(position)
+        self._follow(position, periods)
         if detector.alarm:
             if math.isnan(self.first_alarm_s):
                 self.first_alarm_s = self._ticks * self._period
-            self._answer(turned)
+            self._answer()
 
     def raise_again(self) -> None:
         """Allow all that the guard allows again, and begin to watch anew."""
@@ -149,47 +159,68 @@ class Watch:
             self.amplitude = amplitude
             self.frequency_hz = self._detector.frequency_hz
 
-    def _turned(self, position: float) -> bool:
-        """Whether the motion goes another way than the last time it moved."""
+    def _follow(self, position: float, periods: int) -> None:
+        """Know when the motion last went another way than before."""
         moved = position - self._position
         self._position = position
-        if not moved:
-            return False
-        turned = moved * self._last_move < 0.0
-        self._last_move = moved
-        return turned
+        self._since_turn += periods
+        if moved:
+            if moved * self._last_move < 0.0:
+                self._since_turn = 0
+            self._last_move = moved
 
-    def _answer(self, turned: bool) -> None:
+    def _answer(self) -> None:
         answer = self._settings.answer
         if answer == "trip":
             self.failed = True
-        if answer != "reduce" or not turned or self._ticks < self._wait:
+        if answer != "reduce" or self._ticks < self._wait:
             return
         if self.share <= LEAST_SHARE:
             self.failed = True
             return
         detector = self._detector
-        step = self._step(detector.growth)
+        hertz = detector.frequency_hz
+        step = self._step(detector.growth, hertz, detector.amplitude)
+        if not self._better_now(step, detector.growth, hertz):
+            return
         self.share = max(LEAST_SHARE, self.share * step)
-        # A little less than half a cycle, which is longer on the softer spring: the next turn.
-        hertz = detector.frequency_hz * math.sqrt(step)
-        half_s = 0.4 / hertz if hertz > 0.0 else _LONGEST_S
+        # On the softer spring half a cycle is longer.
+        half_s = 0.5 / (hertz * math.sqrt(step)) if hertz > 0.0 else _LONGEST_S
         self._wait = self._ticks + math.ceil(min(half_s, _LONGEST_S) / self._period)
 
-    def _step(self, growth: float) -> float:
+    def _step(self, growth: float, hertz: float, amplitude: float) -> float:
         """Share of the stiffness that is left after a step.
 
         An oscillation that grows at s has ``K (T/2 + t_d) - B - b = 2 m s``: the wall gives that
-        much more than the servo's own damping takes. The wall's part goes with the share, so that
-        ``b / (b + 2 m s)`` of it would be neutral.
+        much more than the servo's own damping takes, Coulomb friction's ``4 c / (pi A w)`` with
+        it. The wall's part goes with the share: ``b / (b + 2 m s)`` of it would be neutral.
 
         Source: Gil et al., ICRA 2007, eq. (8), with the growth of m x'' + c x' + K x = 0.
         """
         known = self._settings.detector
-        if not (growth > 0.0 and known.damping > 0.0 and known.inertia > 0.0):
+        if not (growth > 0.0 and hertz > 0.0 and known.damping > 0.0 and known.inertia > 0.0):
             return _STEP
-        neutral = known.damping / (known.damping + 2.0 * known.inertia * growth)
-        return min(_STEP, 0.8 * neutral)
+        damping = known.damping
+        if known.coulomb > 0.0 and amplitude > 0.0:
+            damping += 2.0 * known.coulomb / (math.pi**2 * amplitude * hertz)
+        neutral = damping / (damping + 2.0 * known.inertia * growth)
+        return min(max(_MARGIN * neutral, _LARGEST_STEP), _MARGIN)
+
+    def _better_now(self, step: float, growth: float, hertz: float) -> bool:
+        """Whether a step leaves less motion when it is taken now than at the next turn.
+
+        It acts a delay later. At an angle past the turn a part sin² of the energy is in the
+        motion, and swings further against the softer spring; while one waits, the motion grows.
+        """
+        if not hertz > 0.0:
+            return True
+        half = 0.5 / (hertz * self._period)
+        delay = self._acting.lag + self._settings.inserted / self._period
+        past = (self._since_turn + delay) % half
+        angle = math.pi * past / half
+        now = math.sqrt(math.cos(angle) ** 2 + math.sin(angle) ** 2 / step)
+        rate = growth * self._period if growth > 0.0 else 0.0
+        return now <= math.exp(min(rate * (half - past), 50.0)) + _NEAR
 
 
 def oscillation_report(watch: Watch) -> dict[str, object]:
