@@ -16,11 +16,13 @@ READ_REQUEST_BYTES: Final = _FRAME + 2 + 2
 """Address and length"""
 EMPTY_REPLY_BYTES: Final = _FRAME + 1
 """An error byte; data comes on top"""
+ASKING_BYTES: Final = READ_REQUEST_BYTES + EMPTY_REPLY_BYTES
+"""A read and its reply, but for the data; a byte's write and its reply are shorter"""
 SAMPLE_BYTES: Final = 16
 """From the servo's clock to its position"""
 GOAL_BYTES: Final = _FRAME + 2 + 2 + 1 + 2
 """A sync write of one goal current: address, length, id, current"""
-CYCLE_BYTES: Final = READ_REQUEST_BYTES + EMPTY_REPLY_BYTES + SAMPLE_BYTES + GOAL_BYTES
+CYCLE_BYTES: Final = ASKING_BYTES + SAMPLE_BYTES + GOAL_BYTES
 """Of one period of the running cycle with one servo: request, reply, goal"""
 
 

@@ -8,6 +8,7 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.tables import MODELS
 from hw.errors import ServoLostError
+from hw.wire import ASKING_BYTES
 
 _TORQUE_ENABLE: Final = MODELS["XM430-W350"].registers["torque_enable"]
 """The same in every model"""
@@ -16,8 +17,6 @@ _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
 last also outlasts an adapter's 16 ms timer"""
 _UNIQUE_BYTES: Final = 7
 """A length that no other request has"""
-_FRAME_BYTES: Final = 28
-"""Of a write and its reply, or of a read and its reply without data"""
 _GAP_NS: Final = 2_000_000
 """Silence after which every servo looks for a new header (they do after 1.5 ms)"""
 _GAP_END_NS: Final = 20_000_000
@@ -65,7 +64,7 @@ def torque_off(line: Line, link: Link) -> bool:
     """
     now_ns = line.clock.now_ns
     for least_ns in _PATIENCE_NS:
-        patience = least_ns + link.wire_ns(_FRAME_BYTES + _UNIQUE_BYTES)
+        patience = least_ns + link.wire_ns(ASKING_BYTES + _UNIQUE_BYTES)
         confirmed = link.write_register(_TORQUE_ENABLE, 0, now_ns() + patience)
         size = 1 if confirmed else _UNIQUE_BYTES
         found = link.read_block(_TORQUE_ENABLE.address, size, now_ns() + patience)

@@ -15,7 +15,7 @@ from hw.dynamixel.link import Link
 from hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from hw.dynamixel.tables import Register
 from hw.errors import ServoHealthError, TorqueLostError
-from hw.wire import EMPTY_REPLY_BYTES, READ_REQUEST_BYTES
+from hw.wire import ASKING_BYTES
 
 EVERY_NS: Final = 200_000_000
 """Between two wide blocks"""
@@ -97,7 +97,7 @@ class HealthWatch:
     def __init__(
         self, link: Link, registers: Mapping[str, Register], baud: int, period_s: float
     ) -> None:
-        most = int(_SHARE * period_s * baud / 10) - READ_REQUEST_BYTES - EMPTY_REPLY_BYTES
+        most = int(_SHARE * period_s * baud / 10) - ASKING_BYTES
         blocks = next(
             (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
         )
