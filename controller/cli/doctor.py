@@ -15,12 +15,13 @@ from controller.config_load import load_config
 from controller.doctor.checkup import examine
 from controller.doctor.report import Consent, Report
 from controller.errors import UserError
-from hw.dynamixel.examine.cycles import Series, percentile
+from hw.dynamixel.examine.cycles import Series
 from hw.dynamixel.examine.finding import Finding
+from hw.dynamixel.examine.replies import percentile
 
 WRONG = 1
 HARDWARE = 4
-TORQUE = "The torque was never enabled."
+TORQUE = "No torque was enabled."
 
 
 @click.command()
@@ -116,9 +117,7 @@ def _text(name: str, report: Report) -> str:
         lines += _rows(finding, column, width)
     if report.changes:
         lines += ["", "Changed:"]
-        for change in report.changes:
-            end = "read back" if change.verified else "NOT AS WANTED"
-            lines.append(f"  {change.name}: {change.before} -> {change.after} ({end})")
+        lines += [f"  {change}" for change in report.changes]
     if report.not_examined:
         lines += ["", f"Not examined: {', '.join(report.not_examined)}"]
     lines += ["", _verdict(report)]
@@ -129,15 +128,23 @@ def _rows(finding: Finding, column: int, width: int) -> Iterator[str]:
     mark = "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
     wanted = f" (wanted: {finding.wanted})" if not finding.ok else ""
     head = f"{mark:<5}  {finding.name:<{column}}  "
-    yield textwrap.fill(
-        finding.found + wanted, width, initial_indent=head, subsequent_indent=" " * len(head)
-    )
+    indent = " " * len(head)
+    yield _filled(finding.found + wanted, width, head, indent)
     if finding.fix:
         hint = "fix: " if not finding.ok else "hint: "
-        indent = " " * len(head)
-        yield textwrap.fill(
-            finding.fix, width, initial_indent=indent + hint, subsequent_indent=indent
-        )
+        yield _filled(finding.fix, width, indent + hint, indent)
+
+
+def _filled(text: str, width: int, first: str, other: str) -> str:
+    """Lines of a width, but no path or command broken at a hyphen: they are there to be copied."""
+    return textwrap.fill(
+        text,
+        width,
+        initial_indent=first,
+        subsequent_indent=other,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
 
 
 def _verdict(report: Report) -> str:

@@ -41,6 +41,8 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     """
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)
     wanted = _ids(ids)
+    if port == "":
+        raise UserError("--port: found nothing, wanted a serial device such as /dev/ttyUSB0")
     path = only_adapter() if port is None else port
 
     def tell(baud: int) -> None:
@@ -103,15 +105,15 @@ def _rates(text: str) -> list[int]:
     rates = []
     for part in text.split(","):
         try:
-            rate = int(float(part))
+            rate = float(part)
         except ValueError:
-            rate = -1
+            rate = -1.0
         if rate not in BAUD_RATES:
             raise UserError(
                 f"--baud: found {part.strip()!r}, wanted rates a servo can have: "
                 + ", ".join(map(str, BAUD_RATES))
             )
-        rates.append(rate)
+        rates.append(int(rate))
     return list(dict.fromkeys(rates))
 
 

@@ -17,26 +17,29 @@ from controller.config import Config
 from controller.doctor import machine, timing
 from controller.doctor.locate import Locator, name_of
 from controller.doctor.measure import measure
-from controller.doctor.report import Consent, Report, Tell
+from controller.doctor.report import Consent, Report, Tell, question, told
 from controller.processes import Child, first_line
 from controller.realtime import Setting, pick_cores
 from controller.supervisor import emulator_arguments
 from hw.clock import MonotonicClock
 from hw.dynamixel.examine.adapter import examine_port
-from hw.dynamixel.examine.cycles import Phase, Replies, Series
-from hw.dynamixel.examine.finding import Change, Finding, not_applicable
-from hw.dynamixel.examine.judgement import Judgement, Repair, in_order_of_repair, judge
+from hw.dynamixel.examine.cycles import Phase, Series
+from hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
+from hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
 from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from hw.dynamixel.examine.replies import Replies
 from hw.dynamixel.examine.search import Found, opened
 from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from hw.dynamixel.port import kept_settings, open_port
 from hw.dynamixel.servo import drivable
-from hw.dynamixel.tables import MODELS, Model, model_by_number
-from hw.errors import PortError, ServoError, ServoLostError, UnfitServoError
+from hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
+from hw.errors import PortBusyError, PortError, ServoError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings
 
 _START_S: Final = 60.0
 _END_S: Final = 2.0
+_CABLE: Final = "check the cable and the power supply"
+_OF_THE_SERVO: Final = ("model", "firmware", "registers")
 _ON_THE_BUS: Final = (
     "port",
     "rights",
@@ -106,6 +109,7 @@ class _Checkup:
         self._tell = tell
         self._consent = consent
         self._clock = MonotonicClock()
+        self._return_delay_ns = 0
         self._locator = Locator(self.report, self._clock, tell, consent, change_baud)
         self._add = self.report.findings.add
 
@@ -118,12 +122,17 @@ class _Checkup:
         measured = None
         if self.report.findings.wrong:
             self.report.reached = False
-            self.report.leave_out("latency timer", "baud rate", "servo answers")
+            self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
             with kept_settings(settings.port):
                 measured = self._servo(settings)
         if measured is None:
             self.report.leave_out("reply time", "schedule")
+            if any(finding.name == "used by" for finding in self.report.findings.wrong):
+                # To be measured, its core would be taken from whoever drives the servo there.
+                self.report.leave_out("wake-up lateness", "real-time rights")
+                self._core()
+                return
             measured = measure(self._config, None)
         self.machine(measured)
 
@@ -132,7 +141,7 @@ class _Checkup:
         try:
             found = self._locator.find(settings)
             if found is None:
-                self.report.leave_out("model", "firmware", "registers")
+                self.report.leave_out(*_OF_THE_SERVO)
                 return None
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
@@ -143,12 +152,15 @@ class _Checkup:
                 return measure(self._config, descriptor)
             finally:
                 os.close(descriptor)
+        except PortBusyError as error:  # by somebody whose open files this user may not see
+            self.report.reached = False
+            self._add(of_error("used by", error, "nobody", "end that program"))
+            self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         except PortError as error:
             self.report.reached = False
-            self._add(Finding("port", False, str(error), "a port that stays", "see there"))
+            self._add(of_error("port", error, "a port that stays", "check the adapter"))
         except ServoError as error:
-            fix = "check the cable and the power supply"
-            self._add(Finding("servo answers", False, str(error), "answers always", fix))
+            self._add(of_error("servo answers", error, "answers always", _CABLE))
         return None
 
     # The servo
@@ -170,7 +182,7 @@ class _Checkup:
             if self._consent is not None and self._mend(servo, judged):
                 again = self._judge(servo, settings, model, found.firmware)
                 before = {judgement.finding.name: judgement.finding for judgement in judged}
-                judged = [_told(judgement, before) for judgement in again]
+                judged = [told(judgement, before) for judgement in again]
         self._add(*(judgement.finding for judgement in judged))
         return next(j.finding.ok for j in judged if j.finding.name == "torque")
 
@@ -226,13 +238,16 @@ class _Checkup:
         self, servo: Contact, settings: DynamixelSettings, model: Model, firmware: int
     ) -> list[Judgement]:
         constant = settings.torque_constant or model.torque_constant or 0.0
-        return judge(read_all(servo, model, firmware), settings.torque_limit, constant)
+        examined = read_all(servo, model, firmware)
+        delay = examined.values["return_delay_time"] or 0
+        self._return_delay_ns = delay * RETURN_DELAY_UNIT_NS
+        return judge(examined, settings.torque_limit, constant)
 
     def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
         """Mend what can be and may be; whether anything was tried."""
         tried = False
         for finding, repair in in_order_of_repair(judged):
-            if repair is None or not self._may(_question(finding, repair)):
+            if repair is None or not self._may(question(finding, repair)):
                 continue
             tried = True
             self._note(mend(servo, finding.name, repair))
@@ -243,23 +258,30 @@ class _Checkup:
 
     def _note(self, change: Change) -> None:
         self.report.changes.append(change)
+        self._tell(f"{change}")  # at once: whoever interrupts this should know what was changed
 
     # The machine
 
     def machine(self, measured: dict[str, Any]) -> None:
         """What was measured of the bus, if it was, and of the machine."""
         config = self._config
+        lateness = machine.judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:
-            fix = "check the cable and the power supply"
-            self._add(Finding("reply time", False, measured["failed"], "answers always", fix))
+            error = ServoError(measured["failed"])
+            self._add(of_error("reply time", error, "answers always", _CABLE))
+            self.report.leave_out("schedule")
         elif measured["replies"] is not None:
-            self._timing(Replies(**measured["replies"]), _series(measured["series"]))
+            replies, series = Replies(**measured["replies"]), _series(measured["series"])
+            self._timing(replies, series, stalls=not lateness.ok)
         settings = [Setting(**setting) for setting in measured["realtime"]]
-        self._add(machine.judge_lateness(measured["lateness_ns"], config.period_ns))
+        self._add(lateness)
         self._add(*machine.judge_rights(settings, config.realtime.profile))
-        self._add(*machine.examine_core(pick_cores(config.realtime.core)[0]))
+        self._core()
 
-    def _timing(self, replies: Replies, series: list[Series]) -> None:
+    def _core(self) -> None:
+        self._add(*machine.examine_core(pick_cores(self._config.realtime.core)[0]))
+
+    def _timing(self, replies: Replies, series: list[Series], stalls: bool) -> None:
         config = self._config
         assert config.servo.baud is not None
         wanted = timing.Wanted(
@@ -267,9 +289,10 @@ class _Checkup:
             config.loop.rate_hz,
             config.servo.baud,
             min(timing.MOST_MISSED, config.safety.max_loss),
+            self._return_delay_ns,
+            stalls,
         )
-        self._add(*timing.judge_replies(replies, wanted))
-        self._add(*timing.judge_series(series, replies, wanted))
+        self._add(*timing.judge_timing(replies, series, wanted))
         self.report.cycles = series
         self.report.suits = timing.suits(series, wanted.most_missed)
 
@@ -278,20 +301,3 @@ def _series(found: list[dict[str, Any]]) -> list[Series]:
     return [
         Series(**{**one, "phases": [Phase(**phase) for phase in one["phases"]]}) for one in found
     ]
-
-
-def _told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
-    """A finding after the repair that also tells what was found before it."""
-    first = before.get(judgement.finding.name)
-    if first is None or first.found == judgement.finding.found:
-        return judgement
-    found = f"{first.found}, now {judgement.finding.found}"
-    return judgement._replace(finding=judgement.finding._replace(found=found))
-
-
-def _question(finding: Finding, repair: Repair) -> str:
-    if not repair.register:
-        return f"{finding.name}: {finding.found} -> reboot"
-    if repair.register == "torque_enable":
-        return "torque: on -> off (what hangs on the shaft will fall)"
-    return f"{finding.name}: {finding.found} -> {finding.wanted}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 
 from controller.doctor.report import Consent, Report, Tell
+from controller.tick import COLLECT_SHARE
 from hw.clock import Clock
 from hw.dynamixel.examine.adapter import examine_latency_timer, set_latency_timer
 from hw.dynamixel.examine.finding import Change, Finding
@@ -13,6 +14,7 @@ from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 from hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings
+from hw.wire import cycle_s
 
 
 class Locator:
@@ -72,18 +74,22 @@ class Locator:
             for one in scanning:
                 mine = next((servo for servo in one.servos if servo.id == settings.id), None)
                 if mine is not None:
-                    return self._elsewhere(settings, mine, wanted)
+                    return self._elsewhere(settings, mine, wanted, bool(here.refused))
                 searches.append(one)
         servos = [servo for one in searches for servo in one.servos]
         self._report.reached = bool(servos)
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
-        found, fix = "nothing answers at any rate", "check power and cable"
+        found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
+        fix = "check power and cable; `haptic-wall scan --ids 0-252` asks every id"
         if servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to what is there"
         elif garbled:
             found = f"garbage at {', '.join(garbled)} bit/s"
-            fix = "leave only one servo connected and change its id: two have the same one"
+            fix = (
+                "two servos have one id, or there is noise: leave only one connected, and give it "
+                "another id if it answers then"
+            )
         self._add(Finding("servo answers", False, found, wanted, fix))
         return None
 
@@ -95,31 +101,36 @@ class Locator:
                 if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
                     set_latency_timer(settings.port)
                     after = examine_latency_timer(settings.port)
-                    self._report.changes.append(
-                        Change(timer.name, timer.found, after.found, after.ok)
-                    )
+                    self._note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after
                 self._add(timer)
                 return search(line, settings.baud, {settings.id}, to_the_end=False)
         except BaudRefusedError as error:
             return Search(settings.baud, [], 0, str(error))
 
-    def _elsewhere(self, settings: DynamixelSettings, found: Found, wanted: str) -> Found:
-        """It answers at another rate: say so, and change its rate where that is asked for."""
+    def _elsewhere(
+        self, settings: DynamixelSettings, found: Found, wanted: str, refused: bool
+    ) -> Found:
+        """It answers at another rate: say so, and change its rate where that is asked for.
+
+        Not to one that the adapter cannot make: nobody could talk to it here any more.
+        """
         question = f"baud rate of {name_of(found)} -> {settings.baud}"
-        if self._change_baud and self._may(question):
+        if self._change_baud and not refused and self._may(question):
             change, now = self._set_baud(settings, found)
-            self._report.changes.append(change)
+            self._note(change)
             if change.verified:
                 text = f"yes; it was at {found.baud} bit/s"
                 self._add(Finding("servo answers", True, text, wanted))
                 return now
-        fix = (
-            f"set servo.baud={found.baud}, or change the servo's rate with "
-            "haptic-wall doctor CONFIG --fix --change-baud"
-        )
-        text = f"at {found.baud} bit/s"
-        self._add(Finding("servo answers", False, text, wanted, fix, fixable=True))
+        fixes = []
+        if cycle_s(found.baud) <= COLLECT_SHARE * settings.period_s:
+            fixes.append(f"set servo.baud={found.baud}")
+        if not refused:
+            command = "`haptic-wall doctor CONFIG --fix --change-baud`"
+            fixes.append(f"change the servo's rate with {command}")
+        fix = ", or ".join(fixes) or "set servo.baud to a faster rate that this adapter has"
+        self._add(Finding("servo answers", False, f"at {found.baud} bit/s", wanted, fix))
         return found
 
     def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
@@ -143,6 +154,10 @@ class Locator:
         if now is None:
             return Change(name, before, f"silent at {settings.baud}", False), found
         return Change(name, before, str(now.baud), True), now
+
+    def _note(self, change: Change) -> None:
+        self._report.changes.append(change)
+        self._tell(f"{change}")
 
     def _may(self, question: str) -> bool:
         return self._consent is not None and self._consent(question)

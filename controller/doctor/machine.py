@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from controller.realtime import Profile, Setting, missing_for_strict
-from hw.dynamixel.examine.cycles import percentile
 from hw.dynamixel.examine.finding import Finding, not_applicable
+from hw.dynamixel.examine.replies import percentile
 
 _LATE_SHARE = 4
 """A wake-up later than a period over this leaves too little for the bus"""

@@ -11,7 +11,7 @@ from controller.config import Config
 from controller.doctor.timing_process import Orders
 from controller.processes import Child, first_line
 from controller.realtime import pick_cores
-from controller.tick import COLLECT_SHARE
+from controller.tick import COLLECT_SHARE, LONGER_SHARE
 from hw.errors import ServoError
 
 SERIES_S: Final = 0.1
@@ -44,6 +44,7 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
         id=config.servo.id,
         period_ns=config.period_ns,
         collect_ns=int(COLLECT_SHARE * config.period_ns),
+        longer_ns=int(LONGER_SHARE * config.period_ns),
         series_s=SERIES_S,
         replies=REPLIES,
         wakes=WAKES,

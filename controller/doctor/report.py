@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hw.dynamixel.examine.cycles import Series
-from hw.dynamixel.examine.finding import Change, Findings
+from hw.dynamixel.examine.finding import Change, Finding, Findings
+from hw.dynamixel.examine.judgement import Judgement, Repair
 
 Tell = Callable[[str], None]
 Consent = Callable[[str], bool]
@@ -29,3 +30,21 @@ class Report:
     def leave_out(self, *names: str) -> None:
         """Put down what could not be examined."""
         self.not_examined += names
+
+
+def told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
+    """A finding after the repair that also tells what was found before it."""
+    first = before.get(judgement.finding.name)
+    if first is None or first.found == judgement.finding.found:
+        return judgement
+    found = f"{first.found}, now {judgement.finding.found}"
+    return judgement._replace(finding=judgement.finding._replace(found=found))
+
+
+def question(finding: Finding, repair: Repair) -> str:
+    """What is asked before a repair is made."""
+    if not repair.register:
+        return f"{finding.name}: {finding.found} -> reboot"
+    if repair.register == "torque_enable":
+        return "torque: on -> off (what hangs on the shaft will fall)"
+    return f"{finding.name}: {finding.found} -> {finding.wanted}"

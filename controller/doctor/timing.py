@@ -11,15 +11,18 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.tick import COLLECT_SHARE
-from hw.dynamixel.examine.cycles import Replies, Series, percentile
+from hw.dynamixel.examine.cycles import Series
 from hw.dynamixel.examine.finding import Finding
+from hw.dynamixel.examine.replies import Replies, percentile
 from hw.settings import Schedule
 from hw.wire import cycle_s
 
 MOST_MISSED: Final = 0.05
 """Share of replies missed at the worst phase; more than this trips a run with default settings"""
-_TIMER_NS: Final = 2_500_000
-"""Replies that take longer are held by something: none waits so long on a wire fit for a loop"""
+_TIMER_NS: Final = 1_200_000
+"""Replies that are held for longer are not held by a latency timer of 1 ms, its least"""
+_HELD_NS: Final = 300_000
+"""Replies that are held for longer are held by the adapter: a host takes half of it to be ready"""
 _PERIODS: Final[dict[Schedule, float]] = {
     "immediate": COLLECT_SHARE,
     "pipelined": 1.0 + COLLECT_SHARE,
@@ -31,85 +34,35 @@ _RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What the configuration asks of the bus."""
+    """What the configuration asks of the bus, and how things stood when it was measured."""
 
     schedule: Schedule
     rate_hz: float
     baud: int
     most_missed: float = MOST_MISSED
+    return_delay_ns: int = 0
+    """Of the servo; a run sets it to 0"""
+    stalls: bool = False
+    """This machine wakes up late without any bus"""
 
 
-def judge_replies(replies: Replies, wanted: Wanted) -> list[Finding]:
-    """What single replies take, which rate follows from it, and how still the encoder is."""
-    asked = len(replies.took_ns) + replies.lost + replies.corrupt
-    limit_ns = _PERIODS[wanted.schedule] * 1e9 / wanted.rate_hz
-    failed = f"{replies.lost} lost, {replies.corrupt} broken of {asked}"
-    limit = f"99 % within {limit_ns * 1e-6:.2f} ms ({wanted.schedule}), none lost"
-    if not replies.took_ns:
-        fix = "check the cable: it answers single registers but not the block of its sample"
-        return [Finding("reply time", False, failed, limit, fix)]
-    p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
-    good = replies.lost + replies.corrupt <= wanted.most_missed * asked
-    fix = ""
-    if not good:
-        fix = "check the cable and its length, the power supply, and for a second servo"
-    elif p99 > limit_ns:
-        fix = (
-            "something holds replies, as an adapter's latency timer does (16 ms from the "
-            "factory): set it to 1 ms"
-            if p50 > _TIMER_NS
-            else "raise the baud rate, set the return delay to 0, or lower loop.rate_hz"
-        )
-    found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {_ms(replies.took_ns[-1])}; {failed}"
-    return [
-        Finding("reply time", good and p99 <= limit_ns, found, limit, fix),
-        _rate(replies, wanted),
-        _encoder(replies),
-    ]
-
-
-def sustainable_hz(replies: Replies, schedule: Schedule, baud: int) -> float:
-    """The rate at which 99 % of the replies come in time and the cycle fits on the wire [Hz].
+def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Finding]:
+    """What replies take, which rate and schedule follow from it, and how still the encoder is.
 
     Args:
-        replies: Single replies, at least one.
-        schedule: How long a reply may take.
-        baud: Of the wire [bit/s].
+        replies: Single ones.
+        series: Each schedule once.
+        wanted: What it is held against.
     """
-    on_wire = 1 / cycle_s(baud)
-    return min(_PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99), on_wire)
-
-
-def judge_series(series: Sequence[Series], replies: Replies, wanted: Wanted) -> list[Finding]:
-    """What each schedule gives at every phase, and which one suits."""
-    findings = []
-    for one in series:
-        holds = one.worst <= wanted.most_missed
-        used = one.schedule == wanted.schedule
-        findings.append(
-            Finding(
-                f"schedule {one.schedule}",
-                holds or not used,
-                _series_text(one, wanted.most_missed),
-                f"at most {wanted.most_missed:.0%} missed at every phase",
-                "" if holds or not used else "see the line schedule",
-            )
-        )
-    best = suits(series, wanted.most_missed)
-    ok = any(s.schedule == wanted.schedule and s.worst <= wanted.most_missed for s in series)
-    fix = ""
-    if best is None:
-        lower = _lower_rate(replies, wanted)
-        fix = f"set loop.rate_hz={lower}" if lower else "no rate holds: mend the reply time first"
-    elif best != wanted.schedule:
-        fix = f"set servo.schedule={best}" + ("" if ok is False else ": samples would be younger")
-    text = best or f"none at {wanted.rate_hz:g} Hz"
-    findings.append(Finding("schedule", ok, wanted.schedule, f"what suits: {text}", fix))
-    return findings
+    advice = _advice(replies, series, wanted)
+    answered = [_rate(replies, wanted, advice), _encoder(replies)] if replies.took_ns else []
+    return [_reply_time(replies, wanted, advice), *answered, *_schedules(series, wanted, advice)]
 
 
 def suits(series: Sequence[Series], most_missed: float = MOST_MISSED) -> Schedule | None:
     """The schedule with the youngest samples that holds at every phase; None where none does.
+
+    The median age at the worst phase decides: a stall of the machine does not move it.
 
     Args:
         series: Measured, each schedule once.
@@ -118,37 +71,122 @@ def suits(series: Sequence[Series], most_missed: float = MOST_MISSED) -> Schedul
     holding = [one for one in series if one.worst <= most_missed and one.ages_ns]
     if not holding:
         return None
-    return min(holding, key=lambda one: percentile(one.ages_ns, 0.99)).schedule
+    return min(holding, key=lambda one: one.oldest_median_ns).schedule
 
 
-def _rate(replies: Replies, wanted: Wanted) -> Finding:
-    rates = {name: sustainable_hz(replies, name, wanted.baud) for name in _PERIODS}
-    found = ", ".join(f"{name} {hz:.0f} Hz" for name, hz in rates.items())
+def sustainable_hz(
+    replies: Replies, schedule: Schedule, baud: int, most_missed: float = MOST_MISSED
+) -> float:
+    """The rate at which 99 % of the replies come in time and the cycle fits on the wire [Hz].
+
+    A pipelined reply may take longer than a period, but then the next request is that much later:
+    replies cannot come oftener than in a row, but for the share that may be missed.
+
+    Args:
+        replies: Single replies, at least one.
+        schedule: How long a reply may take.
+        baud: Of the wire [bit/s].
+        most_missed: Share of replies.
+    """
+    in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
+    on_wire = COLLECT_SHARE / cycle_s(baud)
+    in_row = 1e9 / ((1.0 - most_missed) * replies.in_row_ns) if replies.in_row_ns else on_wire
+    return min(in_time, on_wire, in_row)
+
+
+def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
+    """What to do where replies do not come in time: about the first cause that is found."""
+    if not replies.took_ns:
+        return "check the cable: it answers single registers but not the block of its sample"
+    if replies.share_failed > wanted.most_missed:
+        return "check the cable and its length, the supply, and that no other servo has this id"
+    if wanted.return_delay_ns:
+        return "set the return delay to 0, as --fix and a run do, then examine again"
+    held_ns = percentile(replies.took_ns, 0.5) - 1e9 * cycle_s(wanted.baud)
+    if held_ns > _TIMER_NS:
+        return _about_the_timer(replies, wanted)
+    best = suits(series, wanted.most_missed)
+    if wanted.stalls and held_ns < _HELD_NS:
+        return "this machine stalls: mend the line wake-up lateness first, then examine again"
+    rate = _lower_rate(replies, wanted)
+    ways = []
+    if best not in (None, wanted.schedule):
+        ways.append(f"set servo.schedule={best}")
+    if rate is not None:
+        ways.append(f"set loop.rate_hz={rate}")
+    return ", or ".join(ways) or "examine again: no rate holds with replies like these"
+
+
+def _about_the_timer(replies: Replies, wanted: Wanted) -> str:
+    text = (
+        f"something holds replies for {_ms(percentile(replies.took_ns, 0.99))}, as an adapter's "
+        "latency timer does (16 ms from the factory): set it to 1 ms"
+    )
+    periods = round(replies.in_row_ns * 1e-9 * wanted.rate_hz)
+    if periods < 2:
+        return text
+    return f"{text}; until then a run has one sample in {periods} periods, and a softer wall"
+
+
+def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Finding:
+    limit_ns = _PERIODS[wanted.schedule] * 1e9 / wanted.rate_hz
+    found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
+    limit = (
+        f"99 % within {_ms(limit_ns)} ({wanted.schedule}), at most {wanted.most_missed:.0%} lost"
+    )
+    ok = replies.share_failed <= wanted.most_missed
+    if replies.took_ns:
+        p50, p99 = percentile(replies.took_ns, 0.5), percentile(replies.took_ns, 0.99)
+        ok &= p99 <= limit_ns
+        longest = _ms(replies.took_ns[-1])
+        found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
+    return Finding("reply time", ok, found, limit, "" if ok else advice)
+
+
+def _rate(replies: Replies, wanted: Wanted, advice: str) -> Finding:
+    rates = {
+        schedule: sustainable_hz(replies, schedule, wanted.baud, wanted.most_missed)
+        for schedule in _PERIODS
+    }
     ok = rates[wanted.schedule] >= wanted.rate_hz
-    fix = ""
-    if not ok:
-        other = next((name for name, hz in rates.items() if hz >= wanted.rate_hz), None)
-        lower = _lower_rate(replies, wanted)
-        fix = f"set servo.schedule={other}" if other else ""
-        if lower:
-            fix += (" or " if fix else "set ") + f"loop.rate_hz={lower}"
+    found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
     text = f"{wanted.rate_hz:g} Hz ({wanted.schedule})"
-    return Finding("sustainable rate", ok, found, text, fix or "mend the reply time" * (not ok))
+    return Finding("sustainable rate", ok, found, text, "" if ok else advice)
 
 
 def _lower_rate(replies: Replies, wanted: Wanted) -> int | None:
     """The highest usual rate below the wanted one that the configured schedule can hold."""
-    if not replies.took_ns:
-        return None
-    most = sustainable_hz(replies, wanted.schedule, wanted.baud)
+    most = sustainable_hz(replies, wanted.schedule, wanted.baud, wanted.most_missed)
     return next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
 
 
 def _encoder(replies: Replies) -> Finding:
     spread = replies.most_counts - replies.least_counts
     fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
-    found = f"{spread} counts apart in {len(replies.took_ns)} readings"
+    found = f"{spread} counts apart in {replies.asked - replies.lost - replies.corrupt} readings"
     return Finding("encoder at rest", True, found, "at most 1 count apart", fix)
+
+
+def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Finding]:
+    """What each schedule gives at every phase, and whether the configured one suits."""
+    findings = []
+    for one in series:
+        holds = one.worst <= wanted.most_missed
+        used = one.schedule == wanted.schedule
+        found = _series_text(one, wanted.most_missed)
+        limit = f"at most {wanted.most_missed:.0%} missed at every phase"
+        if not used and not holds:
+            found = f"would not do here: {found}"
+        fix = "" if holds or not used else advice
+        findings.append(Finding(f"schedule {one.schedule}", holds or not used, found, limit, fix))
+    best = suits(series, wanted.most_missed)
+    ok = any(s.schedule == wanted.schedule and s.worst <= wanted.most_missed for s in series)
+    fix = "" if ok else advice
+    if ok and best != wanted.schedule:
+        fix = f"set servo.schedule={best}: samples would be younger"
+    text = best or f"none at {wanted.rate_hz:g} Hz"
+    findings.append(Finding("schedule", ok, wanted.schedule, f"what suits: {text}", fix))
+    return findings
 
 
 def _series_text(series: Series, most_missed: float) -> str:
@@ -167,5 +205,5 @@ def _series_text(series: Series, most_missed: float) -> str:
     return text
 
 
-def _ms(duration_ns: int) -> str:
+def _ms(duration_ns: float) -> str:
     return f"{duration_ns * 1e-6:.2f} ms"

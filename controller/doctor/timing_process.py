@@ -17,7 +17,8 @@ from typing import Any
 from controller import realtime
 from controller.loop import Waiter, waiter_for
 from hw.clock import MonotonicClock
-from hw.dynamixel.examine.cycles import SCHEDULES, run_series, time_replies
+from hw.dynamixel.examine.cycles import SCHEDULES, run_series
+from hw.dynamixel.examine.replies import time_replies
 from hw.dynamixel.serial_line import FdLine
 from hw.errors import ServoError
 
@@ -36,6 +37,8 @@ class Orders:
     period_ns: int
     collect_ns: int
     """How long after its wake-up a tick gives a reply up"""
+    longer_ns: int
+    """The same after a pipelined reply was lost, until another one is"""
     series_s: float
     """Duration of the cycles at one phase"""
     replies: int
@@ -95,6 +98,7 @@ def _bus(line: FdLine, orders: Orders, waiter: Waiter) -> dict[str, Any]:
             wait=waiter.wait,
             period_ns=period_ns,
             collect_ns=orders.collect_ns,
+            longer_ns=orders.longer_ns,
             phases=PHASES,
             cycles=min(max(cycles, LEAST_CYCLES), MOST_CYCLES),
         )

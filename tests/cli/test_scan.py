@@ -20,6 +20,9 @@ def scan(capsys, *arguments):
     [
         (["--baud", "12345"], ["--baud", "12345", "57600"]),
         (["--baud", "fast"], ["--baud", "fast"]),
+        (["--baud", "inf"], ["--baud", "inf"]),
+        (["--baud", "57600.5"], ["--baud", "57600.5"]),
+        (["--port", ""], ["--port", "found nothing"]),
         (["--ids", "1-x"], ["--ids", "1-x"]),
         (["--ids", "20-1"], ["--ids", "20-1"]),
         (["--ids", "253"], ["--ids", "252"]),

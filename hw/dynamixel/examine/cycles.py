@@ -1,4 +1,4 @@
-"""How long replies take, and whether they come in time, in both schedules and at every phase.
+"""Whether replies come in time, in both schedules and at every phase of the loop's grid.
 
 An adapter hands bytes on by a timer of its own. Where the loop's grid lies in that timer's period
 decides whether a reply makes its tick, and the two drift against each other slowly: a loop that
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, get_args
 
+from hw.dynamixel.examine.replies import percentile
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.servo import Outcome
@@ -21,26 +22,14 @@ from hw.settings import Schedule
 
 SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
 
-_PATIENCE_NS: Final = 60_000_000
 _LATE_SHARE: Final = 4
 """A tick that is served later than a period over this says nothing of the adapter"""
 _DOUBTFUL: Final = 0.02
 """A phase that misses a larger share is run again"""
-
+_RUNS: Final = 3
+"""A stall of the machine strikes once; what the adapter spoils stays spoiled"""
 Wait = Callable[[int], int]
 """Waits until an instant [ns]; the present time [ns]"""
-
-
-@dataclass(frozen=True, slots=True)
-class Replies:
-    """What single reads took that were sent at all phases [ns], in order of size."""
-
-    took_ns: list[int]
-    lost: int
-    corrupt: int
-    least_counts: int
-    """Of the positions read"""
-    most_counts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +42,8 @@ class Phase:
     missed: int
     """Replies that did not come in time for their tick"""
     ages_ns: list[int]
-    """From a request to the instant its reply was used, in order of size"""
+    """From the request of the sample in use, an older one where a reply was missed, to the tick
+    that used it, in order of size"""
 
     @property
     def share(self) -> float:
@@ -72,7 +62,7 @@ class Series:
     skipped: int
     """Ticks that came too late to say anything of the bus"""
     repeated: int = 0
-    """Phases that were run twice, since many replies were missed; the better run counts"""
+    """Runs of a phase beyond its first, since many replies were missed; the best one counts"""
 
     @property
     def worst(self) -> float:
@@ -80,55 +70,14 @@ class Series:
         return max((phase.share for phase in self.phases if phase.cycles), default=1.0)
 
     @property
+    def oldest_median_ns(self) -> int:
+        """The median age at the phase where it is the longest; there must be ages."""
+        return max(percentile(phase.ages_ns, 0.5) for phase in self.phases if phase.ages_ns)
+
+    @property
     def ages_ns(self) -> list[int]:
         """Of all phases, in order of size."""
         return sorted(age for phase in self.phases for age in phase.ages_ns)
-
-
-def percentile(ordered: list[int], share: float) -> int:
-    """A percentile of numbers that are in order: that share of them is not above it.
-
-    Args:
-        ordered: At least one.
-        share: E.g. 0.99.
-    """
-    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
-
-
-def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:
-    """Send single reads, each at another phase, and wait for each as long as it takes.
-
-    Args:
-        line: The bus.
-        servo_id: Whom to ask.
-        count: How many reads.
-        period_ns: They are spread over the phases of this period [ns].
-
-    Raises:
-        ServoLostError: The port is gone.
-    """
-    link = Link(line, servo_id)
-    clock = line.clock
-    took, positions = [], []
-    failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
-    step_ns = round(period_ns * 0.6180339887)  # the golden section spreads them evenly
-    for number in range(count):
-        clock.wait_until(clock.now_ns() + number * step_ns % period_ns)
-        sent_ns = clock.now_ns()
-        link.request()
-        sample = link.collect(sent_ns + _PATIENCE_NS)
-        if sample.outcome is Outcome.OK:
-            took.append(clock.now_ns() - sent_ns)
-            positions.append(sample.counts)
-        else:
-            failures[sample.outcome] += 1
-    return Replies(
-        sorted(took),
-        failures[Outcome.LOST],
-        failures[Outcome.CORRUPT],
-        min(positions, default=0),
-        max(positions, default=0),
-    )
 
 
 def run_series(
@@ -139,6 +88,7 @@ def run_series(
     wait: Wait,
     period_ns: int,
     collect_ns: int,
+    longer_ns: int,
     phases: int,
     cycles: int,
 ) -> Series:
@@ -152,25 +102,31 @@ def run_series(
         wait: Waits for a deadline on the line's clock.
         period_ns: Of the grid [ns].
         collect_ns: How long after its wake-up a tick gives a reply up [ns].
+        longer_ns: The same after a pipelined reply was lost, until another one is [ns].
         phases: How many shifts, evenly over a period.
         cycles: At each of them.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    runner = _Runner(line, servo_id, schedule, wait, period_ns, collect_ns)
+    runner = _Runner(line, servo_id, schedule, wait, period_ns, (collect_ns, longer_ns))
     done: list[Phase] = []
     repeated = 0
     for number in range(phases):
         offset_ns = number * period_ns // phases
         phase = runner.run(offset_ns, cycles)
-        if phase.missed > _DOUBTFUL * phase.cycles:
-            # A stall of the machine strikes once; what the adapter spoils stays spoiled.
+        for _ in range(_RUNS - 1):
+            if phase.cycles and phase.share <= _DOUBTFUL:
+                break
             repeated += 1
-            again = runner.run(offset_ns, cycles)
-            phase = min(phase, again, key=lambda one: one.missed / max(1, one.cycles))
+            phase = min(phase, runner.run(offset_ns, cycles), key=_badness)
         done.append(phase)
     return Series(schedule, done, sorted(runner.lateness), runner.skipped, repeated)
+
+
+def _badness(phase: Phase) -> float:
+    """The share of replies missed; a run in which no tick was punctual is worse than any."""
+    return phase.share if phase.cycles else math.inf
 
 
 class _Runner:
@@ -181,7 +137,7 @@ class _Runner:
         schedule: Schedule,
         wait: Wait,
         period_ns: int,
-        collect_ns: int,
+        collect_ns: tuple[int, int],
     ) -> None:
         self.lateness: list[int] = []
         self.skipped = 0
@@ -200,6 +156,8 @@ class _Runner:
         deadline_ns = self._origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
         ages: list[int] = []
         missed = counted = 0
+        sampled_ns: int | None = None
+        collect_ns, other_ns = self._collect_ns
         if self._pipelined:
             link.request()
         valid = not self._pipelined  # the first answer has had more than a period
@@ -210,19 +168,23 @@ class _Runner:
             self.skipped += not punctual
             if not self._pipelined:
                 link.request()
-            sample = link.collect(woke_ns + self._collect_ns)
+            sample = link.collect(woke_ns + collect_ns)
             used_ns = now_ns()
             if self._pipelined:
                 link.request()
+            good = sample.outcome is Outcome.OK
+            if good:
+                sampled_ns = sample.sampled_ns
             if punctual and valid:
                 counted += 1
-                if sample.outcome is Outcome.OK:
-                    ages.append(used_ns - sample.sampled_ns)
-                else:
-                    missed += 1
+                missed += not good
+                if sampled_ns is not None:
+                    ages.append(used_ns - sampled_ns)
+            if self._pipelined and sample.outcome is Outcome.LOST:
+                collect_ns, other_ns = other_ns, collect_ns
             valid = punctual or not self._pipelined
             passed = max(1, -(-(now_ns() - deadline_ns) // period_ns))
             deadline_ns += passed * period_ns
         if self._pipelined:
-            link.collect(now_ns() + self._collect_ns)
+            link.collect(now_ns() + collect_ns)
         return Phase(offset_ns, counted, missed, sorted(ages))

@@ -21,6 +21,19 @@ class Finding(NamedTuple):
     """Whether ``--fix`` can do it"""
 
 
+def of_error(name: str, error: Exception, wanted: str, otherwise: str) -> Finding:
+    """A check that ended in an error, whose message says "what was found: what to do.".
+
+    Args:
+        name: Of the check.
+        error: What came.
+        wanted: Instead.
+        otherwise: What to do where the message does not say.
+    """
+    found, _, fix = str(error).rstrip(".").partition(": ")
+    return Finding(name, False, found, wanted, fix or otherwise)
+
+
 def not_applicable(name: str, why: str) -> Finding:
     """A check of something that is not there to be checked."""
     return Finding(name, True, f"does not apply: {why}", "", "", False)
@@ -35,6 +48,10 @@ class Change(NamedTuple):
     """As read back"""
     verified: bool
     """Whether what was read back is what was wanted"""
+
+    def __str__(self) -> str:
+        end = "read back" if self.verified else "NOT AS WANTED"
+        return f"{self.name}: {self.before} -> {self.after} ({end})"
 
 
 @dataclass(slots=True)

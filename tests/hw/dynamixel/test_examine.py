@@ -14,9 +14,10 @@ from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.examine import adapter as adapters
-from hw.dynamixel.examine.cycles import run_series, time_replies
+from hw.dynamixel.examine.cycles import run_series
 from hw.dynamixel.examine.judgement import in_order_of_repair, judge
 from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from hw.dynamixel.examine.replies import time_replies
 from hw.dynamixel.examine.search import search
 from hw.dynamixel.port import kept_settings, open_port
 from hw.dynamixel.sdk import Sdk
@@ -265,9 +266,13 @@ def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
 # Time
 
 
-def series(bus, schedule, period_ns=MS):
+def series(bus, schedule, period_ns=MS, stall_ns=0, phases=10):
+    wakes = 0
+
     def wait(instant_ns):
-        bus.clock.wait_until(instant_ns)
+        nonlocal wakes
+        wakes += 1
+        bus.clock.wait_until(instant_ns + (stall_ns if wakes % 15 == 5 else 0))
         return bus.clock.now_ns()
 
     return run_series(
@@ -277,7 +282,8 @@ def series(bus, schedule, period_ns=MS):
         wait=wait,
         period_ns=period_ns,
         collect_ns=period_ns * 8 // 10,
-        phases=10,
+        longer_ns=period_ns * 105 // 100,
+        phases=phases,
         cycles=20,
     )
 
@@ -311,6 +317,58 @@ def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_
     assert found.worst == 0
     # Not older than the period, and the time until the timer expires after the wake-up.
     assert found.ages_ns[-1] <= 1.8 * MS
+
+
+def test_a_phase_is_not_lost_to_one_stall_since_a_run_would_leave_it_too():
+    # A request sent after a lost reply was given up can miss its tick too, and so on for ever: the
+    # loop then waits a little longer once, and so does the measurement of it.
+    found = series(Bus(timer_ns=MS, return_delay=0), "pipelined", stall_ns=9 * MS // 10, phases=20)
+    assert found.worst == 0
+
+
+def test_the_age_of_a_sample_grows_while_replies_are_missed():
+    # At 16 ms the sample in use is as old as that, however young the few that come are.
+    found = series(Bus(timer_ns=16 * MS, return_delay=0), "immediate", phases=4)
+    assert found.worst > 0.9
+    assert found.ages_ns[-1] > 12 * MS
+
+
+def test_replies_in_a_row_come_once_per_expiry_of_the_timer():
+    bus = Bus(timer_ns=2 * MS, return_delay=0)
+    found = time_replies(bus, 1, 50, MS)
+    assert found.in_row_ns == 2 * MS
+    assert found.asked == 50 + 12
+    # the others were sent at all phases of the first of the two milliseconds
+    assert found.took_ns[0] == pytest.approx(MS, abs=MS // 10)
+
+
+class BusyAtFirst(Bus):
+    """The machine does something else now and then, until it is done with it."""
+
+    reads = 0
+
+    def wait(self, deadline_ns):
+        found = super().wait(deadline_ns)
+        self.reads += 1
+        if self.reads < 60 and self.reads % 10 == 0:
+            self.clock.wait_until(self.clock.now_ns() + 7 * MS)
+        return found
+
+
+def test_reads_that_a_busy_machine_has_spoiled_are_timed_again():
+    found = time_replies(BusyAtFirst(return_delay=0), 1, 50, MS)
+    assert found.took_ns[-1] <= 105_000
+    assert found.asked == 2 * (50 + 12)
+    assert found.lost == found.corrupt == 0
+
+
+def test_a_servo_that_is_silent_is_not_asked_for_ever():
+    bus = Bus(return_delay=0)
+    bus.servos[1].unplug(bus.clock.now_ns())
+    found = time_replies(bus, 1, 20, MS)
+    assert found.took_ns == []
+    assert (found.asked, found.lost) == (20, 20)
+    assert found.share_failed == 1
 
 
 def test_every_phase_is_met_wherever_the_timers_grid_lies():

@@ -1,0 +1,119 @@
+"""How long single replies take, whatever the loop has time for.
+
+An adapter's timer spreads them evenly between nothing and its whole time; a stall of the machine
+strikes some and leaves the rest alone. So what is widely spread is timed again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from hw.dynamixel.line import Line
+from hw.dynamixel.link import Link
+from hw.servo import Outcome
+
+_PATIENCE_NS: Final = 60_000_000
+_RUNS: Final = 3
+_SPREAD: Final = 2.0
+_SPREAD_NS: Final = 250_000
+"""Reads whose 99 % take so many times the median, and this, are timed again: an adapter's timer
+spreads them evenly up to twice the median"""
+
+
+@dataclass(frozen=True, slots=True)
+class Replies:
+    """What single reads took, by the best of the runs where some were disturbed."""
+
+    took_ns: list[int]
+    """Sent at all phases [ns], in order of size"""
+    in_row_ns: int
+    """The median of those that were sent right after the reply before [ns]"""
+    asked: int
+    """Reads of all runs"""
+    lost: int
+    """Of all runs"""
+    corrupt: int
+    """Of all runs"""
+    least_counts: int
+    """Of the positions read"""
+    most_counts: int
+
+    @property
+    def share_failed(self) -> float:
+        """Of all reads."""
+        return (self.lost + self.corrupt) / self.asked
+
+
+def percentile(ordered: list[int], share: float) -> int:
+    """A percentile of numbers that are in order: that share of them is not above it.
+
+    Args:
+        ordered: At least one.
+        share: E.g. 0.99.
+    """
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+
+
+def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:
+    """Send single reads, wait for each as long as it takes, and again if that was disturbed.
+
+    Args:
+        line: The bus.
+        servo_id: Whom to ask.
+        count: How many reads to spread over the phases; a quarter as many follow in a row.
+        period_ns: Of the phases [ns].
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    timer = _Stopwatch(line, servo_id)
+    step_ns = round(period_ns * 0.6180339887)  # the golden section spreads them evenly
+    best: list[int] = []
+    in_row: list[int] = []
+    for _ in range(_RUNS):
+        spread = timer.run(number * step_ns % period_ns for number in range(count))
+        if not spread:
+            break
+        in_row = timer.run([0] * max(1, count // 4)) or in_row
+        if not best or percentile(spread, 0.99) < percentile(best, 0.99):
+            best = spread
+        if percentile(best, 0.99) <= _SPREAD * percentile(best, 0.5) + _SPREAD_NS:
+            break
+    return Replies(
+        best,
+        percentile(in_row, 0.5) if in_row else 0,
+        timer.asked,
+        timer.failures[Outcome.LOST],
+        timer.failures[Outcome.CORRUPT],
+        min(timer.positions, default=0),
+        max(timer.positions, default=0),
+    )
+
+
+class _Stopwatch:
+    def __init__(self, line: Line, servo_id: int) -> None:
+        self.asked = 0
+        self.failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
+        self.positions: list[int] = []
+        self._link = Link(line, servo_id)
+        self._clock = line.clock
+
+    def run(self, pauses_ns: Iterable[int]) -> list[int]:
+        """What reads take, each sent so long after the end of the one before; in order of size."""
+        clock, link = self._clock, self._link
+        took = []
+        for pause_ns in pauses_ns:
+            clock.wait_until(clock.now_ns() + pause_ns)
+            sent_ns = clock.now_ns()
+            link.request()
+            sample = link.collect(sent_ns + _PATIENCE_NS)
+            self.asked += 1
+            if sample.outcome is Outcome.OK:
+                took.append(clock.now_ns() - sent_ns)
+                self.positions.append(sample.counts)
+            else:
+                self.failures[sample.outcome] += 1
+        return sorted(took)
