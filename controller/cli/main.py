@@ -32,13 +32,15 @@ COMMANDS = {
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
     "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
     "map": ("controller.cli.map", "Critical stiffness of a simulated servo, many walls at once."),
+    "identify": ("controller.cli.identify", "Inertia, friction and delay of a servo, measured."),
     "sweep": ("controller.cli.sweep", "The critical stiffness of a servo, measured on it."),
+    "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
-NEEDS_LINUX = frozenset({"run", "emulate", "scan", "doctor", "sweep"})
+NEEDS_LINUX = frozenset({"run", "emulate", "scan", "doctor", "sweep", "delay", "identify"})
 
 HARDWARE = 4
 USER = 2

@@ -1,0 +1,54 @@
+"""What the commands that experiment share: where their files go, and how an experiment may end."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from controller.errors import UserError
+from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+
+TRIPPED, INTERRUPTED = 3, 130
+
+
+def say(text: str) -> None:
+    """Tell a person on standard error."""
+    click.echo(text, err=True)
+
+
+def folder_for(out: Path | None, what: str) -> Path:
+    """The folder of an experiment's files: the one named, or a new one in ./runs/.
+
+    Args:
+        out: What ``--out`` names; None: nothing.
+        what: The command.
+
+    Raises:
+        UserError: It is a file.
+    """
+    if out is not None:
+        if out.exists() and not out.is_dir():
+            raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+        return out
+    folder = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
+    while folder.exists():  # two within a second
+        folder = folder.with_name(folder.name + "+")
+    return folder
+
+
+@contextmanager
+def endings() -> Iterator[None]:
+    """Give an experiment that a person or a trip has ended its exit status."""
+    try:
+        yield
+    except ExperimentInterruptedError as error:
+        say(f"haptic-wall: {error}")
+        sys.exit(INTERRUPTED)
+    except ExperimentTrippedError as error:
+        say(f"haptic-wall: {error.stop_reason}: {error}")
+        sys.exit(TRIPPED)

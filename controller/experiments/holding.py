@@ -1,0 +1,133 @@
+"""A spring that holds a servo steady whatever it is within what is believed of it.
+
+Experiments bring the shaft back with it, and move it about. It must be stable at the longest delay
+and gentle on a coarse encoder; how stiff it is matters little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.config import Config
+from controller.errors import UserError
+from controller.program import Phase
+from controller.theory import critical_stiffness, max_virtual_damping
+
+_MARGIN = 0.4
+"""Share of the critical stiffness."""
+_CEILING = 0.5
+"""Share of the highest damping that any stiffness is stable with."""
+_STEP_SHARE = 0.02
+"""Share of the torque limit that one encoder count may command, by spring and by damper each."""
+_DAMPINGS = 40
+_SPEED = 0.5
+"""Of the centre on its way [rad/s]"""
+_COUNTS = 2.5
+"""Motion within so many encoder counts is none"""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A spring and a damper that are stable for all that is believed."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    position_step: float
+    """One encoder count [rad]; 0: none"""
+    stays_off: float
+    """How far friction may hold the shaft off the centre [rad]"""
+
+    def phase(
+        self,
+        seconds: float,
+        center: float = 0.0,
+        speed: float = _SPEED,
+        still_s: float | None = None,
+    ) -> Phase:
+        """A phase that moves the centre to a place and holds the shaft there.
+
+        Args:
+            seconds: At most [s].
+            center: Where to [rad].
+            speed: Of the centre [rad/s].
+            still_s: It ends when the shaft has kept still for so long [s].
+        """
+        return Phase(
+            seconds,
+            self.stiffness,
+            self.damping,
+            center,
+            speed=speed,
+            still_s=still_s,
+            still_band=max(_COUNTS * self.position_step, 1e-4),
+        )
+
+
+def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
+    """The stiffest such spring with a damper that suits it.
+
+    Args:
+        config: The effective configuration.
+        torque_limit: [N·m].
+        delay_steps: Periods inserted.
+    """
+    belief, period = config.belief(), config.period_s
+    gain = belief.torque_gain.high
+    inertia, damping = belief.inertia.low / gain, belief.damping.low / gain
+    delay = delay_steps * period + sample_age(config) + belief.delay.high
+    step = config.servo.counts_per_rev and 2.0 * np.pi / config.servo.counts_per_rev
+    highest = _CEILING * float(max_virtual_damping(inertia, damping, period, delay))
+    stiffest = np.inf
+    if step:
+        highest = min(highest, _STEP_SHARE * torque_limit * period / step)
+        stiffest = _STEP_SHARE * torque_limit / step
+    dampings = np.linspace(0.0, highest, _DAMPINGS)
+    limits = _MARGIN * critical_stiffness(inertia, damping, dampings, period, delay)
+    limits = np.minimum(limits, stiffest)
+    best = int(np.argmax(limits))
+    stiffness = float(limits[best])
+    return Hold(
+        stiffness,
+        float(dampings[best]),
+        float(step),
+        belief.coulomb.high / belief.torque_gain.low / stiffness if stiffness else np.inf,
+    )
+
+
+def sample_age(config: Config) -> float:
+    """The age of a sample to be reckoned with before one was measured [s]."""
+    if config.servo.kind == "simulated":
+        expected = 0.0 if config.loop.clock == "simulated" else 0.5
+    else:
+        expected = 2.0 if config.servo.schedule == "pipelined" else 1.0
+    return max(expected * config.period_s, config.guard.sample_age)
+
+
+def without_hand(config: Config) -> Config:
+    """The same with no scripted hand on the shaft: an experiment has it for itself."""
+    if config.servo.hand == "none" or config.servo.kind == "hardware":
+        return config
+    raw = config.model_dump(mode="json")
+    raw["servo"]["hand"] = "none"
+    return Config.model_validate(raw)
+
+
+def torque_limit_of(config: Config) -> float:
+    """The torque limit that an experiment is planned with [N·m].
+
+    Raises:
+        UserError: A real servo's is not configured.
+    """
+    limit = config.servo.torque_limit
+    if limit is not None:
+        return limit
+    if config.servo.kind == "hardware":
+        raise UserError(
+            "servo.torque_limit: found none, wanted the largest torque that the experiment may"
+            " plan with [N·m]; set it, to the stall torque at most"
+        )
+    return config.true_servo().torque_limit

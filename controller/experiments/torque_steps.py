@@ -1,0 +1,260 @@
+"""Torque steps of both signs that shake a servo within a small travel, and their windows in a log.
+
+The torque changes its sign again and again, so that the shaft swings to and fro: each change comes
+where the shaft is fastest, far from where friction would change its sign. Lengths and amplitudes
+are a seeded random sequence: no two steps meet the encoder's counts alike, and a lag longer than a
+step cannot be mistaken for a shorter one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.config import Config
+from controller.experiments.holding import Hold
+from controller.program import Phase
+from controller.theory.checks import FloatArray
+from hw.servo import Outcome
+
+TRAVEL = 0.12
+"""What the shaft swings over, from turn to turn, at the planned torque [rad]."""
+SHARE = 0.4
+"""Of the torque limit that is used at most."""
+FRICTION = 2.5
+"""How many times the highest believed friction the torque must be, or friction rules the motion."""
+SHORTEST = 24
+"""A step is at least so many periods long: enough samples on either side."""
+SPEED_SHARE = 0.4
+"""Of ``safety.max_speed`` that is planned for at most."""
+PER_BURST = 20
+"""Steps between two returns to the centre."""
+_SPREAD, _AMPLITUDES = 0.25, 0.15
+"""Steps differ by up to these shares in speed and amplitude."""
+_REST_S, _RETURN_S = 0.1, 1.5
+_INSIDE = 0.15
+"""Share of the motion between switch and turn that is left out at the turn: there friction turns,
+and play is taken up."""
+_FEWEST = 5
+"""Samples on each side of a step that count as one."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepPlan:
+    """How a servo is shaken."""
+
+    torque: float
+    """Mean amplitude [N·m]"""
+    seconds: float
+    """Mean length of a step [s]"""
+    travel: float
+    """What it swings over, at the lowest believed inertia [rad]"""
+    speed: float
+    """Highest speed, at the lowest believed inertia [rad/s]"""
+    reach: float
+    """Further from the centre than this a burst ends [rad]"""
+
+
+def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
+    """Torque and length of the steps that suit what is believed of a servo.
+
+    Args:
+        config: The effective configuration.
+        torque_limit: [N·m].
+        hold: The spring that brings the shaft back between bursts.
+
+    Raises:
+        ValueError: Friction may be too large for the torque limit; the message says so.
+    """
+    belief, period = config.belief(), config.period_s
+    shortest = SHORTEST * period
+    inertia = belief.inertia.low / belief.torque_gain.high
+    fastest = min(
+        4.0 * TRAVEL / shortest**2, 2.0 * SPEED_SHARE * config.safety.max_speed / shortest
+    )
+    torque = min(SHARE * torque_limit, inertia * fastest + belief.coulomb.high)
+    friction = belief.coulomb.high / belief.torque_gain.low
+    if torque < FRICTION * friction:
+        raise ValueError(
+            f"the steps may have {torque:.3g} N·m ({SHARE:.0%} of the torque limit), friction is"
+            f" believed to be up to {friction:.3g} N·m, and {FRICTION:g} times as much is wanted;"
+            " raise servo.torque_limit, or narrow model.coulomb"
+        )
+    acceleration = torque / inertia
+    seconds = max(shortest, math.sqrt(4.0 * TRAVEL / acceleration))
+    speed = acceleration * seconds / 2.0
+    if speed > SPEED_SHARE * config.safety.max_speed:
+        seconds *= SPEED_SHARE * config.safety.max_speed / speed
+        speed = acceleration * seconds / 2.0
+    travel = speed * seconds / 2.0
+    return StepPlan(torque, seconds, travel, speed, 3.0 * travel + hold.stays_off)
+
+
+def step_phases(plan: StepPlan, hold: Hold, bursts: int, seed: int) -> list[Phase]:
+    """The program: bursts of steps, each after a return to the centre.
+
+    Args:
+        plan: From ``plan_steps``.
+        hold: The spring of the returns.
+        bursts: How many, >= 1.
+        seed: Of the random lengths and amplitudes.
+    """
+    random = np.random.default_rng(seed)
+    phases: list[Phase] = []
+    for burst in range(bursts):
+        phases.append(hold.phase(_RETURN_S, still_s=_REST_S))
+        sign = 1.0 if burst % 2 == 0 else -1.0
+        # The speeds at the steps are drawn, the lengths follow: lengths drawn one by one would add
+        # up to a speed that no step turns round. At the beginning and at the end it rests.
+        speeds = [0.0, *random.uniform(1.0 - _SPREAD, 1.0, PER_BURST), 0.0]
+        for before, after in pairwise(speeds):
+            share = 1.0 - random.uniform(0.0, _AMPLITUDES)
+            length = plan.seconds * (before + after) / 2.0 / share
+            phases.append(Phase(length, torque=sign * plan.torque * share, reach=plan.reach))
+            sign = -sign
+    phases.append(hold.phase(_RETURN_S, still_s=_REST_S))
+    return phases
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One change of the torque, and the samples around it in which the shaft keeps its direction.
+
+    Times count from the instant at which the changed torque was sent.
+    """
+
+    time: FloatArray
+    """Sample instants [s]"""
+    position: FloatArray
+    """[rad]"""
+    before: float
+    """Torque sent until then [N·m]"""
+    after: float
+    """Torque sent from then on [N·m]"""
+    direction: float
+    """1.0 or -1.0: sign of the velocity"""
+    commanded: float
+    """When the sample was taken that the changed torque was computed with [s], <= 0"""
+    age: float
+    """From a sample to the sending of a torque in that same period [s]"""
+    sent_s: float
+    """When it was sent, on the run's clock [s]"""
+    burst: int
+    """Number of the burst it belongs to"""
+
+
+def steps_of(
+    rows: NDArray[np.void], phases: Sequence[Phase], period_ns: int, delay_steps: int, lag_s: float
+) -> list[Step]:
+    """The steps of a log with enough samples around them.
+
+    Args:
+        rows: Dtype ``telemetry.ROW``.
+        phases: Of the program.
+        period_ns: [ns].
+        delay_steps: Periods inserted between command and sending.
+        lag_s: From sending to action, to a period or so [s].
+    """
+    rows = good(rows)
+    changes = _changes(rows, phases, period_ns, delay_steps)
+    sampled = rows["sampled_ns"]
+    sent = sampled + rows["age_ns"]
+    lag_ns = round(lag_s * 1e9)
+    steps: list[Step] = []
+    for place in range(1, len(changes) - 1):
+        (_, before, _), (row, now, burst), (_, after, _) = changes[place - 1 : place + 2]
+        if not changes[place - 1][2] == burst == changes[place + 1][2]:
+            continue
+        at = int(sent[now]) + lag_ns
+        first = int(np.searchsorted(sampled, sent[before] + lag_ns))
+        middle = int(np.searchsorted(sampled, at))
+        last = int(np.searchsorted(sampled, sent[after] + lag_ns))
+        direction = math.copysign(1.0, rows["torque"][now - 1])
+        inside = _one_way(direction * rows["position"][first:last], middle - first)
+        if inside is None:
+            continue
+        chosen = slice(first + inside[0], first + inside[1])
+        steps.append(
+            Step(
+                time=(sampled[chosen] - sent[now]) * 1e-9,
+                position=rows["position"][chosen],
+                before=float(rows["torque"][now - 1]),
+                after=float(rows["torque"][now]),
+                direction=direction,
+                commanded=float(sampled[row] - sent[now]) * 1e-9,
+                age=float(rows["age_ns"][now]) * 1e-9,
+                sent_s=float(sent[now] - sent[0]) * 1e-9,
+                burst=burst,
+            )
+        )
+    return steps
+
+
+def good(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """The rows with a sample of their own; a lost one would repeat the position before."""
+    kept: NDArray[np.void] = rows[rows["outcome"] == Outcome.OK]
+    return kept
+
+
+def rough_lag(rows: NDArray[np.void], period: float, longest: float) -> float:
+    """The lag at which the sent torque goes best with the acceleration [s], to a period.
+
+    Args:
+        rows: Dtype ``telemetry.ROW``.
+        period: [s].
+        longest: Lags are tried up to this [s].
+    """
+    rows = good(rows)
+    time = (rows["sampled_ns"] - rows["sampled_ns"][0]) * 1e-9
+    even = np.arange(0.0, time[-1], period)
+    position = np.interp(even, time, rows["position"])
+    torque = np.interp(even, time + rows["age_ns"] * 1e-9, rows["torque"])
+    over = SHORTEST // 4  # periods a velocity is taken over
+    velocity = position[over:] - position[:-over]
+    acceleration = velocity[over:] - velocity[:-over]
+    # The same twofold mean of the torque, so that both are smoothed alike.
+    mean = np.convolve(torque, np.convolve(np.ones(over), np.ones(over)) / over**2)
+    mean = mean[2 * over - 1 :]  # ends with the sample that the acceleration ends with
+    tried = range(int(longest / period) + 1)
+    size = acceleration.size
+    scores = [float(np.dot(acceleration[lag:], mean[: size - lag])) for lag in tried]
+    return int(np.argmax(scores)) * period
+
+
+def _changes(
+    rows: NDArray[np.void], phases: Sequence[Phase], period_ns: int, delay_steps: int
+) -> list[tuple[int, int, int]]:
+    """Row that commanded, row that sent, and burst, of each torque that a step began with."""
+    number = rows["phase"]
+    starts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
+    deadline = rows["deadline_ns"]
+    found: list[tuple[int, int, int]] = []
+    burst = 0
+    for row in starts:
+        phase = phases[int(number[row])]
+        if phase.stiffness:
+            burst += 1
+            continue
+        # The ring counts periods, so the torque is sent with the first row not before then.
+        sends = int(np.searchsorted(deadline, deadline[row] + delay_steps * period_ns))
+        if sends < len(rows):
+            found.append((row, sends, burst))
+    return found
+
+
+def _one_way(ahead: FloatArray, middle: int) -> tuple[int, int] | None:
+    """Samples in which the shaft goes one way, from behind its turn to before the next one."""
+    if middle < _FEWEST or ahead.size - middle < _FEWEST:
+        return None
+    begins = middle - 1 - int(np.argmin(ahead[:middle][::-1]))  # the last of the lowest
+    ends = middle + int(np.argmax(ahead[middle:]))  # the first of the highest
+    begins += 1 + round(_INSIDE * (middle - begins))
+    ends -= round(_INSIDE * (ends - middle))
+    if middle - begins < _FEWEST or ends - middle < _FEWEST:
+        return None
+    return begins, ends
