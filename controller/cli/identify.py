@@ -1,0 +1,204 @@
+"""``haptic-wall identify``: inertia, friction and delay of a servo, from motions of its own."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    refuse_other_pictures,
+    refuse_same_file,
+    set_option,
+    writing,
+)
+from controller.config_load import Loaded, load_config
+from controller.errors import UserError
+
+if TYPE_CHECKING:
+    from controller.experiments.identification import Identified
+
+_INTERRUPTED = 130
+_TRIPPED = 3
+_REACH = 0.6
+
+
+@click.command()
+@config_argument()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where CONFIG goes with its model section replaced by what was found.",
+)
+@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Where the PNG goes.")
+@click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
+              help="Where the logs of all motions go; default: a folder in ./runs/.")  # fmt: skip
+@click.option(
+    "--reach",
+    type=float,
+    default=_REACH,
+    show_default=True,
+    metavar="RAD",
+    help="How far the shaft may come from where it is, to each side.",
+)
+@click.option(
+    "--from-sweep",
+    "sweep",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A sweep.json: damping and delay from its boundary too, compared with the motion's.",
+)
+@click.option(
+    "--no-motion",
+    is_flag=True,
+    help="With --from-sweep: move nothing, compare with what CONFIG believes.",
+)
+@set_option
+@json_option
+def command(
+    config: str,
+    out: Path | None,
+    plot_path: Path | None,
+    logs: Path | None,
+    reach: float,
+    sweep: Path | None,
+    no_motion: bool,
+    sets: tuple[str, ...],
+    as_json_wanted: bool,
+) -> None:
+    """Find inertia, friction and delay of CONFIG's servo from motions of its own.
+
+    The shaft moves by itself, to both sides, and must be free to turn.
+    """
+    from controller.experiments.identify_text import report, text
+
+    loaded = load_config(config, sets)
+    if no_motion and (sweep is None or out is not None):
+        raise UserError(
+            "--no-motion: without motion there is only the boundary to identify from; wanted"
+            " --from-sweep FILE with it, and no --out"
+        )
+    found = None
+    result: dict[str, Any] = {"name": loaded.name}
+    if not no_motion:
+        stem = _stem(loaded.name)
+        logs = stem if logs is None else logs
+        plot_path = stem.with_suffix(".png") if plot_path is None else plot_path
+        _check_places(out, plot_path, config)
+        found = _moved(loaded, logs, reach)
+        result |= report(found)
+        result["plot"] = _draw(found, loaded.name, plot_path)
+    if sweep is not None:
+        result["from_sweep"] = _from_sweep(sweep, loaded, found)
+    if found is not None and out is not None:
+        _write(out, loaded, found)
+        result["config"] = str(out)
+    if as_json_wanted:
+        answer(as_json(result))
+        return
+    lines = [text(result, found)]
+    if found is not None:
+        lines += ["", "written", *(f"  {p}" for p in (out, plot_path, logs) if p is not None)]
+    answer("\n".join(lines))
+
+
+def _stem(name: str) -> Path:
+    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-identify-{Path(name).stem}"
+    while stem.exists():  # two within a second
+        stem = stem.with_name(stem.name + "+")
+    return stem
+
+
+def _check_places(out: Path | None, plot: Path, config: str) -> None:
+    """Refuse what could not be written before anything moves."""
+    refuse_other_pictures("--plot", plot)
+    refuse_same_file({"CONFIG": Path(config), "--out": out, "--plot": plot})
+    for option, path in (("--out", out), ("--plot", plot)):
+        if path is None:
+            continue
+        if path.is_dir():
+            raise UserError(f"{option}: {path} is a folder; name a file")
+        with writing(option, path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
+    """Move and fit; an end before the end has its own exit status."""
+    from controller.experiments.identification import announcement, bounds_of, identify
+    from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+
+    _say(f"{loaded.name}: {announcement(bounds_of(loaded.config, reach))}")
+    try:
+        return identify(loaded.config, logs, reach, _say)
+    except ExperimentInterruptedError as error:
+        _say(f"{error}; nothing is identified")
+        sys.exit(_INTERRUPTED)
+    except ExperimentTrippedError as error:
+        _say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
+        sys.exit(_TRIPPED)
+
+
+def _draw(found: Identified, name: str, path: Path) -> str:
+    from controller.identify_plot import plot_identification
+
+    with writing("--plot", path):
+        plot_identification(found, name, path)
+    return str(path)
+
+
+def _from_sweep(path: Path, loaded: Loaded, found: Identified | None) -> dict[str, Any]:
+    """What the boundary says, beside the motion or the belief."""
+    from controller.config import Config
+    from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
+    from controller.experiments.identification import Estimated
+    from controller.experiments.identify_text import believed, boundary_report, comparison
+
+    points, held = read_points(path)
+    measured_with = loaded.config if held is None else Config.model_validate(held)
+    belief = loaded.config.belief()
+    if found is None:
+        believing = belief.torque_gain, belief.inertia, belief.coulomb
+        gain, inertia, coulomb = (b.value for b in believing)
+        damping, delay = believed(loaded.config)
+    else:
+        finding = found.torque_gain, found.inertia, found.coulomb
+        gain, inertia, coulomb = (e.value for e in finding)
+        damping, delay = found.damping, found.delay
+    # The boundary was measured in torque commanded.
+    known = (Estimated(damping.value / gain, damping.stderr / gain), delay)
+    fit = fit_boundary(
+        points,
+        Loop(
+            inertia=inertia / gain,
+            coulomb=coulomb / gain,
+            period=measured_with.period_s,
+            velocity_samples=measured_with.wall.velocity_samples,
+            lag=measured_with.belief().delay.value,
+        ),
+    )
+    compared = comparison(known, (fit.damping, fit.delay))
+    return {
+        **boundary_report(fit),
+        "compared_with": "belief" if found is None else "motion",
+        "compared": compared,
+    }
+
+
+def _write(out: Path, loaded: Loaded, found: Identified) -> None:
+    from controller.experiments.identified_config import identified_config
+
+    text = identified_config(loaded.config, found, loaded.name)
+    with writing("--out", out):
+        out.write_text(text, encoding="utf-8")
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)
