@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
-from hw.dynamixel.codec import Frame, Parser
+from hw.dynamixel.codec import Parser
 from hw.dynamixel.emulated.account import Account
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
 from hw.dynamixel.emulated.answers import Answer, addressed, answer
@@ -24,6 +24,7 @@ from hw.dynamixel.emulated.injection import Faults, Happening
 from hw.dynamixel.emulated.mishaps import SILENCING, befall
 from hw.dynamixel.emulated.servo import EmulatedServo
 from hw.dynamixel.emulated.slots import in_slots
+from hw.dynamixel.emulated.traffic import Piece, Reply, instruction_of, pieces
 from hw.dynamixel.emulated.witness import Witness
 from hw.wire import wire_ns
 
@@ -34,34 +35,9 @@ MAX_WAITING = 64
 STATE_NS = 1_000_000
 """Between two records of the state [ns]"""
 
-_HEADER = b"\xff\xff\xfd\x00"
 _NEVER_NS: Final = 1 << 62
-_INSTRUCTION_AT = 7
-"""Where in a frame the instruction stands"""
 _FAULT, _WATCHDOG, _BEGIN, _REPLY, _INSTRUCTION, _STATE = range(6)
 """Kinds of events; of those due at the same time the lower ones come first"""
-
-
-class _Piece(NamedTuple):
-    """Bytes on their way to the servos: at most one frame, which ends where they end."""
-
-    arrival_ns: int
-    wire_ns: int
-    baud: int
-    data: bytes
-
-
-class _Reply(NamedTuple):
-    """A reply that is owed or on the wire."""
-
-    begin_ns: int
-    end_ns: int
-    baud: int
-    frame: Frame
-    wire: bytes
-    """What is heard of it"""
-    late_ns: int
-    faults: tuple[str, ...]
 
 
 class EmulatedBus:
@@ -101,8 +77,8 @@ class EmulatedBus:
         self._adapter = adapter
         self._faults = Faults() if faults is None else faults
         self._parser = Parser(report_crc=True, unstuffed=True)
-        self._coming: deque[_Piece] = deque()
-        self._going: deque[_Reply] = deque()
+        self._coming: deque[Piece] = deque()
+        self._going: deque[Reply] = deque()
         self._begun = False
         """The first of those is on the wire"""
         self._gone = bytearray()
@@ -154,15 +130,13 @@ class EmulatedBus:
     def receive(self, data: bytes, now_ns: int) -> None:
         """Bytes from the host begin to travel at ``now_ns`` [ns]."""
         self._run(now_ns)
-        start = 0 if self.connected else len(data)
-        while start < len(data):
-            end = data.find(_HEADER, start + 1)
-            piece = data[start:] if end < 0 else data[start:end]
+        if not self.connected:
+            return
+        for piece in pieces(data):
             if self._faults.strikes_frames:
                 self._send_damaged(piece, now_ns)
             else:
                 self._put(piece, now_ns, len(piece))
-            start += len(piece)
 
     def transmit(self, now_ns: int) -> bytes:
         """What the host can read by ``now_ns`` [ns] and has not been given yet."""
@@ -237,7 +211,7 @@ class EmulatedBus:
     def _put(self, data: bytes, arrival_ns: int, count: int) -> None:
         """Bytes that begin to travel, and take as long as ``count`` bytes do."""
         duration_ns = wire_ns(count, self.host_baud)
-        self._coming.append(_Piece(arrival_ns, duration_ns, self.host_baud, data))
+        self._coming.append(Piece(arrival_ns, duration_ns, self.host_baud, data))
 
     def _send_damaged(self, piece: bytes, now_ns: int) -> None:
         """Bytes from the host, with what the faults make of them."""
@@ -245,9 +219,8 @@ class EmulatedBus:
         if passage is None:
             self._put(piece, now_ns, len(piece))
             return
-        instruction = piece[_INSTRUCTION_AT] if len(piece) > _INSTRUCTION_AT else None
         for name in passage.names:
-            self._account.fault(now_ns, name, id_of(piece), instruction)
+            self._account.fault(now_ns, name, id_of(piece), instruction_of(piece))
         arrival_ns = now_ns + passage.late_ns
         heard = [chunk for chunk in passage.chunks if chunk]
         for chunk in heard:
@@ -255,7 +228,7 @@ class EmulatedBus:
         if missing := max(0, len(piece) - sum(map(len, heard))):
             self._put(b"", arrival_ns, missing)  # the host sent it, the wire was taken
 
-    def _take(self, piece: _Piece, now_ns: int) -> None:
+    def _take(self, piece: Piece, now_ns: int) -> None:
         """The last byte of ``piece`` has travelled."""
         if now_ns - piece.wire_ns - self._heard_ns > GAP_NS:
             self._parser.reset()
@@ -280,15 +253,15 @@ class EmulatedBus:
             if passage is not None:
                 wire, late_ns, names = b"".join(passage.chunks), passage.late_ns, passage.names
         self._free_ns = begin_ns + wire_ns(max(len(wire), len(reply.wire)), baud)
-        self._going.append(_Reply(begin_ns, self._free_ns, baud, reply.frame, wire, late_ns, names))
+        self._going.append(Reply(begin_ns, self._free_ns, baud, reply.frame, wire, late_ns, names))
 
-    def _begin(self, reply: _Reply) -> None:
+    def _begin(self, reply: Reply) -> None:
         """Its first bit is on the wire: the adapter takes in byte after byte."""
         self._begun = True
         if self._adapter is not None and reply.wire and self._can_read(reply):
             self._adapter.put(reply.wire, reply.begin_ns + reply.late_ns, reply.baud)
 
-    def _leave(self, reply: _Reply, now_ns: int) -> None:
+    def _leave(self, reply: Reply, now_ns: int) -> None:
         """The last byte of ``reply`` has travelled."""
         self._begun = False
         if self._adapter is None and self._can_read(reply):
@@ -299,7 +272,7 @@ class EmulatedBus:
                 self._account.fault(now_ns, name, frame.id, frame.instruction)
             self._account.frame(now_ns, "tx", frame, [frame.id])
 
-    def _can_read(self, reply: _Reply) -> bool:
+    def _can_read(self, reply: Reply) -> bool:
         """Whether the host is there, and at the reply's speed."""
         return self.connected and reply.baud == self.host_baud
 

@@ -7,11 +7,11 @@ from random import Random
 
 from hw.dynamixel.codec import MAX_ID, crc16
 from hw.dynamixel.emulated.faults import Fault
+from hw.dynamixel.emulated.traffic import HEADER
 
 _ID, _SHORTEST = 4, 10
 _NOISE = 8
 """Bytes of garbage unless told"""
-_HEADER = b"\xff\xff\xfd\x00"
 
 
 @dataclass(slots=True)
@@ -46,7 +46,7 @@ def strike(fault: Fault, passage: Passage, rng: Random) -> None:
 
 def id_of(wire: bytes) -> int | None:
     """The id a frame's bytes carry; None where it does not begin with a header."""
-    return wire[_ID] if wire.startswith(_HEADER) and len(wire) > _ID else None
+    return wire[_ID] if wire.startswith(HEADER) and len(wire) > _ID else None
 
 
 def _flip(wire: bytes, fault: Fault, rng: Random) -> bytes:

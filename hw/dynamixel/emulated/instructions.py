@@ -100,7 +100,7 @@ def _backup(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     if option is None:
         return error, b""
     if option == _STORE:
-        return servo.table.store_backup(), b""
+        return servo.table.backup.store(), b""
     return servo.restore_backup(now_ns), b""
 
 

@@ -8,10 +8,9 @@ Source: ROBOTIS e-Manual, control table pages of the X series.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from hw.dynamixel.codec import ErrorCode
 from hw.dynamixel.emulated.memory import Memory
+from hw.dynamixel.emulated.restoring import Backup
 from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
 
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
@@ -41,12 +40,6 @@ _RESET_WITH_MODE = (
     "feedforward_2nd_gain",
     "feedforward_1st_gain",
 )
-_KEPT: Mapping[int, frozenset[str]] = {
-    0xFF: frozenset(),
-    0x01: frozenset({"id"}),
-    0x02: frozenset({"id", "baud_rate"}),
-}
-"""What each option of a factory reset leaves alone"""
 
 
 class ControlTable:
@@ -60,9 +53,9 @@ class ControlTable:
     """
 
     __slots__ = (
-        "_backup",
         "_model",
         "_torque_on_by_goal_known",
+        "backup",
         "enabled_by_goal",
         "memory",
         "supply",
@@ -76,7 +69,7 @@ class ControlTable:
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
-        self._backup: dict[str, int] | None = None
+        self.backup = Backup(self.memory, _RESET_WITH_MODE)
         self.supply = supply
         """Of the servo [V]; ``feed`` sets it"""
         self.volts = round(supply * 10)
@@ -194,56 +187,10 @@ class ControlTable:
         self._reset_with_mode()
         self.enabled_by_goal = False
         startup = memory.get("startup_configuration")
-        if self._backup is not None:
-            memory["backup_ready"] = 1
-            if startup & _RESTORE_RAM:
-                self._restore(self._backup, eeprom=False)
+        self.backup.power_up(restore_ram=bool(startup & _RESTORE_RAM))
         self.check_health()
         if startup & _TORQUE_ON and not self.shut_down:
             memory["torque_enable"] = 1
-
-    def reset(self, option: int) -> ErrorCode:
-        """EEPROM as from the factory, but for what the option keeps; to be powered up after it.
-
-        Open in the manual: an option that is none is answered "data range"; a backup stays.
-        """
-        if option not in _KEPT:
-            return ErrorCode.DATA_RANGE
-        memory = self.memory
-        for register in memory.registers.values():
-            if register.eeprom and register.writable and register.name not in _KEPT[option]:
-                memory[register.name] = register.default
-        return ErrorCode.NONE
-
-    def store_backup(self) -> ErrorCode:
-        """Put aside EEPROM, gains, profile and indirect addresses; not while torque is on."""
-        memory = self.memory
-        if memory["torque_enable"]:
-            return ErrorCode.RESULT_FAIL
-        self._backup = {
-            name: memory[name]
-            for name, register in memory.registers.items()
-            if (register.eeprom and register.writable)
-            or name in _RESET_WITH_MODE
-            or name.startswith("indirect_address_")
-        }
-        memory["backup_ready"] = 1
-        return ErrorCode.NONE
-
-    def restore_backup(self) -> ErrorCode:
-        """EEPROM as it was put aside; to be powered up after it.
-
-        Open in the manual: without a backup the answer is "result fail".
-        """
-        if self._backup is None or self.memory["torque_enable"]:
-            return ErrorCode.RESULT_FAIL
-        self._restore(self._backup, eeprom=True)
-        return ErrorCode.NONE
-
-    def _restore(self, backup: Mapping[str, int], *, eeprom: bool) -> None:
-        for name, value in backup.items():
-            if self.memory.registers[name].eeprom == eeprom:
-                self.memory[name] = value
 
     def _refusal(self, register: Register, value: int) -> ErrorCode:
         """Why this value must not be stored now, beyond the register's own range.

@@ -13,6 +13,7 @@ from hw.dynamixel.emulated.drive import Drive
 from hw.dynamixel.emulated.encoder import Encoder
 from hw.dynamixel.emulated.measured import measured
 from hw.dynamixel.emulated.motor import motor_of
+from hw.dynamixel.emulated.restoring import factory_reset
 from hw.dynamixel.emulated.rules import ControlTable
 from hw.dynamixel.tables import (
     BAUD_RATES,
@@ -259,14 +260,14 @@ class EmulatedServo:
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
         """The factory's settings, but for what the option keeps, and a reboot."""
-        error = self.table.reset(option)
+        error = factory_reset(self.memory, option)
         if error == ErrorCode.NONE:
             self.reboot(now_ns)
         return error
 
     def restore_backup(self, now_ns: int) -> ErrorCode:
         """EEPROM from the backup, and a reboot."""
-        error = self.table.restore_backup()
+        error = self.table.backup.restore_eeprom()
         if error == ErrorCode.NONE:
             self.reboot(now_ns)
         return error
