@@ -109,11 +109,11 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 
 def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
     """An emulated bus in memory with the configured servo on it."""
+    from hw.dynamixel.drivable import drivable
     from hw.dynamixel.emulated.bus import EmulatedBus
     from hw.dynamixel.emulated.injection import Faults
     from hw.dynamixel.emulated.memory_line import MemoryLine
     from hw.dynamixel.emulated.servo import EmulatedServo
-    from hw.dynamixel.servo import drivable
 
     model, _ = drivable(settings)
     now_ns = clock.now_ns()

@@ -22,6 +22,7 @@ from controller.processes import Child, first_line
 from controller.realtime import Setting, pick_cores
 from controller.supervisor import emulator_arguments
 from hw.clock import MonotonicClock
+from hw.dynamixel.drivable import drivable
 from hw.dynamixel.examine.adapter import examine_port
 from hw.dynamixel.examine.cycles import Phase, Series
 from hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
@@ -31,7 +32,6 @@ from hw.dynamixel.examine.replies import Replies
 from hw.dynamixel.examine.search import Found, opened
 from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from hw.dynamixel.port import kept_settings, open_port
-from hw.dynamixel.servo import drivable
 from hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
 from hw.errors import PortBusyError, PortError, ServoError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings

@@ -76,6 +76,8 @@ class Link:
         self._sent_ns = 0
         self._begun = False
         """Whether anything has come since the last request"""
+        self._undecided = False
+        """Whether a reply that had begun when it was given up may still become whole"""
         self.waited_ns = 0
         """How long the last ``collect`` waited for bytes [ns]"""
         self.patience_ns = 0
@@ -133,6 +135,7 @@ class Link:
         if stale := self._line.read():
             for frame in self._parser.feed(stale):
                 self._count_unmatched(frame)
+                self._undecided = False
         number = self._number
         if not wide or self._free_at.get(wide, 0) > number:
             wide = LENGTHS.start  # found in two steps while nothing goes wrong
@@ -169,7 +172,13 @@ class Link:
             self._begun = True
             expected = self._expected[self._length].match(data) if parser.idle else None
             found: Sample | None = None
-            for frame in parser.feed(data) if expected is None else (expected,):
+            cut = parser.corrupt
+            frames = parser.feed(data) if expected is None else (expected,)
+            if self._undecided and parser.corrupt > cut:
+                self._undecided = False
+                self.counts.lost -= 1
+                self.counts.corrupt += 1
+            for frame in frames:
                 sample = self._match(frame)
                 if sample is None:
                     self._count_unmatched(frame)
@@ -182,7 +191,6 @@ class Link:
         came_broken = parser.corrupt + self._refusals > broken
         if not came_broken and now_ns() - self._sent_ns < self.patience_ns:
             return Sample(Outcome.WAITING, 0, 0, False, self._sent_ns)
-        came_broken |= self._begun and not parser.idle  # cut short, and then silence
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
     def send_current(self, goal: int) -> None:
@@ -271,9 +279,14 @@ class Link:
         return Sample(_OK, position, current, frame.error != 0, self._sent_ns)
 
     def _give_up(self, outcome: Outcome) -> Sample:
-        """Stop waiting for the last request, and keep its length out of use for a while."""
+        """Stop waiting for the last request, and keep its length out of use for a while.
+
+        Of a reply that has begun the rest may be in the adapter: it is lost so far, and late when
+        it comes. When another frame begins instead, it was cut short, and so is a broken one.
+        """
         counts = self.counts
         counts.cycles += 1
+        self._undecided |= self._begun and not self._parser.idle and outcome is Outcome.LOST
         if outcome is Outcome.CORRUPT:
             counts.corrupt += 1
         else:

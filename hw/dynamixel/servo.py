@@ -6,16 +6,17 @@ import math
 from typing import Final
 
 from hw.dynamixel.cut import torque_off
+from hw.dynamixel.drivable import drivable
 from hw.dynamixel.hardware_errors import error_names, what_to_do
 from hw.dynamixel.health import HealthWatch
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.reach import Reach
 from hw.dynamixel.samples import Sample
-from hw.dynamixel.startup import start_up, watchdog_units
-from hw.dynamixel.tables import COUNTS_PER_REV, MODELS, POSITION_UNIT, WATCHDOG_UNIT_NS, Model
+from hw.dynamixel.startup import start_up
+from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, WATCHDOG_UNIT_NS
 from hw.dynamixel.torque_law import torque_law
-from hw.dynamixel.watchdog import Armed, rearm
+from hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
 from hw.errors import (
     ServoError,
     ServoLostError,
@@ -336,23 +337,8 @@ class DynamixelServo:
         """
         under_torque = self._goal != 0
         armed = rearm(self._link, self._line.clock, self._watchdog_units, under_torque=under_torque)
-        if armed is Armed.YES:
-            return
-        if armed is Armed.UNKNOWN:
-            raise ServoLostError(
-                f"The {self.facts.name} does not answer any more, after {silence_ns * 1e-6:.0f} "
-                "ms without a request that it answered: check the cable and the power supply."
-            )
-        if not silence_ns:
-            raise TorqueLostError(
-                f"The Bus Watchdog of the {self.facts.name} is not what it was set to: look for "
-                "another program on this bus."
-            )
-        raise TorqueLostError(
-            f"The {self.facts.name} heard nothing for {silence_ns * 1e-6:.0f} ms, so its Bus "
-            f"Watchdog ({self._settings.watchdog_s * 1e3:.0f} ms) has dropped the torque: find "
-            "what stalls this machine, or raise servo.watchdog_s."
-        )
+        if armed is not Armed.YES:
+            raise lost(armed, self.facts.name, silence_ns, self._settings.watchdog_s)
 
     def _facts(self, current_limit: int) -> Facts:
         """The facts, with the torque limit a whole number of steps within every limit."""
@@ -367,29 +353,3 @@ class DynamixelServo:
             has_bus=True,
             reply_s=self._reply_ns * 1e-9,
         )
-
-
-def drivable(settings: DynamixelSettings) -> tuple[Model, float]:
-    """The configured model, and its torque constant [N·m/A].
-
-    Raises:
-        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
-    """
-    model = MODELS.get(settings.model)
-    if model is None:
-        known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
-        raise UnfitServoError(
-            f"The model {settings.model} is not known: set servo.model to one of {known}."
-        )
-    if not model.current_mode:
-        raise UnfitServoError(
-            f"The {model.name} has no current mode, so it cannot be commanded in torque: use an "
-            "XM430, XH430, XM540, XH540, XL330 or XC330."
-        )
-    constant = settings.torque_constant or model.torque_constant
-    if constant is None:
-        raise UnfitServoError(
-            f"No torque constant of the {model.name} is published: measure it and set "
-            "servo.torque_constant [N·m/A]."
-        )
-    return model, constant

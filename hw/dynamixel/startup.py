@@ -22,22 +22,16 @@ from hw.dynamixel.inspection import (
 from hw.dynamixel.latency import timer_file, timer_ms
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
-from hw.dynamixel.probe import Push, probe_sign
 from hw.dynamixel.samples import Sample
 from hw.dynamixel.sdk import Sdk, Table
-from hw.dynamixel.tables import (
-    CURRENT_MODE,
-    POSITION_UNIT,
-    WATCHDOG_TRIPPED,
-    WATCHDOG_UNIT_NS,
-    Model,
-)
+from hw.dynamixel.sign import prove_the_sign
+from hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from hw.dynamixel.torque_law import TorqueLaw, torque_law
-from hw.errors import ServoLostError, UnfitServoError
+from hw.dynamixel.watchdog import watchdog_units
+from hw.errors import ServoLostError
 from hw.servo import Check, Outcome
 from hw.settings import DynamixelSettings
 
-_WATCHDOG_UNITS: Final = 127
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _LOOK_NS: Final = 20_000_000
@@ -49,8 +43,6 @@ _REPLIES: Final = 5
 """Whose median tells whether replies come in time"""
 _IN_TIME: Final = 1.8
 """Periods that a reply may take: the one in which it was asked for, and 0.8 of the next"""
-_PUSHES: Final = 3
-"""A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,21 +101,6 @@ def start_up(
     start.prove_the_sign()
     start.list.refuse_if_unfit()
     return Ready(start.list.checks, start.current_limit, bounds, start.law, reply_ns)
-
-
-def watchdog_units(settings: DynamixelSettings) -> int:
-    """The configured Bus Watchdog in the register's unit.
-
-    Raises:
-        UnfitServoError: No servo has such a one.
-    """
-    units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
-    if not 1 <= units <= _WATCHDOG_UNITS:
-        raise UnfitServoError(
-            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos have 0.02 to "
-            "2.54 s: set servo.watchdog_s within that."
-        )
-    return units
 
 
 class _Startup:
@@ -268,48 +245,17 @@ class _Startup:
 
     def prove_the_sign(self) -> None:
         """See a small torque away from the wall move the shaft away from the wall."""
-        settings = self._settings
-        if settings.probe_torque <= 0.0:
-            self.list.add("torque sign", True, "not probed", "not asked for")
-            return
-        wanted = settings.probe_torque
-        if settings.torque_limit > 0.0:
-            wanted = min(wanted, settings.torque_limit)
-        limit = min(self.law.within(wanted), self.current_limit)
-        direction = 1 if settings.probe_direction > 0 else -1
-        push, tripped = self._push(direction * max(1, limit))
-        torque = self.law.torque(push.peak)
-        if push.moved:
-            found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
-            remedy = (
-                f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
-                "check Drive Mode (10), and that nobody turns the shaft during the start."
-            )
-        elif tripped:
-            found = "no motion, because the Bus Watchdog tripped"
-            remedy = (
-                f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the push that was to "
-                "prove the torque's sign: find what stalls this machine, or raise servo.watchdog_s."
-            )
-        else:
-            found = f"no motion at {torque:+.3f} N·m"
-            remedy = (
-                f"Its shaft did not move at {abs(torque):.2g} N·m: free it if it is blocked or "
-                "held, or raise servo.probe_torque; 0 skips the probe."
-            )
-        self.list.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
-
-    def _push(self, limit: int) -> tuple[Push, bool]:
-        """Push, again if the Bus Watchdog ended the torque, and whether it did the last time."""
-        for _ in range(_PUSHES):
-            push = probe_sign(self._link, self._clock, limit, self._name, self._may_be_at)
-            tripped = not push.moved and self.table.read("bus_watchdog") == WATCHDOG_TRIPPED
-            if not tripped:
-                break
-            self.table.write("bus_watchdog", 0)
-            self.table.write("goal_current", 0)
-            self.table.write("bus_watchdog", watchdog_units(self._settings))
-        return push, tripped
+        prove_the_sign(
+            self._settings,
+            self.law,
+            self.current_limit,
+            self.table,
+            self._link,
+            self.list,
+            clock=self._clock,
+            name=self._name,
+            may_be_at=self._may_be_at,
+        )
 
     # Tools
 

@@ -1,4 +1,4 @@
-"""The Bus Watchdog of a running servo: looked at after a pause, armed again if nothing was lost."""
+"""The Bus Watchdog: how it is set, looked at after a pause, armed again if nothing was lost."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS
+from hw.dynamixel.tables import MODELS, WATCHDOG_UNIT_NS
+from hw.errors import ServoLostError, TorqueLostError, UnfitServoError
+from hw.settings import DynamixelSettings
+from hw.wire import ASKING_BYTES
 
 _BUS_WATCHDOG: Final = MODELS["XM430-W350"].registers["bus_watchdog"]
 """The same in every model"""
+_MOST_UNITS: Final = 127
 _PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 """For each reply of each attempt [ns], beside its time on the wire; the last outlasts an adapter's
 16 ms timer"""
 _LOOK_BYTES: Final = 11
 """Read from Bus Watchdog on, one more at each attempt: lengths of no other request, so that no late
 reply to one, and none to an earlier attempt, is taken for the answer"""
-_FRAME_BYTES: Final = 28
-"""Of a read and its reply without data, or of a write and its reply"""
 
 
 class Armed(Enum):
@@ -30,6 +32,21 @@ class Armed(Enum):
     """It has tripped or was changed, and there was a torque to lose"""
     UNKNOWN = "unknown"
     """The servo does not answer"""
+
+
+def watchdog_units(settings: DynamixelSettings) -> int:
+    """The configured Bus Watchdog in the register's unit.
+
+    Raises:
+        UnfitServoError: No servo has such a one.
+    """
+    units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+    if not 1 <= units <= _MOST_UNITS:
+        raise UnfitServoError(
+            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos have 0.02 to "
+            "2.54 s: set servo.watchdog_s within that."
+        )
+    return units
 
 
 def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
@@ -52,7 +69,7 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
     result = Armed.UNKNOWN
     for attempt, least_ns in enumerate(_PATIENCE_NS):
         size = _LOOK_BYTES + attempt
-        patience = least_ns + link.wire_ns(_FRAME_BYTES + size)
+        patience = least_ns + link.wire_ns(ASKING_BYTES + size)
         block = link.read_block(_BUS_WATCHDOG.address, size, now_ns() + patience)
         if block is None:  # whether there is a torque to bring back is not known
             continue
@@ -65,3 +82,29 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
         link.send_current(0)  # the goal may have been kept, and the last zero lost
         link.write_register(_BUS_WATCHDOG, units, now_ns() + patience)
     return result
+
+
+def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:
+    """What to tell about a watchdog that was not found armed.
+
+    Args:
+        found: How it was found.
+        name: Of the servo.
+        silence_ns: How long the servo heard nothing [ns]; 0: it was talked to.
+        watchdog_s: What it was set to [s].
+    """
+    silence = f"{silence_ns * 1e-6:.0f} ms"
+    if found is Armed.UNKNOWN:
+        return ServoLostError(
+            f"The {name} does not answer any more, after {silence} without a request that it "
+            "answered: check the cable and the power supply."
+        )
+    if not silence_ns:
+        return TorqueLostError(
+            f"The Bus Watchdog of the {name} is not what it was set to: look for another program "
+            "on this bus."
+        )
+    return TorqueLostError(
+        f"The {name} heard nothing for {silence}, so its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) "
+        "has dropped the torque: find what stalls this machine, or raise servo.watchdog_s."
+    )

@@ -1,0 +1,33 @@
+"""Which models can be driven in torque, and with which torque constant."""
+
+from __future__ import annotations
+
+from hw.dynamixel.tables import MODELS, Model
+from hw.errors import UnfitServoError
+from hw.settings import DynamixelSettings
+
+
+def drivable(settings: DynamixelSettings) -> tuple[Model, float]:
+    """The configured model, and its torque constant [N·m/A].
+
+    Raises:
+        UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
+    """
+    model = MODELS.get(settings.model)
+    if model is None:
+        known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
+        raise UnfitServoError(
+            f"The model {settings.model} is not known: set servo.model to one of {known}."
+        )
+    if not model.current_mode:
+        raise UnfitServoError(
+            f"The {model.name} has no current mode, so it cannot be commanded in torque: use an "
+            "XM430, XH430, XM540, XH540, XL330 or XC330."
+        )
+    constant = settings.torque_constant or model.torque_constant
+    if constant is None:
+        raise UnfitServoError(
+            f"No torque constant of the {model.name} is published: measure it and set "
+            "servo.torque_constant [N·m/A]."
+        )
+    return model, constant

@@ -1,0 +1,86 @@
+"""The torque's sign, proved by a small push before anything relies on it: a line of the start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from hw.clock import Clock
+from hw.dynamixel.checklist import Checklist
+from hw.dynamixel.link import Link
+from hw.dynamixel.probe import Push, probe_sign
+from hw.dynamixel.sdk import Table
+from hw.dynamixel.tables import WATCHDOG_TRIPPED
+from hw.dynamixel.torque_law import TorqueLaw
+from hw.dynamixel.watchdog import watchdog_units
+from hw.settings import DynamixelSettings
+
+_PUSHES: Final = 3
+"""A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
+
+
+def prove_the_sign(
+    settings: DynamixelSettings,
+    law: TorqueLaw,
+    current_limit: int,
+    table: Table,
+    link: Link,
+    checklist: Checklist,
+    *,
+    clock: Clock,
+    name: str,
+    may_be_at: Callable[[int], bool],
+) -> None:
+    """See a small torque away from the wall move the shaft away from the wall.
+
+    Args:
+        settings: Which torque, and which way.
+        law: Between torque and goal current.
+        current_limit: The servo's own.
+        table: The servo, with torque on at zero torque.
+        link: The same, for goals and positions.
+        checklist: Where to put what was found.
+        clock: Tells the time.
+        name: Of the servo, for messages.
+        may_be_at: Whether the shaft may be pushed to a position [counts].
+
+    Raises:
+        ServoLostError: It stops answering.
+    """
+    if settings.probe_torque <= 0.0:
+        checklist.add("torque sign", True, "not probed", "not asked for")
+        return
+    wanted = settings.probe_torque
+    if settings.torque_limit > 0.0:
+        wanted = min(wanted, settings.torque_limit)
+    limit = min(law.within(wanted), current_limit)
+    direction = 1 if settings.probe_direction > 0 else -1
+    for _ in range(_PUSHES):
+        push = probe_sign(link, clock, direction * max(1, limit), name, may_be_at)
+        tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
+        if not tripped:
+            break
+        table.write("bus_watchdog", 0)
+        table.write("goal_current", 0)
+        table.write("bus_watchdog", watchdog_units(settings))
+    found, remedy = _told(push, law.torque(push.peak), tripped, settings.watchdog_s)
+    checklist.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
+
+
+def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[str, str]:
+    """What was found, and what to do if that is wrong."""
+    if push.moved:
+        found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
+        return found, (
+            f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
+            "check Drive Mode (10), and that nobody turns the shaft during the start."
+        )
+    if tripped:
+        return "no motion, because the Bus Watchdog tripped", (
+            f"Its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) ended the push that was to prove the "
+            "torque's sign: find what stalls this machine, or raise servo.watchdog_s."
+        )
+    return f"no motion at {torque:+.3f} N·m", (
+        f"Its shaft did not move at {abs(torque):.2g} N·m: free it if it is blocked or "
+        "held, or raise servo.probe_torque; 0 skips the probe."
+    )
