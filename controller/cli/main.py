@@ -35,6 +35,7 @@ COMMANDS = {
     "identify": ("controller.cli.identify", "Inertia, friction and delay of a servo, measured."),
     "sweep": ("controller.cli.sweep", "The critical stiffness of a servo, measured on it."),
     "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
+    "detect": ("controller.cli.detect", "The oscillation in a recorded log or CSV."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),

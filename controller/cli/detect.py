@@ -1,0 +1,158 @@
+"""``haptic-wall detect``: the oscillation detector over a recorded log or CSV."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from controller.cli.options import (
+    answer,
+    as_json,
+    json_option,
+    refuse_other_pictures,
+    refuse_same_file,
+    writing,
+)
+from controller.errors import UserError
+
+if TYPE_CHECKING:
+    from controller.detection import DetectionRecord
+    from controller.recording import Knowledge, Recording
+
+_NUMBER = click.FLOAT
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--inertia", type=_NUMBER, metavar="m", help="[kg·m²]")
+@click.option("--damping", type=_NUMBER, metavar="b", help="Viscous friction [N·m·s/rad].")
+@click.option("--coulomb", type=_NUMBER, metavar="c", help="Coulomb friction [N·m].")
+@click.option(
+    "--delay", type=_NUMBER, metavar="S", help="From a sample to its torque's action [s]."
+)
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw what was seen there as PNG.")
+@json_option
+def command(
+    log: Path,
+    inertia: float | None,
+    damping: float | None,
+    coulomb: float | None,
+    delay: float | None,
+    plot: Path | None,
+    as_json_wanted: bool,
+) -> None:
+    """Look for an oscillation in LOG: a .hwlog of run, or a CSV.
+
+    A CSV needs the columns time_s and position_rad; torque_nm, the torque commanded at that sample,
+    tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
+    comes from a log's own configuration; for a CSV, and in place of that, give the options.
+    """
+    from controller.detection import detect
+    from controller.oscillation import DetectorSettings
+    from controller.recording import read_recording
+
+    given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
+    for name, value in given.items():
+        least = 0.0 if name != "inertia" else math.ulp(0.0)
+        if value is not None and not (least <= value < math.inf):
+            option = "delay" if name == "lag" else name
+            wanted = "above 0" if name == "inertia" else "from 0 up"
+            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted}")
+    refuse_same_file({"LOG": log, "--plot": plot})
+    if plot is not None:
+        refuse_other_pictures("--plot", plot)
+    try:
+        recording = read_recording(log)
+    except OSError as error:
+        raise UserError(
+            f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"
+        ) from None
+    if not recording.parts:
+        raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(recording.notes)}")
+    known = _known(recording.known, given)
+    settings = DetectorSettings(
+        period=recording.period,
+        inertia=known["inertia"],
+        damping=known["damping"],
+        coulomb=known["coulomb"],
+        position_step=recording.known.position_step,
+    )
+    lag = 0.0 if math.isnan(known["lag"]) else known["lag"]
+    found = [
+        detect(
+            part.times,
+            part.positions,
+            part.torques,
+            settings,
+            lag=lag,
+            stiffness=math.nan if part.stiffness is None else part.stiffness,
+        )
+        for part in recording.parts
+    ]
+    if plot is not None:
+        from controller.detect_plot import plot_detection
+
+        with writing("--plot", plot):
+            plot_detection(recording.parts, found, plot)
+    report = _report(recording, found, {**known, "lag": lag}, plot)
+    answer(as_json(report) if as_json_wanted else _text(report))
+
+
+def _known(recorded: Knowledge, given: dict[str, float | None]) -> dict[str, float]:
+    """What was given, else what the record knows."""
+    return {
+        name: getattr(recorded, name) if value is None else value for name, value in given.items()
+    }
+
+
+def _report(
+    recording: Recording,
+    found: list[DetectionRecord],
+    known: dict[str, float],
+    plot: Path | None,
+) -> dict[str, Any]:
+    worst = max(found, key=lambda record: (record.worst, record.amplitude[record.worst_at]))
+    at = worst.worst_at
+    alarms = [record.first_alarm_s for record in found if not math.isnan(record.first_alarm_s)]
+    return {
+        "state": worst.worst.name.lower(),
+        "frequency_hz": float(worst.frequency_hz[at]),
+        "amplitude_rad": float(worst.amplitude[at]) or None,
+        "growth_per_s": float(worst.growth[at]),
+        "first_alarm_s": alarms[0] if alarms else None,
+        "samples": recording.samples,
+        "parts": len(recording.parts),
+        "period_s": recording.period,
+        "known": {
+            "inertia": known["inertia"],
+            "damping": known["damping"],
+            "coulomb": known["coulomb"],
+            "delay": known["lag"],
+            "position_step": recording.known.position_step,
+        },
+        "notes": list(recording.notes),
+        "plot": plot,
+    }
+
+
+def _text(report: dict[str, Any]) -> str:
+    def known(name: str, unit: str) -> str:
+        value = report[name]
+        return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
+
+    alarm = report["first_alarm_s"]
+    lines = [
+        f"state       {report['state']}",
+        f"frequency   {known('frequency_hz', 'Hz')}",
+        f"amplitude   {known('amplitude_rad', 'rad')}",
+        f"growth      {known('growth_per_s', '1/s')}",
+        f"alarm       {'none' if alarm is None else f'first after {alarm:.4g} s'}",
+        f"record      {report['samples']} samples, one each {1e3 * report['period_s']:.4g} ms",
+        *(f"note        {note}" for note in report["notes"]),
+    ]
+    if report["plot"] is not None:
+        lines.append(f"picture     {report['plot']}")
+    return "\n".join(lines)
