@@ -34,7 +34,7 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
     """Draw the measured points over the limits, a colour for each inserted delay.
 
     Args:
-        points: Of any number of delays; a point without a figure is a cross at the axis.
+        points: Of any number of delays; one without a figure is a cross on the axis.
         device: What is believed, for the curves.
         name: Of the configuration, for the title.
         path: Where the picture goes.
@@ -44,28 +44,41 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
     """
     steps = sorted({point.delay_steps for point in points})
     colours = dict(zip(steps, shades(len(steps)), strict=True))
-    with picture(path, 0.75 * PAGE, 3.9) as figure:
+    low, high = _range(points)
+    with picture(path, 0.8 * PAGE, 3.7) as figure:
+        figure.suptitle(_title(device, name), fontsize=8.5, ha="left", x=0.01)
         ax = figure.subplots()
         top = 0.0
         for delay_steps in steps:
             own = [point for point in points if point.delay_steps == delay_steps]
-            top = max(top, _one_delay(ax, own, device, colours[delay_steps]))
+            top = max(top, _one_delay(ax, own, device, colours[delay_steps], (low, high)))
+        ax.set_xlim(low, high)
         ax.set_ylim(0.0, 1.12 * top if top > 0.0 else 1.0)
         ax.set_xlabel(VIRTUAL_DAMPING)
         ax.set_ylabel(STIFFNESS)
-        ax.set_title(_title(device, name), fontsize=8.5, loc="left")
         grid(ax)
         figure.legend(handles=_legend(points, colours), loc="outside right upper")
 
 
-def _one_delay(ax: Axes, points: Sequence[PointResult], device: Device, colour: str) -> float:
+def _range(points: Sequence[PointResult]) -> tuple[float, float]:
+    """Of the virtual damping drawn: what has a figure, if anything has, and a little more."""
+    found = [point.virtual_damping for point in points if point.measured is not None]
+    found = found or [point.virtual_damping for point in points]
+    low, high = min(0.0, *found), max(found)
+    space = 0.06 * max(high - low, abs(high), 1e-3)
+    return low - space, high + space
+
+
+def _one_delay(
+    ax: Axes,
+    points: Sequence[PointResult],
+    device: Device,
+    colour: str,
+    ends: tuple[float, float],
+) -> float:
     """Curves and points of one inserted delay; the greatest stiffness that must be seen."""
     delay = float(np.mean([point.delay_s for point in points]))
-    damping = np.array([point.virtual_damping for point in points])
-    # From where the limit begins, or the softest point, to a little beyond the last one.
-    low = min(0.0, float(damping.min()))
-    high = float(damping.max()) + 0.08 * max(float(np.ptp(damping)), float(damping.max()), 1e-3)
-    across = np.linspace(low, high, _POINTS)
+    across = np.linspace(*ends, _POINTS)
     exact = np.array([device.exact(value, delay) for value in across])
     linear = np.array([device.linear(value, delay) for value in across])
     ax.plot(across, linear, color=colour, linewidth=0.6, linestyle=(0, (1, 2)))
@@ -79,9 +92,10 @@ def _one_delay(ax: Axes, points: Sequence[PointResult], device: Device, colour: 
     if device.coulomb > 0.0:
         predicted = _values([point.predicted_with_friction for point in found])
         ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
-    missing = [point.virtual_damping for point in points if point.measured is None]
+    # What lies outside of the picture stands at its edge.
+    missing = np.clip([point.virtual_damping for point in points if point.measured is None], *ends)
     ax.plot(
-        missing, np.zeros(len(missing)), "x", color=colour, markersize=5, clip_on=False, zorder=5
+        missing, np.zeros(missing.size), "x", color=colour, markersize=5, clip_on=False, zorder=5
     )
     shown = [float(value) for value in stiffness + error if np.isfinite(value)]
     return max(*shown, float(exact.max()), 0.0)

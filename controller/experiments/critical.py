@@ -46,8 +46,11 @@ _SOFTEST = 1e-2
 """Where the search ends below, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
 _TRIPS = 3
-_DISTURBED = 0.03
-"""Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have"""
+_IDLE = 4
+"""Batches without one more half cycle to fit, after which it makes no sense to go on"""
+_DISTURBED, _HOPELESS = 0.03, 0.2
+"""Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have; where
+most have more, the better half of them, up to the second"""
 _AGE = 1.0, 2.0
 """Sample age in periods that is reckoned with before it is measured: immediate, pipelined"""
 _NOISE_COUNTS = 2.5
@@ -157,7 +160,7 @@ class PointSearch:
             result.reason = self._out_of_reach_text("nothing was tried")
             return result
         found: Balance | None = None
-        fine = 0
+        fine = idle = 0
         for number in range(_BATCHES):
             found = self._estimate()
             if found is not None and self._enough(found, fine):
@@ -167,11 +170,19 @@ class PointSearch:
             if not batch:
                 break
             fine += near
+            usable = len(self._usable())
             if not self._play(number, batch):
+                break
+            idle = idle + 1 if len(self._usable()) == usable else 0
+            if idle == _IDLE:
                 break
         found = self._estimate()
         self._conclude(found, damping)
         return result
+
+    def _usable(self) -> list[Trial]:
+        """Those with half cycles to fit, or whose end says enough to go by."""
+        return [trial for trial in self._trials if trial.growth.log_ratio.size]
 
     def _total_delay(self) -> float:
         inserted = self._setting.delay_steps * self._device.period
@@ -298,7 +309,9 @@ class PointSearch:
         turns = turning_points(time[good], position[good], least)
         sound = self._sound(own, phase, position, time, turns.time)
         found = growth(turns, sound)
-        self._ages.append(float(np.mean(own["age_ns"][good])) * 1e-9)
+        if sound.any():
+            used = sound[np.clip(np.searchsorted(turns.time, time) - 1, 0, sound.size - 1)]
+            self._ages.append(_mean_age(own, used, self._device.period))
         self._trials.append(
             Trial(asked.stiffness, found, turns.half_period, _grew(found, turns.position, position))
         )
@@ -319,8 +332,9 @@ class PointSearch:
         wrong = cut + (own["outcome"] != Outcome.OK) + own["missed"]
         total = np.concatenate([[0.0], np.cumsum(wrong)])
         at = np.clip(np.searchsorted(time, turned), 0, own.size)
-        periods = np.maximum(np.diff(turned) / self._device.period, 1.0)
-        result: NDArray[np.bool_] = np.diff(total[at]) <= _DISTURBED * periods
+        share = np.diff(total[at]) / np.maximum(np.diff(turned) / self._device.period, 1.0)
+        usual = float(np.median(share)) if share.size else 0.0
+        result: NDArray[np.bool_] = share <= min(max(usual, _DISTURBED), _HOPELESS)
         return result
 
     # The end
@@ -403,6 +417,16 @@ def _grew(found: Growth, turned: NDArray[np.float64], position: NDArray[np.float
     if turned.size > 2:
         return abs(float(turned[-1])) > abs(float(turned[1]))
     return bool(np.max(np.abs(position)) > 1.2 * start)
+
+
+def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:
+    """Age of the sample behind the torque, averaged over the time in which each torque acts [s].
+
+    A lost sample leaves an older one in force, a skipped period an older torque.
+    """
+    held = np.append(1.0 + own["missed"][1:], 1.0) * used
+    stale = own["age_ns"] * 1e-9 + 0.5 * period * (held - 1.0)
+    return float(np.sum(held * stale) / np.sum(held))
 
 
 def _rows_of(log: Path) -> NDArray[np.void]:
