@@ -110,7 +110,7 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path):
 def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, message):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    with pytest.raises(UserError, match="LOG .*a.csv: ") as error:
+    with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
         read_recording(path)
     assert message in str(error.value)
 
