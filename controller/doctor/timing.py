@@ -100,18 +100,23 @@ def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
         return "check the cable: it answers single registers but not the block of its sample"
     if replies.share_failed > wanted.most_missed:
         return "check the cable and its length, the supply, and that no other servo has this id"
-    if wanted.return_delay_ns:
-        return "set the return delay to 0, as --fix and a run do, then examine again"
-    held_ns = percentile(replies.took_ns, 0.5) - 1e9 * cycle_s(wanted.baud)
+    needed_ns = 1e9 * cycle_s(wanted.baud) + wanted.return_delay_ns
+    held_ns = percentile(replies.took_ns, 0.5) - needed_ns
     if held_ns > _TIMER_NS:
         return _about_the_timer(replies, wanted)
-    best = suits(series, wanted.most_missed)
-    if wanted.stalls and held_ns < _HELD_NS:
-        return "this machine stalls: mend the line wake-up lateness first, then examine again"
-    rate = _lower_rate(replies, wanted)
+    if wanted.return_delay_ns:
+        return "set the return delay to 0, as --fix and a run do, then examine again"
+    disturbed = wanted.stalls or replies.disturbed
     ways = []
-    if best not in (None, wanted.schedule):
+    best = suits(series, wanted.most_missed)
+    if best not in (None, wanted.schedule) and not (disturbed and held_ns < _HELD_NS):
         ways.append(f"set servo.schedule={best}")
+    elif disturbed:
+        return (
+            "most replies are quick and a few are not, as where a machine is busy: end what else "
+            "runs on this one (line wake-up lateness), then examine again"
+        )
+    rate = _lower_rate(replies, wanted)
     if rate is not None:
         ways.append(f"set loop.rate_hz={rate}")
     return ", or ".join(ways) or "examine again: no rate holds with replies like these"
@@ -119,8 +124,8 @@ def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
 
 def _about_the_timer(replies: Replies, wanted: Wanted) -> str:
     text = (
-        f"something holds replies for {_ms(percentile(replies.took_ns, 0.99))}, as an adapter's "
-        "latency timer does (16 ms from the factory): set it to 1 ms"
+        f"something holds replies for {_ms(replies.in_row_ns)}, as an adapter's latency timer "
+        "does (16 ms from the factory): set it to 1 ms"
     )
     periods = round(replies.in_row_ns * 1e-9 * wanted.rate_hz)
     if periods < 2:

@@ -42,6 +42,11 @@ class Replies:
     most_counts: int
 
     @property
+    def disturbed(self) -> bool:
+        """Whether a few took much longer than the others, in every run; there must be some."""
+        return _disturbed(self.took_ns)
+
+    @property
     def share_failed(self) -> float:
         """Of all reads."""
         return (self.lost + self.corrupt) / self.asked
@@ -80,7 +85,7 @@ def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Repli
         in_row = timer.run([0] * max(1, count // 4)) or in_row
         if not best or percentile(spread, 0.99) < percentile(best, 0.99):
             best = spread
-        if percentile(best, 0.99) <= _SPREAD * percentile(best, 0.5) + _SPREAD_NS:
+        if not _disturbed(best):
             break
     return Replies(
         best,
@@ -91,6 +96,10 @@ def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Repli
         min(timer.positions, default=0),
         max(timer.positions, default=0),
     )
+
+
+def _disturbed(took_ns: list[int]) -> bool:
+    return percentile(took_ns, 0.99) > _SPREAD * percentile(took_ns, 0.5) + _SPREAD_NS
 
 
 class _Stopwatch:

@@ -131,9 +131,11 @@ def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to
         assert "servo.schedule" not in found[name].fix
 
 
-def test_a_machine_that_stalls_is_blamed_before_the_bus_and_no_other_rate_is_proposed():
+@pytest.mark.parametrize("stalls", [False, True], ids=["its own core is quiet", "it stalls"])
+def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(stalls):
+    # The emulated bus may be kept waiting where the loop is not.
     measured = [series("immediate", 0.06, 0), series("pipelined", 0.01, 0)]
-    found = judged(STALLED, wanted(stalls=True), *measured)
+    found = judged(STALLED, wanted(stalls=stalls), *measured)
     for name in ("reply time", "sustainable rate", "schedule immediate", "schedule"):
         assert not found[name].ok
         assert "wake-up lateness" in found[name].fix
@@ -141,6 +143,11 @@ def test_a_machine_that_stalls_is_blamed_before_the_bus_and_no_other_rate_is_pro
     # ... but what the adapter holds back is not the machine's doing
     fix = judged(TIMER, wanted(stalls=True), *SPOILED)["schedule"].fix
     assert fix.startswith("set servo.schedule=pipelined")
+
+
+def test_a_timer_is_blamed_before_a_return_delay():
+    found = judged(FACTORY, wanted(return_delay_ns=MS // 2), *NONE)
+    assert "latency timer" in found["reply time"].fix
 
 
 def test_an_encoder_that_moves_is_told_and_is_not_wrong():
