@@ -1,14 +1,47 @@
-"""Notices that the loop oscillates by itself: quiet, decaying, sustained, growing."""
+"""Notices that the loop oscillates by itself: quiet, decaying, sustained, growing.
+
+Three questions, in the order in which they can be answered. Has the wall given out more energy
+since the last turning point than friction can eat? Does the acting torque alone explain the motion,
+swing after swing, while it grows? And if it does not grow: is it more regular than any hand?
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 
+from controller.energy import EnergyBalance
+from controller.swings import Swing, Swings
+
+_FILTER = 0.25
+"""The filter's time constant, times the angular frequency expected."""
+_SLOWEST_FILTER_S = 0.05
+_PATIENCE = 3.0
+"""As many swings without a turning point are quiet."""
+_KEPT = 40
+"""Turning points kept."""
+_GROWN = ((3, 0.30), (4, 0.28), (5, 0.25), (6, 0.22))
+"""Growth of the amplitude's logarithm over so many explained swings that is an alarm."""
+_LEAST_COUNTS = 5.0
+"""Amplitude from which growth is told from the encoder's steps."""
+_LONG = ((12, 0.2), (20, 0.2))
+"""The same where the growth must be as regular as no hand's."""
+_REGULAR, _REGULAR_COUNTS = 0.02, 0.15
+"""Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
+counts."""
+_STEADY = 0.01
+"""Growth per swing that is none, and the most that a sustained oscillation may lose."""
+_NONE = 5e-4
+_SHRINKS = 0.04
+"""Loss per swing, over two, that ends an alarm."""
+_SYMMETRIC = 0.9
+"""Logarithm of the most that a swing may differ from the one before."""
+
 
 class State(IntEnum):
-    """What the motion does; the worse, the greater."""
+    """What the loop does by itself; the worse, the greater. A hand's motion is quiet."""
 
     QUIET = 0
     DECAYING = 1
@@ -20,7 +53,7 @@ class State(IntEnum):
 class DetectorSettings:
     """What the detector knows of the servo; NaN: not known.
 
-    Without inertia and friction it goes by the motion alone.
+    Without inertia it goes by the motion alone.
     """
 
     period: float
@@ -33,6 +66,8 @@ class DetectorSettings:
     """Coulomb friction c [N·m]"""
     position_step: float = math.nan
     """Encoder count q [rad]; 0: not quantised"""
+    torque_limit: float = math.inf
+    """[N·m]"""
 
 
 class Detector:
@@ -44,57 +79,178 @@ class Detector:
         amplitude: Half its width [rad]; 0 while there is none.
         growth: Rate at which the amplitude's logarithm grows [1/s]; NaN while there is none.
         alarm: Whether it is sustained or grows, and the wall feeds it.
-        stiffness: Commanded K [N·m/rad], for the energy in the spring and the frequencies to
-            expect; NaN: not known. May be changed at any time.
+        balance: What it believes of the wall; its ``surface``, ``side`` and ``lag`` may be set at
+            any time.
     """
 
     def __init__(self, settings: DetectorSettings) -> None:
         self.settings = settings
-        self.stiffness = math.nan
-        self._hysteresis = 1.5 * settings.position_step if settings.position_step > 0 else 1e-9
-        self.restart()
+        step = settings.position_step
+        self._step = step if step > 0.0 else 0.0
+        self._least = math.log(_LEAST_COUNTS * self._step) if step > 0.0 else -math.inf
+        self.balance = EnergyBalance(
+            settings.period,
+            settings.inertia,
+            settings.damping,
+            settings.coulomb,
+            settings.position_step,
+            settings.torque_limit,
+        )
+        self._swings: Swings | None = None
+        self._before: Swing | None = None
+        self._mixed = self._blind = False
+        self._sizes: deque[float] = deque(maxlen=_KEPT)
+        self._times: deque[float] = deque(maxlen=_KEPT)
+        self._quiet()
+
+    @property
+    def stiffness(self) -> float:
+        """Commanded K [N·m/rad]; NaN: not known. May be changed at any time."""
+        return self.balance.stiffness
+
+    @stiffness.setter
+    def stiffness(self, value: float) -> None:
+        known = self.balance.stiffness
+        if value == known or (math.isnan(value) and math.isnan(known)):
+            return
+        self.balance.stiffness = value
+        self._mixed = True  # the spring's energy is not what it was at the turning point
+        self._refilter()
+
+    def _refilter(self) -> None:
+        if self._swings is not None and self.balance.natural > 0.0:
+            self._swings.filter(min(_FILTER / self.balance.natural, _SLOWEST_FILTER_S))
 
     def restart(self) -> None:
         """Forget what was seen."""
+        self._swings = None
+        self._quiet()
+
+    def _quiet(self) -> None:
         self.state = State.QUIET
         self.alarm = False
         self.frequency_hz = math.nan
         self.amplitude = 0.0
         self.growth = math.nan
-        self._extreme = math.nan
-        self._turn = math.nan
-        self._up = True
-        self._since = 0
-        self._half = 0
-        self._growing = 0
+        self._patience = math.inf
+        self._explained = 0
+        self._before = None
+        self._sizes.clear()
+        self._times.clear()
 
-    def update(self, position: float, torque: float, periods: int = 1) -> State:  # noqa: ARG002
+    def update(self, position: float, torque: float, periods: int = 1) -> State:
         """Take a sample.
 
         Args:
             position: Measured [rad].
-            torque: Mean torque that acted since the sample before [N·m].
+            torque: Mean torque that acted since the sample before [N·m]; NaN: not known, and what
+                it has to do with the motion is not judged.
             periods: From the sample before to this one, >= 1.
         """
-        self._since += periods  # torque: the energy is to follow
-        if self._extreme != self._extreme:  # the first sample
-            self._extreme = self._turn = position
+        swings = self._swings
+        if math.isnan(torque):
+            torque, self._blind = 0.0, True
+        if swings is None:
+            self._swings = Swings(self.settings.period, self._step, position)
+            self._refilter()
             return self.state
-        if (position > self._extreme) is self._up and position != self._extreme:
-            self._extreme = position
-        elif abs(position - self._extreme) > self._hysteresis:
-            self._turned(position)
+        if swings.update(position, torque, periods):
+            earlier = swings.before
+            swing = swings.swing()
+            if swing is not None:
+                self._swung(swing)
+                if self.balance.side and not (self.alarm or self._mixed or self._blind):
+                    self._check(self.balance.gives_out(swings.since, earlier, 0.0))
+            self._mixed = self._blind = False
+        elif swings.time > self._patience:
+            self._quiet()
+        elif not (self.alarm or self._mixed or self._blind or self.balance.side):
+            self._check(self.balance.gives_out(swings.now(), swings.since, swings.speed))
         return self.state
 
-    def _turned(self, position: float) -> None:
-        amplitude = 0.5 * abs(self._extreme - self._turn)
-        period = self._since * self.settings.period
-        previous = self.amplitude
-        self.frequency_hz = 0.5 / period
-        self.amplitude = amplitude
-        self._turn, self._extreme, self._up, self._since = self._extreme, position, not self._up, 0
-        if previous > 0.0 and amplitude > 0.0:
-            self.growth = math.log(amplitude / previous) / period
-            self._growing = self._growing + 1 if self.growth >= 0.0 else 0
-            self.state = State.GROWING if self._growing >= 4 else State.DECAYING
-            self.alarm = self._growing >= 4
+    def _check(self, gives_out: bool) -> None:
+        if gives_out:
+            self.alarm = True
+            self.state = State.GROWING
+            if self.frequency_hz != self.frequency_hz:
+                self.frequency_hz = self.balance.natural / (2.0 * math.pi)
+
+    def _swung(self, swing: Swing) -> None:
+        """Take a swing into account."""
+        self._patience = swing.ended + _PATIENCE * swing.duration
+        explained = self._blind or (not self._mixed and self.balance.explains(swing, self._before))
+        self._before = swing
+        size = math.log(swing.amplitude)
+        sizes, times = self._sizes, self._times
+        change = size - sizes[-1] if sizes else 0.0
+        sizes.append(size)
+        times.append(swing.ended)
+        if abs(change) > _SYMMETRIC:
+            explained = False
+        self._explained = self._explained + 1 if explained else 0
+        known = len(sizes)
+        self.amplitude = swing.amplitude
+        back = min(known - 1, 4)
+        self.frequency_hz = 0.5 / swing.duration
+        if back:
+            passed = swing.ended - times[-1 - back]
+            self.frequency_hz = 0.5 * back / passed
+            self.growth = (size - sizes[-1 - back]) / passed
+        fine = self._step / swing.amplitude
+        if self.alarm:
+            self._alarmed(fine)
+        elif self._regular(fine) or (not (self._blind or self.balance.side) and self._grown()):
+            self.alarm = True
+            self._alarmed(fine)
+        elif self._explained >= 2 and change < -_STEADY:
+            self.state = State.DECAYING
+        elif not self._explained:
+            self.state = State.QUIET
+
+    def _grown(self) -> bool:
+        sizes = self._sizes
+        for swings, growth in _GROWN:
+            if self._explained < swings:
+                return False
+            first = sizes[max(-1 - swings, -len(sizes))]
+            if first > self._least and sizes[-1] - first > growth:
+                return True
+        return False
+
+    def _regular(self, fine: float) -> bool:
+        """Whether it grows slowly, or goes on, more regularly than a hand can."""
+        allowed = _REGULAR + _REGULAR_COUNTS * fine
+        for swings, growth in _LONG:
+            if self._explained < swings:
+                return False
+            slope, scatter, _ = _line(self._sizes, swings)
+            if slope * swings > growth and scatter < allowed:
+                return True
+        if self._explained < _KEPT:
+            return False
+        slope, scatter, error = _line(self._sizes, _KEPT)
+        return slope > -2.0 * error - _NONE and scatter < allowed
+
+    def _alarmed(self, fine: float) -> None:
+        sizes = self._sizes
+        back = min(len(sizes) - 1, 2)
+        change = (sizes[-1] - sizes[-1 - back]) / back if back else 0.0
+        if change < -_SHRINKS - fine:
+            self.alarm = False
+            self.state = State.DECAYING
+            self._explained = 0
+        else:
+            self.state = State.GROWING if change > _STEADY + fine else State.SUSTAINED
+
+
+def _line(values: deque[float], n: int) -> tuple[float, float, float]:
+    """Straight line through the last n values: slope from one to the next, scatter, slope's error.
+
+    Only at the end of a long explained streak, so that it costs nothing in most ticks.
+    """
+    last = list(values)[-n:]
+    middle, mean = 0.5 * (n - 1), sum(last) / n
+    spread = n * (n * n - 1.0) / 12.0
+    slope = sum((i - middle) * value for i, value in enumerate(last)) / spread
+    left = sum((value - mean - slope * (i - middle)) ** 2 for i, value in enumerate(last))
+    return slope, math.sqrt(left / n), math.sqrt(left / (n * spread))
