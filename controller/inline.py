@@ -46,12 +46,14 @@ def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
                 warnings.append(_log_warning(plan.log, error))
 
     clock = SimulatedClock()
-    result = run_session(
-        plan.config, clock, telemetry, plan.duration_s, program=plan.program, on_block=on_block
-    )
-    if log is not None:
-        with contextlib.suppress(OSError):  # a full disk was reported when it was met
-            log.close()
+    try:
+        result = run_session(
+            plan.config, clock, telemetry, plan.duration_s, program=plan.program, on_block=on_block
+        )
+    finally:
+        if log is not None:
+            with contextlib.suppress(OSError):  # a full disk was reported when it was met
+                log.close()
     return Ended(
         result.stop_reason, statistics, result.ticks, result.missed, asdict(result), [], warnings
     )
