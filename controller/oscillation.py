@@ -26,6 +26,8 @@ _GROWN = ((3, 0.30), (4, 0.28), (5, 0.25), (6, 0.22))
 """Growth of the amplitude's logarithm over so many explained swings that is an alarm."""
 _LEAST_COUNTS = 5.0
 """Amplitude from which growth is told from the encoder's steps."""
+_OUTWARD = 0.4
+"""Growth of the distance from the wall over two explained swings or more that is an alarm."""
 _LONG = ((12, 0.2), (20, 0.2))
 """The same where the growth must be as regular as no hand's."""
 _REGULAR, _REGULAR_COUNTS = 0.02, 0.15
@@ -134,6 +136,7 @@ class Detector:
         self.growth = math.nan
         self._patience = math.inf
         self._explained = 0
+        self._grew = (0, 0.0)  # swings outward without a break, and by how much
         self._before = None
         self._sizes.clear()
         self._times.clear()
@@ -188,6 +191,8 @@ class Detector:
         if abs(change) > _SYMMETRIC:
             explained = False
         self._explained = self._explained + 1 if explained else 0
+        outward = self._outward(swing) if explained else 0.0
+        self._grew = (self._grew[0] + 1, self._grew[1] + outward) if outward > 0.0 else (0, 0.0)
         known = len(sizes)
         self.amplitude = swing.amplitude
         back = min(known - 1, 4)
@@ -207,7 +212,19 @@ class Detector:
         elif not self._explained:
             self.state = State.QUIET
 
+    def _outward(self, swing: Swing) -> float:
+        """By how much its end is farther from a two-sided wall than its start, as a logarithm."""
+        surface = self.balance.surface
+        start, end = swing.start - surface, swing.end - surface
+        least = _LEAST_COUNTS * self._step
+        if start * end < 0.0 and abs(start) > least and abs(end) > least:
+            return math.log(abs(end / start))
+        return 0.0
+
     def _grown(self) -> bool:
+        swings, growth = self._grew
+        if swings >= 2 and growth > _OUTWARD:
+            return True
         sizes = self._sizes
         for swings, growth in _GROWN:
             if self._explained < swings:
