@@ -79,14 +79,15 @@ def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
     gain = belief.torque_gain.high
     inertia, damping = belief.inertia.low / gain, belief.damping.low / gain
     delay = delay_steps * period + sample_age(config) + belief.delay.high
+    samples = config.wall.velocity_samples
     step = config.servo.counts_per_rev and 2.0 * np.pi / config.servo.counts_per_rev
-    highest = _CEILING * float(max_virtual_damping(inertia, damping, period, delay))
+    highest = _CEILING * float(max_virtual_damping(inertia, damping, period, delay, samples))
     stiffest = np.inf
     if step:
         highest = min(highest, _STEP_SHARE * torque_limit * period / step)
         stiffest = _STEP_SHARE * torque_limit / step
     dampings = np.linspace(0.0, highest, _DAMPINGS)
-    limits = _MARGIN * critical_stiffness(inertia, damping, dampings, period, delay)
+    limits = _MARGIN * critical_stiffness(inertia, damping, dampings, period, delay, samples)
     limits = np.minimum(limits, stiffest)
     best = int(np.argmax(limits))
     stiffness = float(limits[best])

@@ -190,10 +190,10 @@ def _point(
     steps: int, period: float, shaken: Shaken, reference: Sequence[DelayPoint]
 ) -> DelayPoint:
     fit = shaken.fit
-    commanded = from_command(fit)
-    ages = np.array([step.age for step in fit.steps])
+    commanded = from_command(fit, period)
+    ages = np.array([step.age for step in commanded.steps])
     age = Measured(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
-    total = Measured(commanded.lag, float(np.hypot(commanded.stderr, age.stderr)))
+    total = Measured(commanded.lag, commanded.stderr)
     recovered = None
     if reference:
         first = reference[0]

@@ -11,6 +11,7 @@ one. ``x0`` and ``v0`` are each step's own, the other four are common to all ste
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,6 +26,8 @@ FEWEST_STEPS = 8
 _RESOLUTION = 1e-9
 """Instants are kept in whole nanoseconds [s]."""
 _SMALL = 1e-3
+_USUAL = 0.25
+"""Share of a period by which a step's delay from command to sending may differ from the others'"""
 _WIDTH = 1e-4
 """Of the differences that derivatives are taken by, in the values' scales."""
 _ITERATIONS, _HALVINGS = 30, 12
@@ -98,11 +101,24 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
     return StepFit(values, covariance, tuple(steps), float(np.sqrt(np.mean(every**2))))
 
 
-def from_command(fit: StepFit) -> StepFit:
-    """The same fit with the lag counted from the sample that each torque was computed with."""
-    counted = [replace(step, time=step.time - step.commanded, commanded=0.0) for step in fit.steps]
+def from_command(fit: StepFit, period: float) -> StepFit:
+    """The same with the lag counted from the sample that each torque was computed with.
+
+    Steps that a stall of the machine has held up, or brought forward, are left out: what they
+    were late by says nothing of the others.
+
+    Args:
+        fit: Of the lag from sending.
+        period: [s].
+    """
     commanded = np.array([step.commanded for step in fit.steps])
-    mean = float(np.mean(commanded))
+    usual = np.abs(commanded - np.median(commanded)) < _USUAL * period
+    mean = float(np.mean(commanded[usual]))
+    counted = [
+        replace(step, time=step.time - step.commanded, commanded=0.0)
+        for step, kept in zip(fit.steps, usual, strict=True)
+        if kept
+    ]
     if np.ptp(commanded) < _RESOLUTION:  # nothing else would come of it
         shifted = fit.values.copy()
         shifted[LAG] -= mean
@@ -128,7 +144,7 @@ def lost_motion(fit: StepFit) -> tuple[float, float] | None:
         changed = fit.values.copy()
         changed[i] += width
         slope[i] = (np.mean(_gaps(fit.steps, changed)) - np.mean(gaps)) / width if width else 0.0
-    common = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
+    common = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0))
     return float(np.mean(gaps)), float(np.hypot(scatter, common))
 
 

@@ -170,6 +170,8 @@ def steps_of(
         (_, before, _), (row, now, burst), (_, after, _) = changes[place - 1 : place + 2]
         if not changes[place - 1][2] == burst == changes[place + 1][2]:
             continue
+        if rows["torque"][now - 1] * rows["torque"][now] >= 0.0:
+            continue  # a stall of the machine fell upon it
         at = int(sent[now]) + lag_ns
         first = int(np.searchsorted(sampled, sent[before] + lag_ns))
         middle = int(np.searchsorted(sampled, at))
