@@ -7,10 +7,11 @@ import contextlib
 from controller.doctor.report import Consent, Report, Tell
 from controller.tick import COLLECT_SHARE
 from hw.clock import Clock
-from hw.dynamixel.examine.adapter import examine_latency_timer, set_latency_timer
+from hw.dynamixel.examine.adapter import examine_latency_timer
 from hw.dynamixel.examine.finding import Change, Finding
 from hw.dynamixel.examine.registers import Contact
 from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
+from hw.dynamixel.latency import set_timer_to_1_ms
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 from hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
 from hw.settings import DynamixelSettings
@@ -99,7 +100,7 @@ class Locator:
             with opened(settings.port, settings.baud, self._clock) as line:
                 timer = examine_latency_timer(settings.port)
                 if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
-                    set_latency_timer(settings.port)
+                    set_timer_to_1_ms(settings.port)
                     after = examine_latency_timer(settings.port)
                     self._note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after

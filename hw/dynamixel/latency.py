@@ -1,10 +1,29 @@
-"""How long an adapter may keep a short reply to itself: the latency timer of FTDI parts."""
+"""How long an adapter may keep a short reply to itself: the latency timer of FTDI parts.
+
+Their driver in Linux has two settings. The low-latency mode, a flag that whoever may use the port
+may set, means 1 ms until the adapter is unplugged: the file in ``/sys`` then says 1, and what is
+written into it has no effect. Without the mode the file's number holds. Drivers of other adapters
+refuse the flag, or take it and forget it; so a request that succeeds says nothing, and only what is
+read back counts. That too is the driver's word: what replies really take is measured.
+
+Source: Linux, drivers/usb/serial/ftdi_sio.c, ``write_latency_timer`` and ``latency_timer_show``.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import os
+import struct
+import termios
 from pathlib import Path
+from typing import Final
 
 CLASSES = Path("/sys/class/tty")
+_SERIAL_STRUCT: Final = 128
+"""Room for the kernel's ``serial_struct``, on any architecture [bytes]"""
+_FLAGS_AT: Final = 16
+"""Behind type, line, port and irq"""
+_ASYNC_LOW_LATENCY: Final = 0x2000
 
 
 def timer_file(path: str, classes: Path = CLASSES) -> Path:
@@ -23,3 +42,49 @@ def timer_ms(path: str, classes: Path = CLASSES) -> int | None:
         return int(timer_file(path, classes).read_text())
     except (OSError, ValueError):
         return None
+
+
+def set_timer_to_1_ms(path: str, classes: Path = CLASSES) -> bool:
+    """Write an adapter's timer; whether this user may."""
+    try:
+        timer_file(path, classes).write_text("1")
+    except OSError:
+        return False
+    return True
+
+
+def low_latency(path: str) -> bool | None:
+    """Whether the port's driver is in its low-latency mode, as read back.
+
+    Args:
+        path: The port's device; it is opened for a moment, and nothing is set.
+
+    Returns:
+        None: the driver knows no such mode, or the port cannot be opened.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return None
+    try:
+        found = fcntl.ioctl(descriptor, termios.TIOCGSERIAL, bytes(_SERIAL_STRUCT))
+    except OSError:
+        return None
+    finally:
+        os.close(descriptor)
+    return bool(struct.unpack_from("i", found, _FLAGS_AT)[0] & _ASYNC_LOW_LATENCY)
+
+
+def describe(path: str, classes: Path = CLASSES) -> str:
+    """What is known of the timer, for people; "none" where nothing says that there is one.
+
+    Args:
+        path: The port's device.
+        classes: Where the system describes its ports.
+    """
+    latency_ms, mode = timer_ms(path, classes), low_latency(path)
+    if latency_ms is None:
+        return "none in /sys, low-latency mode is on" if mode else "none"
+    if latency_ms > 1:
+        return f"{latency_ms} ms, low-latency mode is {'on' if mode else 'refused'}"
+    return f"{latency_ms} ms"

@@ -19,7 +19,7 @@ from hw.dynamixel.inspection import (
     judge_what_only_a_person_changes,
     torque_off,
 )
-from hw.dynamixel.latency import timer_file, timer_ms
+from hw.dynamixel.latency import describe, timer_file, timer_ms
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.samples import Sample
@@ -127,8 +127,8 @@ class _Startup:
 
     def report_adapter(self) -> None:
         """How long the adapter keeps short replies; what it means shows in the samples' age."""
-        latency_ms = timer_ms(self._settings.port) if self._settings.port else None
-        found = "none" if latency_ms is None else f"{latency_ms} ms"
+        port = self._settings.port
+        latency_ms, found = (timer_ms(port), describe(port)) if port else (None, "none")
         if latency_ms is not None and latency_ms > 1:
             found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
         self.list.add("latency timer", True, found, "1 ms, or none")

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 from serial.tools import list_ports
 
 from hw.dynamixel.examine.finding import Finding, not_applicable
+from hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
 from hw.dynamixel.port import access_remedy, holders
 from hw.errors import PortError
 
@@ -151,7 +152,7 @@ def examine_port(path: str) -> list[Finding]:
     return checks
 
 
-def examine_latency_timer(path: str, classes: Path = Path("/sys/class/tty")) -> Finding:
+def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
     """How long an FTDI adapter holds short replies; the port must be open in low-latency mode.
 
     Args:
@@ -162,34 +163,18 @@ def examine_latency_timer(path: str, classes: Path = Path("/sys/class/tty")) -> 
     if is_pseudo_terminal(path):
         why = "a pseudo-terminal has no setting for it; what the replies take is measured below"
         return not_applicable(name, why)
-    timer = timer_of(path, classes)
-    try:
-        latency_ms = int(timer.read_text())
-    except (OSError, ValueError):
-        return not_applicable(name, "the adapter's driver has no such timer")
-    wanted = "1 ms"
+    latency_ms, found = timer_ms(path, classes), describe(path, classes)
+    if latency_ms is None:
+        return not_applicable(name, f"the adapter's driver tells of no such timer ({found})")
+    timer, wanted = timer_file(path, classes), "1 ms"
     if latency_ms == 0:
         fix = (
             "0 is reported to keep a U2D2 from finding its servos; if yours does not answer, "
             f"`echo 1 | sudo tee {timer}`"
         )
-        return Finding(name, True, "0 ms", wanted, fix)
+        return Finding(name, True, found, wanted, fix)
     fix = "" if latency_ms == 1 else f"`echo 1 | sudo tee {timer}` (until it is unplugged)"
-    return Finding(name, latency_ms == 1, f"{latency_ms} ms", wanted, fix)
-
-
-def set_latency_timer(path: str, classes: Path = Path("/sys/class/tty")) -> bool:
-    """Set an FTDI adapter's timer to 1 ms; whether this user may."""
-    try:
-        timer_of(path, classes).write_text("1")
-    except OSError:
-        return False
-    return True
-
-
-def timer_of(path: str, classes: Path) -> Path:
-    """The file that holds the latency timer of the adapter behind a port."""
-    return classes / Path(path).resolve().name / "device" / "latency_timer"
+    return Finding(name, latency_ms == 1, found, wanted, fix)
 
 
 def _missing(path: str) -> Finding:
@@ -204,6 +189,8 @@ def _rights(path: str) -> Finding:
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EPERM):
             found, fix = "may not be used by this user", access_remedy(path)
+        elif error.errno in (errno.ENXIO, errno.ENODEV):
+            found, fix = "has no device behind it", "plug the adapter in, or set servo.port"
         else:
             found, fix = f"cannot be opened ({error.strerror})", "plug the adapter out and in"
         return Finding("rights", False, found, "reading and writing", fix)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import struct
+import termios
 from dataclasses import dataclass
 
 import pytest
 
 from hw.clock import SimulatedClock
+from hw.dynamixel import latency
 from hw.dynamixel.codec import Instruction, Parser
 from hw.dynamixel.emulated.adapter import Adapter
 from hw.dynamixel.emulated.bus import EmulatedBus
@@ -424,8 +427,30 @@ def test_the_latency_timer_is_judged_where_there_is_one(tmp_path, text, ok, word
     for word in words:
         assert word in f"{finding.found} {finding.fix}"
     if text == "16":
-        assert adapters.set_latency_timer("/dev/ttyUSB9", tmp_path)
+        assert "low-latency mode is refused" in finding.found
+        assert latency.set_timer_to_1_ms("/dev/ttyUSB9", tmp_path)
         assert adapters.examine_latency_timer("/dev/ttyUSB9", tmp_path).ok
+
+
+def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_request(monkeypatch):
+    # A real terminal for the port, and a driver's answer put in its place: type, line, port, irq
+    # and flags come first in the kernel's structure. 0x2000 is ASYNC_LOW_LATENCY.
+    master, slave = os.openpty()
+    path = os.ttyname(slave)
+    assert latency.low_latency(path) is None  # a pseudo-terminal has no such mode
+    assert latency.low_latency(path + "-missing") is None
+    for flags, on in ((0x2000, True), (0x2000 | 0x10, True), (0x10, False)):
+
+        def answer(_descriptor, request, room, flags=flags):
+            assert request == termios.TIOCGSERIAL
+            return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
+
+        monkeypatch.setattr("hw.dynamixel.latency.fcntl.ioctl", answer)
+        assert latency.low_latency(path) is on
+        assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
+        monkeypatch.undo()
+    os.close(master)
+    os.close(slave)
 
 
 def test_a_port_that_is_none_is_said_so(tmp_path):
@@ -440,8 +465,6 @@ def test_a_port_that_is_none_is_said_so(tmp_path):
 def test_settings_of_a_port_are_put_back():
     master, slave = os.openpty()
     path = os.ttyname(slave)
-    import termios
-
     before = termios.tcgetattr(slave)
     with kept_settings(path):
         os.close(open_port(path, 1_000_000))
