@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.experiments.critical import PointResult
-from controller.experiments.sweep_plan import Device
+from controller.experiments.sweep_device import Device
+from controller.experiments.sweep_result import PointResult
 from controller.paper.style import (
     GREY,
     INK,

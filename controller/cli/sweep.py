@@ -23,8 +23,8 @@ from controller.errors import UserError
 
 if TYPE_CHECKING:
     from controller.config import Config
-    from controller.experiments.critical import PointResult
     from controller.experiments.sweep_plan import Options, Setting
+    from controller.experiments.sweep_result import PointResult
 
 _INTERRUPTED = 130
 _MOST_STEPS = 1000
@@ -102,7 +102,8 @@ def command(
     then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
     """
     from controller.experiments.sweep import experiment_config, sweep
-    from controller.experiments.sweep_plan import Device, Options
+    from controller.experiments.sweep_device import Device
+    from controller.experiments.sweep_plan import Options
     from controller.experiments.sweep_store import PNG, Asked, SweepStore
 
     if kick is not None and not 0.0 < kick <= 3.0:

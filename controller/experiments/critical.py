@@ -10,28 +10,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.decrement import Growth, growth, turning_points
 from controller.experiments.growth_fit import Balance, Trial, balance
+from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import (
-    Device,
     Options,
-    Reach,
     Setting,
     hold_spring,
     reach,
     trial_phase,
 )
+from controller.experiments.sweep_result import (
+    PointResult,
+    nothing_text,
+    out_of_reach_text,
+    unstable_text,
+)
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.experiments.trial_watch import Seen, watch
 from controller.logfile import SUFFIX, read_log
 from controller.program import Phase
 from controller.telemetry import FLAG_WARM_UP
-from hw.servo import Outcome
 
 _FIRST = (0.6, 0.8, 1.0, 1.25)
 _STIFFER = (1.2, 1.5, 1.9, 2.5)
@@ -48,42 +52,10 @@ _BATCHES, _MOST_FINE = 12, 4
 _TRIPS = 3
 _IDLE = 4
 """Batches without one more half cycle to fit, after which it makes no sense to go on"""
-_DISTURBED, _HOPELESS = 0.03, 0.2
-"""Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have; where
-most have more, the better half of them, up to the second"""
 _AGE = 1.0, 2.0
 """Sample age in periods that is reckoned with before it is measured: immediate, pipelined"""
-_NOISE_COUNTS = 2.5
-_NOISE_SHARE = 0.002
-
-
-@dataclass(slots=True)
-class PointResult:
-    """One measured point; what is not known is None."""
-
-    virtual_damping: float
-    delay_steps: int
-    delay_s: float
-    """Total: inserted, the device's own as believed, and the measured age of the samples"""
-    exact: float
-    """Without friction, for the believed servo [N·m/rad]; 0: nothing is stable"""
-    linear: float
-    kick_rad: float | None
-    """Amplitude at which growth is zero"""
-    measured: float | None = None
-    """[N·m/rad]"""
-    uncertainty: float | None = None
-    """Standard error [N·m/rad]"""
-    frequency_hz: float | None = None
-    predicted_with_friction: float | None = None
-    """Stiffness whose onset amplitude is the kick, for the believed friction [N·m/rad]"""
-    onset_rad: float | None = None
-    """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
-    trials: int = 0
-    reason: str | None = None
-    """Why there is no figure, or what is to be known of it"""
-    trips: list[str] = field(default_factory=list)
-    logs: list[str] = field(default_factory=list)
+_CORRECTED = 0.7
+"""Share of a miss that the next kick from that side makes good"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +120,7 @@ class PointSearch:
         result = self.result
         damping = self._setting.virtual_damping
         if result.exact <= 0.0:
-            result.reason = self._unstable_text()
+            result.reason = unstable_text(self._device, damping, self._delay)
             return result
         self._reach = reach(self._device, self._setting, self._delay, self._options.kick)
         self._kick = self._reach.kick
@@ -157,7 +129,7 @@ class PointSearch:
             self._device, self._setting.delay_steps, self._longest_age, self._kick
         )
         if self._reach.top <= _SOFTEST * self._reach.predicted:
-            result.reason = self._out_of_reach_text("nothing was tried")
+            result.reason = out_of_reach_text(self._reach, "nothing was tried")
             return result
         found: Balance | None = None
         fine = idle = 0
@@ -203,8 +175,7 @@ class PointSearch:
     def _bracketing(self) -> list[_Asked]:
         """Trials toward the side that was not seen yet, or between the two."""
         highest = min(self._reach.top, self._cap)
-        grew = [trial.stiffness for trial in self._trials if trial.grew]
-        died = [trial.stiffness for trial in self._trials if not trial.grew]
+        grew, died = self._grew(), self._died()
         if not self._trials:
             first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
             first = min(first, highest / _FIRST[-2])
@@ -244,15 +215,11 @@ class PointSearch:
         return found.uncertainty <= self._options.tolerance * found.stiffness or fine >= _MOST_FINE
 
     def _estimate(self) -> Balance | None:
-        grew = [trial.stiffness for trial in self._trials if trial.grew]
-        died = [trial.stiffness for trial in self._trials if not trial.grew]
+        grew, died = self._grew(), self._died()
         if not grew or not died:
             return None
-        if len(grew) + len(died) > 4:
-            # Where most of the softer die and most of the stiffer grow.
-            guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
-        else:
-            guess = math.sqrt(max(died) * min(grew))
+        # Near the limit one that dies may be stiffer than one that grows.
+        guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
         return balance(self._trials, self._kick, guess)
 
     # One batch
@@ -285,7 +252,7 @@ class PointSearch:
             phase = 2 * n + 1
             if phase > over or (tripped is not None and phase == over):
                 break
-            self._watch(rows, phases[phase], phase, asked)
+            self._take(watch(rows, phase, phases[phase], self._device, self._kick), asked)
         if tripped is not None:
             culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
             result.trips.append(f"{tripped} at {culprit.stiffness:.4g} N·m/rad")
@@ -293,49 +260,20 @@ class PointSearch:
         self._delay = self._total_delay()
         return len(result.trips) < _TRIPS
 
-    def _watch(self, rows: NDArray[np.void], phase: Phase, number: int, asked: _Asked) -> None:
-        """Take in what one trial did."""
-        own = rows[rows["phase"] == number]
-        if own.size < 3:
+    def _take(self, seen: Seen | None, asked: _Asked) -> None:
+        if seen is None:
             return
-        origin = float(rows["position"][0])
-        good = own["outcome"] == Outcome.OK
-        time = (own["sampled_ns"] - own["sampled_ns"][0]) * 1e-9
-        position = own["position"] - origin
-        started = asked.sign * float(position[0])
-        self._offset[asked.sign] += 0.7 * (asked.aim - started)
-        least = _NOISE_COUNTS * self._device.position_step
-        least = max(least, _NOISE_SHARE * self._kick * (0.1 if least == 0.0 else 1.0))
-        turns = turning_points(time[good], position[good], least)
-        sound = self._sound(own, phase, position, time, turns.time)
-        found = growth(turns, sound)
-        if sound.any():
-            used = sound[np.clip(np.searchsorted(turns.time, time) - 1, 0, sound.size - 1)]
-            self._ages.append(_mean_age(own, used, self._device.period))
-        self._trials.append(
-            Trial(asked.stiffness, found, turns.half_period, _grew(found, turns.position, position))
-        )
+        self._trials.append(seen.trial)
+        if seen.age is not None:
+            self._ages.append(seen.age)
+        # Friction and gravity keep the soft spring from its centre: aim better next time.
+        self._offset[asked.sign] += _CORRECTED * (asked.aim - asked.sign * seen.start)
 
-    def _sound(
-        self,
-        own: NDArray[np.void],
-        phase: Phase,
-        position: NDArray[np.float64],
-        time: NDArray[np.float64],
-        turned: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
-        """Which half cycles nothing disturbed: no loss, no stall, no saturation."""
-        asked = -phase.stiffness * position - phase.damping * own["velocity"]
-        scale = 1e-9 * (1.0 + np.abs(asked))
-        # Once more half a count off: what the torque limit cut differs by more.
-        cut = np.abs(asked - own["wall_torque"]) > scale
-        wrong = cut + (own["outcome"] != Outcome.OK) + own["missed"]
-        total = np.concatenate([[0.0], np.cumsum(wrong)])
-        at = np.clip(np.searchsorted(time, turned), 0, own.size)
-        share = np.diff(total[at]) / np.maximum(np.diff(turned) / self._device.period, 1.0)
-        usual = float(np.median(share)) if share.size else 0.0
-        result: NDArray[np.bool_] = share <= min(max(usual, _DISTURBED), _HOPELESS)
-        return result
+    def _died(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if not trial.grew]
+
+    def _grew(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if trial.grew]
 
     # The end
 
@@ -349,7 +287,9 @@ class PointSearch:
             result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
             return
         if found is None:
-            result.reason = self._nothing_text()
+            result.reason = nothing_text(
+                self._reach, self._died(), self._grew(), self._cap, result.trips
+            )
             return
         result.measured = found.stiffness
         result.uncertainty = found.uncertainty
@@ -365,68 +305,9 @@ class PointSearch:
         elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
             result.reason = "trials differ by more than the tolerance: see the uncertainty"
 
-    def _unstable_text(self) -> str:
-        ceiling = self._device.ceiling(self._delay)
-        damping = self._setting.virtual_damping
-        if damping >= ceiling:
-            return (
-                f"virtual damping {damping:g} is over the ceiling {ceiling:.4g} N·m·s/rad at this"
-                " delay: no stiffness is stable; nothing was tried"
-            )
-        return (
-            f"virtual damping {damping:g} takes away all of the servo's own"
-            f" {self._device.damping:g} N·m·s/rad: no stiffness is stable; nothing was tried"
-        )
-
-    def _nothing_text(self) -> str:
-        died = [trial.stiffness for trial in self._trials if not trial.grew]
-        grew = [trial.stiffness for trial in self._trials if trial.grew]
-        if died and not grew:
-            if self._cap < self._reach.top:
-                return (
-                    f"did not grow below the stiffness that tripped: {'; '.join(self.result.trips)}"
-                )
-            return self._out_of_reach_text(f"motion still died at {max(died):.4g} N·m/rad")
-        if grew and not died:
-            return (
-                f"motion grew at every stiffness down to {min(grew):.4g} N·m/rad: the believed"
-                " servo (model.*) is far from this one, or something else moves it"
-            )
-        if not self._trials:
-            return "no trial could be watched to its end"
-        return "too few undisturbed half cycles to tell growth from decay"
-
-    def _out_of_reach_text(self, seen: str) -> str:
-        edge: Reach = self._reach
-        return (
-            f"{edge.bound_by} leaves room up to {edge.top:.4g} N·m/rad for a kick of"
-            f" {edge.kick:.4g} rad, the limit is expected at {edge.predicted:.4g}; {seen}: use a"
-            f" smaller --kick or raise {edge.bound_by}"
-        )
-
 
 def _middle(values: Sequence[float]) -> float:
     return float(np.median(values))
-
-
-def _grew(found: Growth, turned: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
-    """Whether the motion of a trial grew, as far as can be told."""
-    if found.log_ratio.size:
-        return bool(np.mean(found.log_ratio[:6]) > 0.0)
-    start = abs(float(position[0]))
-    if turned.size > 2:
-        return abs(float(turned[-1])) > abs(float(turned[1]))
-    return bool(np.max(np.abs(position)) > 1.2 * start)
-
-
-def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:
-    """Age of the sample behind the torque, averaged over the time in which each torque acts [s].
-
-    A lost sample leaves an older one in force, a skipped period an older torque.
-    """
-    held = np.append(1.0 + own["missed"][1:], 1.0) * used
-    stale = own["age_ns"] * 1e-9 + 0.5 * period * (held - 1.0)
-    return float(np.sum(held * stale) / np.sum(held))
 
 
 def _rows_of(log: Path) -> NDArray[np.void]:

@@ -11,10 +11,10 @@ from concurrent.futures import Future, as_completed
 from pathlib import Path
 
 from controller.config import Config
-from controller.experiments.critical import PointResult, PointSearch
+from controller.experiments.critical import PointSearch
 from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import (
-    Device,
     Hold,
     Options,
     Setting,
@@ -22,6 +22,7 @@ from controller.experiments.sweep_plan import (
     reach,
     trial_phase,
 )
+from controller.experiments.sweep_result import PointResult
 from controller.experiments.sweep_store import LOGS, SweepStore
 from controller.experiments.testbed import ExperimentInterruptedError, Testbed
 

@@ -10,16 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config import Config
-from controller.errors import UserError
+from controller.experiments.sweep_device import Device
 from controller.program import Phase
-from controller.theory import (
-    critical_stiffness,
-    linear_limit,
-    max_virtual_damping,
-)
+from controller.theory import critical_stiffness
 from controller.theory.checks import FloatArray
-from controller.theory.friction import onset_amplitude
 
 KICK = 0.1
 """Largest kick that is chosen where none is asked for [rad]"""
@@ -67,99 +61,6 @@ class Setting:
     virtual_damping: float
     """[N·m·s/rad]"""
     delay_steps: int
-
-
-@dataclass(frozen=True, slots=True)
-class Device:
-    """What is believed of the servo, as far as a sweep needs it; in commanded units.
-
-    A torque gain of g makes a body of inertia m and damping b under torques g u the same as one of
-    m/g and b/g under u.
-    """
-
-    inertia: float
-    damping: float
-    coulomb: float
-    period: float
-    velocity_samples: int
-    torque_limit: float
-    max_speed: float
-    position_step: float
-    """[rad]; 0: not quantised"""
-    worst: tuple[float, float, float]
-    """Lowest inertia and damping, longest lag, in commanded units"""
-    lag: float
-    """Believed from a torque being sent to its action [s]"""
-    heaviest: float
-    """Highest inertia"""
-
-    @classmethod
-    def of(cls, config: Config) -> Device:
-        """The believed servo of a configuration.
-
-        Raises:
-            UserError: Its torque has no limit that is known beforehand.
-        """
-        belief, servo = config.belief(), config.servo
-        gain = belief.torque_gain
-        limit = servo.torque_limit
-        if limit is None and servo.kind == "simulated":
-            limit = config.true_servo().torque_limit
-        if limit is None:
-            raise UserError(
-                "servo.torque_limit: found null, wanted a torque [N·m]: a sweep plans its kicks by"
-                " it; set it, for instance to the servo's stall torque"
-            )
-        counts = servo.counts_per_rev if servo.kind != "hardware" else 4096
-        return cls(
-            inertia=belief.inertia.value / gain.value,
-            damping=belief.damping.value / gain.value,
-            coulomb=belief.coulomb.value / gain.value,
-            period=config.period_s,
-            velocity_samples=config.wall.velocity_samples,
-            torque_limit=limit,
-            max_speed=config.safety.max_speed,
-            position_step=2.0 * np.pi / counts if counts else 0.0,
-            worst=(
-                belief.inertia.low / gain.high,
-                belief.damping.low / gain.high,
-                belief.delay.high,
-            ),
-            lag=belief.delay.value,
-            heaviest=belief.inertia.high / gain.low,
-        )
-
-    def exact(self, virtual_damping: float, delay: float) -> float:
-        """Critical stiffness without friction [N·m/rad]; 0: none."""
-        loop = (self.inertia, self.damping, virtual_damping, self.period, delay)
-        return float(critical_stiffness(*loop, self.velocity_samples))
-
-    def linear(self, virtual_damping: float, delay: float) -> float:
-        """The linear condition's limit [N·m/rad]."""
-        return float(linear_limit(self.damping, virtual_damping, self.period, delay))
-
-    def ceiling(self, delay: float) -> float:
-        """Virtual damping above which nothing is stable [N·m·s/rad]."""
-        loop = (self.inertia, self.damping, self.period, delay)
-        return float(max_virtual_damping(*loop, self.velocity_samples))
-
-    def onset(
-        self, stiffness: FloatArray, virtual_damping: float, delay: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Amplitude from which motion grows [rad], and the oscillation's frequency [Hz]."""
-        found = onset_amplitude(
-            self.inertia,
-            self.damping,
-            self.coulomb,
-            stiffness,
-            virtual_damping,
-            self.period,
-            delay,
-            self.velocity_samples,
-        )
-        exact = self.exact(virtual_damping, delay)
-        softer = np.sqrt(np.minimum(stiffness / max(exact, 1e-300), 1.0))
-        return np.asarray(found.amplitude), np.asarray(found.frequency) * softer
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from typing import Any
 from controller import __version__
 from controller.config import Config
 from controller.errors import UserError
-from controller.experiments.critical import PointResult
 from controller.experiments.sweep_plan import Options, Setting
+from controller.experiments.sweep_result import PointResult
 
 JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
 _FORMAT = "haptic-wall sweep 1"
