@@ -36,12 +36,15 @@ COMMANDS = {
     "sweep": ("controller.cli.sweep", "The critical stiffness of a servo, measured on it."),
     "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
     "detect": ("controller.cli.detect", "The oscillation in a recorded log or CSV."),
+    "rendered": ("controller.cli.rendered", "What the servo renders, against the commanded."),
     "log": ("controller.cli.log", "Summary of a log; export as CSV."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
-NEEDS_LINUX = frozenset({"run", "emulate", "scan", "doctor", "sweep", "delay", "identify"})
+NEEDS_LINUX = frozenset(
+    {"run", "emulate", "scan", "doctor", "sweep", "delay", "rendered", "identify"}
+)
 
 HARDWARE = 4
 USER = 2

@@ -24,8 +24,8 @@ DEEPEST = 0.25
 """Planned penetration at most [rad]"""
 _SHARE = 0.5
 """Of the torque limit that the spring may come to, and of ``max_speed``"""
-_FASTEST = 2.0
-"""[rad/s]"""
+FASTEST = 2.0
+"""Approach [rad/s]"""
 _SPEEDS = (0.5, 1.0)
 """Shares of the fastest approach"""
 _REPEATS = 5
@@ -91,7 +91,7 @@ def plan_approach(
         return None
     frequency = math.sqrt(stiffness / inertia)
     fastest = min(
-        _FASTEST,
+        FASTEST,
         0.3 * max_speed,
         _SHARE * torque_limit / (stiffness / frequency + abs(damping)),
         DEEPEST * frequency,

@@ -59,13 +59,16 @@ def drag_phases(hold: Hold, max_speed: float) -> list[Phase]:
     return phases
 
 
-def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag:
+def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag | None:
     """Coulomb and viscous friction from the torque that each way took.
 
     Args:
         rows: Of the log, dtype ``telemetry.ROW``.
         phases: Of the program.
-        fit: Says how late a torque acts, and how much of the impulse went into speed.
+        fit: Says how late a torque acts, and how much of it went into speed.
+
+    Returns:
+        None where the shaft did not move both ways at two speeds.
     """
     rows = good(rows)
     time = rows["sampled_ns"] * 1e-9
@@ -89,6 +92,8 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag:
         torques.append(2.0 * float(curve[0]))
         speeds.append(float(np.linalg.lstsq(np.vander(at, 2), x, rcond=None)[0][0]))
     speed, torque = np.array(speeds), np.array(torques)
+    if np.unique(np.round(speed, 1)).size < 4:
+        return None
     columns = np.stack([np.sign(speed), speed, np.ones_like(speed)], axis=1)
     # The encoder's rounding makes a curvature as uncertain as that.
     weight = np.array(lasts)[:, None] ** 2.5

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from controller.config import Config
 from controller.experiments.contact_transient import (
+    FASTEST,
     REACH,
     Approach,
     Contact,
@@ -38,8 +39,10 @@ from controller.experiments.step_fit import from_command, lost_motion
 from controller.experiments.testbed import Testbed
 from controller.guard import Situation, decide
 from controller.guard_types import Decision, Request
+from controller.theory.one_sided import restitution
 
 BURSTS = 8
+_NOT_MOVED = "the shaft did not follow at two speeds both ways"
 SECONDS = 110
 """About what all of it takes [s]"""
 
@@ -82,18 +85,23 @@ class Rendering:
     """The limit of the guard that bound the stiffness; None: none did"""
     rows: tuple[Row, ...]
     static: StaticStiffness | None
-    drag: Drag
+    drag: Drag | None
     contacts: tuple[Contact, ...]
     predicted: tuple[Contact, ...]
     """The same contacts of a simulated servo that is what is believed of this one"""
     notes: tuple[str, ...]
 
 
-def announcement(config: Config) -> str:
-    """What will move, and how far, for a person."""
+def announcement(config: Config, speed: float) -> str:
+    """What will move, and how far, for a person.
+
+    Args:
+        config: The servo.
+        speed: Of the fastest part [rad/s].
+    """
     return (
-        f"the shaft will be moved within ±{REACH:g} rad of where it is, at up to 4 rad/s, and"
-        f" struck against the wall; it takes about {SECONDS} s"
+        f"the shaft will be moved within ±{REACH:g} rad of where it is, at up to {speed:.2g} rad/s,"
+        f" and struck against the wall; it takes about {SECONDS} s"
         + ("; keep clear of it" if config.servo.kind == "hardware" else "")
     )
 
@@ -123,7 +131,7 @@ def measure_rendering(
     config = without_hand(config)
     limit, steps = torque_limit_of(config), config.delay.steps
     shaking = plan_shaking(config, limit, steps, BURSTS, seed)
-    tell(announcement(config))
+    tell(announcement(config, max(shaking.plan.speed, FASTEST)))
     bed = Testbed(config, folder, tell)
     tell("1 of 4: torque steps, for torque gain, delay and lost motion")
     shaken = shake(bed, "rendered-steps", shaking)
@@ -158,19 +166,31 @@ def measure_rendering(
         lag,
     )
     struck: list[Contact] = []
+    worst = math.nan
     predicted: list[Contact] = []
     if approach is not None:
         tell("4 of 4: contacts with the wall, and the same simulated")
         phases = approach_phases(approach, shaking.hold, fit, direction, lag, seed)
         played = bed.play("rendered-contacts", phases)
         struck = contacts(played.rows, phases, fit, direction, lag)
+        worst = float(
+            restitution(
+                1.0 / fit.acceleration,
+                max(fit.decay / fit.acceleration, 0.0),
+                approach.stiffness,
+                approach.damping,
+                config.period_s,
+                max(lag, 0.0),
+                velocity_samples=config.wall.velocity_samples,
+            )
+        )
         twin = Testbed(_believed(config, float(np.median(shaken.ages))), folder)
         played = twin.play("rendered-contacts-predicted", phases)
         predicted = contacts(played.rows, phases, fit, direction, lag)
     rows = (
         *_stiffness_rows(config, wall, push, static, shaken),
         *_free_rows(config, shaken, moved),
-        *_contact_rows(approach, struck, predicted),
+        *_contact_rows(approach, struck, predicted, worst),
     )
     return Rendering(
         wall.stiffness,
@@ -291,7 +311,7 @@ def _stiffness_rows(
     return rows
 
 
-def _free_rows(config: Config, shaken: Shaken, moved: Drag) -> list[Row]:
+def _free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
     belief = config.belief()
     gain = belief.torque_gain.value
     delay = from_command(shaken.fit, config.period_s)
@@ -306,23 +326,26 @@ def _free_rows(config: Config, shaken: Shaken, moved: Drag) -> list[Row]:
             "drag, Coulomb",
             "N·m",
             belief.coulomb.value / gain,
-            moved.coulomb,
-            moved.coulomb_stderr,
-            "in commanded torque; expected: model.coulomb",
+            moved.coulomb if moved else None,
+            moved.coulomb_stderr if moved else None,
+            "in commanded torque; expected: model.coulomb" if moved else _NOT_MOVED,
         ),
         Row(
             "drag, viscous",
             "N·m·s/rad",
             belief.damping.value / gain,
-            moved.viscous,
-            moved.viscous_stderr,
-            "in commanded torque; expected: model.damping",
+            moved.viscous if moved else None,
+            moved.viscous_stderr if moved else None,
+            "in commanded torque; expected: model.damping" if moved else _NOT_MOVED,
         ),
     ]
 
 
 def _contact_rows(
-    approach: Approach | None, struck: Sequence[Contact], predicted: Sequence[Contact]
+    approach: Approach | None,
+    struck: Sequence[Contact],
+    predicted: Sequence[Contact],
+    worst: float,
 ) -> list[Row]:
     """By speed of approach: what comes of a contact, scaled to the mean speed of entry."""
     if approach is None:
@@ -338,6 +361,9 @@ def _contact_rows(
         speed = float(np.mean([c.entry for c in real]))
         for name, (unit, values) in _VALUES.items():
             row = _row(f"{name} at {speed:.2f} rad/s", unit, speed, values, real, simulated)
+            if unit == "1":
+                said = f"; at the worst instant, without friction: {worst:.3g}"
+                row = replace(row, note=row.note + said)
             if row.rendered is not None:
                 rows.append(row)
     return rows

@@ -1,0 +1,82 @@
+"""``haptic-wall rendered``: stiffness, drag and contacts as rendered, against what is commanded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from controller.cli.experiment import endings, folder_for, say
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    set_option,
+    writing,
+)
+from controller.config_load import load_config
+
+if TYPE_CHECKING:
+    from controller.experiments.rendering import Rendering
+
+
+@click.command()
+@config_argument()
+@set_option
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all that is random.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/.",
+)
+@json_option
+def command(
+    config: str, sets: tuple[str, ...], seed: int, out: Path | None, as_json_wanted: bool
+) -> None:
+    """Measure what CONFIG's servo renders: is the commanded stiffness that of the wall?
+
+    The wall that a run would command is pushed as a spring, the free shaft is moved at several
+    speeds, and the wall is struck. The shaft moves by up to half a radian either way.
+    """
+    from controller.experiments.rendering import measure_rendering, rendering_report
+
+    loaded = load_config(config, sets)
+    folder = folder_for(out, "rendered")
+    with endings():
+        found = measure_rendering(loaded.config, folder, seed, say)
+    from controller.rendered_plot import plot_rendering
+
+    files = [folder / "rendered.json", folder / "rendered.png"]
+    report = {"name": loaded.name, **rendering_report(found), "files": files}
+    with writing("--out", folder):
+        files[0].write_text(as_json(report) + "\n", encoding="utf-8")
+        plot_rendering(found, loaded.name, files[1])
+    answer(as_json(report) if as_json_wanted else _text(found, files))
+
+
+def _text(found: Rendering, files: list[Path]) -> str:
+    """The comparison as a table, and where the rest is."""
+    lines = [
+        f"{'':<32}{'commanded':>12}{'rendered':>12}{'± stderr':>12}{'ratio':>8}",
+    ]
+    for row in found.rows:
+        unit = "" if row.unit == "1" else f" [{row.unit}]"
+        cells = _cell(row.commanded) + _cell(row.rendered) + _cell(row.stderr, 2)
+        lines.append(
+            f"{row.name + unit:<32}{cells}"
+            + (f"{row.ratio:>8.3f}" if row.ratio is not None else f"{'':>8}")
+            + (f"  {row.note}" if row.note else "")
+        )
+    if found.binding is not None:
+        lines.append(
+            f"{found.requested.stiffness:g} N·m/rad were asked for; the guard commands"
+            f" {found.stiffness:.4g} ({found.binding} limit)"
+        )
+    return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])
+
+
+def _cell(value: float | None, digits: int = 4) -> str:
+    return f"{'-':>12}" if value is None else f"{value:>12.{digits}g}"
