@@ -167,9 +167,20 @@ def _judge(found: Soaked) -> None:
     by_outcome: Counter[str] = Counter()
     for (_, outcome), count in found.outcomes.items():
         by_outcome[outcome] += count
-    for name in ("lost", "corrupt", "refused"):
-        if counts[name] != by_outcome[name.upper()]:
+    # A reply that has only begun is lost for its cycle; that it was cut short shows a cycle later.
+    cut = by_outcome["LOST"] - counts["lost"]
+    begun = sum(
+        count
+        for (kind, outcome), count in found.outcomes.items()
+        if outcome == "LOST" and kind in ("truncate", "corrupt", "several")
+    )
+    if not 0 <= cut <= begun:
+        problems.append(f"{by_outcome['LOST']} cycles lost, counted {counts['lost']}")
+    for name, moved in (("corrupt", cut), ("refused", 0)):
+        if counts[name] != by_outcome[name.upper()] + moved:
             problems.append(f"{by_outcome[name.upper()]} cycles {name}, counted {counts[name]}")
+    if cut < found.outcomes["truncate", "LOST"] // 2:
+        problems.append(f"{found.outcomes['truncate', 'LOST']} cut short, counted {cut}")
     if counts["cycles"] != found.cycles:
         problems.append(f"{found.cycles} cycles, counted {counts['cycles']}")
     late = sum(count for (kind, _), count in found.outcomes.items() if kind == "late")

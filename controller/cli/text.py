@@ -8,6 +8,10 @@ from typing import Any
 
 _WIDTH = 98
 _LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
+_UNCONFIRMED = (
+    "the servo did not answer when its torque was switched off: without a supply it has none, and "
+    "else its Bus Watchdog ends it; switch its power off before you reach for it"
+)
 
 
 def report_text(report: Mapping[str, Any]) -> str:
@@ -40,6 +44,8 @@ def _ending(report: Mapping[str, Any]) -> Iterator[str]:
     yield from _entry("run", how)
     if report.get("explanation"):
         yield from _entry("", str(report["explanation"]))
+    if off is False:
+        yield from _entry("", _UNCONFIRMED)
 
 
 def _timing(report: Mapping[str, Any]) -> Iterator[str]:

@@ -36,7 +36,8 @@ from hw.servo import BusCounts, Outcome
 from hw.wire import wire_ns
 
 _GOAL_CURRENT: Final = 102
-_OK: Final = Outcome.OK  # to look it up takes as long as to make a sample
+_OK: Final = Outcome.OK  # to look these up takes as long as to make a sample
+_STATUS: Final = Instruction.STATUS
 
 
 class Link:
@@ -257,11 +258,7 @@ class Link:
         return None
 
     def _is_good_reply(self, frame: Frame) -> bool:
-        return (
-            frame.id == self._id
-            and frame.instruction == Instruction.STATUS
-            and not frame.error & 0x7F
-        )
+        return frame.id == self._id and frame.instruction == _STATUS and not frame.error & 0x7F
 
     def _match(self, frame: Frame) -> Sample | None:
         """The sample, if ``frame`` answers the request that waits; None if it does not."""

@@ -25,6 +25,9 @@ _TICK_DRIFT: Final = 0.02
 """The servo's clock against ours"""
 _TICK_TRUST_NS: Final = 10_000_000_000
 """After such a pause a tick that wraps every 33 s proves nothing"""
+_NEAR_NS: Final = 5_000_000
+"""Within which two samples of a cycle usually follow each other, and clocks agree"""
+_NEVER_NS: Final = -1 << 62
 _RESTART_PROOFS: Final = 2
 """Samples in step with each other, and not with what was accepted, that prove a restart"""
 
@@ -46,10 +49,11 @@ class Sample(NamedTuple):
 class ServoClock:
     """A servo's millisecond tick against the instants at which it was asked for."""
 
-    __slots__ = ("_accepted", "_doubted", "_proofs")
+    __slots__ = ("_doubted", "_proofs", "_sent_ns", "_tick")
 
     def __init__(self) -> None:
-        self._accepted: tuple[int, int] | None = None
+        self._tick = 0
+        self._sent_ns = _NEVER_NS
         """Tick and request instant of the last accepted sample"""
         self._doubted: tuple[int, int] | None = None
         """The same of the last one refused"""
@@ -67,18 +71,24 @@ class ServoClock:
             tick: What the servo says.
             sent_ns: When it was asked [ns].
         """
-        accepted = self._accepted
-        if accepted is None or _in_step(accepted[0], accepted[1], tick, sent_ns):
-            self._accepted = tick, sent_ns
-            if self._doubted is not None:
-                self._doubted = None
-                self._proofs = 0
-            return True
+        passed_ns = sent_ns - self._sent_ns
+        ahead_ns = (tick - self._tick) % TICK_MODULUS * 1_000_000 - passed_ns
+        near = -_NEAR_NS <= ahead_ns <= _NEAR_NS >= passed_ns  # so it is in step for certain
+        if self._doubted is not None or not near:
+            if not _in_step(self._tick, self._sent_ns, tick, sent_ns):
+                self._doubt(tick, sent_ns)
+                return False
+            self._doubted = None
+            self._proofs = 0
+        self._tick = tick
+        self._sent_ns = sent_ns
+        return True
+
+    def _doubt(self, tick: int, sent_ns: int) -> None:
         if self._doubted is not None:
             in_step = _in_step(*self._doubted, tick, sent_ns)
             self._proofs = self._proofs + 1 if in_step else 0
         self._doubted = tick, sent_ns
-        return False
 
 
 def _in_step(before: int, before_ns: int, tick: int, sent_ns: int) -> bool:

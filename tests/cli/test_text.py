@@ -103,9 +103,12 @@ def test_a_trip_is_the_first_thing_one_reads():
         "explanation": "the position moved faster than safety.max_speed allows",
         "torque_off": False,
     }
-    first, second, *_ = report_text(report).splitlines()
+    first, second, *others = report_text(report).splitlines()
     assert "ENDED BY A SAFETY TRIP: overspeed; TORQUE OFF COULD NOT BE READ BACK" in first
     assert "safety.max_speed" in second
+    meaning = " ".join(" ".join(others[:2]).split())
+    for fact in ("did not answer", "Bus Watchdog ends it", "switch its power off"):
+        assert fact in meaning
 
 
 def test_what_is_not_known_is_left_out_or_named():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from struct import Struct
+from typing import Final
 
 from hw.dynamixel.codec.frames import (
     BROADCAST,
@@ -19,7 +20,8 @@ from hw.dynamixel.codec.frames import (
     encode,
 )
 
-_FIXED = 8
+_STATUS: Final = Instruction.STATUS  # to look it up takes as long as to make a frame
+_FIXED: Final = 8
 """Bytes of a reply in front of its error byte: header, id, length, instruction"""
 
 
@@ -46,7 +48,7 @@ class ExpectedReply:
         body = data[_FIXED:-2]
         if MARK in body or crc16(body, self._crc) != data[-2] | data[-1] << 8:
             return None
-        return Frame(prefix[4], Instruction.STATUS, body[0], body[1:])
+        return Frame(prefix[4], _STATUS, body[0], body[1:])
 
 
 class ExpectedFastReply:
