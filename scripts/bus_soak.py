@@ -48,8 +48,8 @@ def in_memory_page(found: Soaked, frames: int, passed: int, seed: int) -> list[s
         f"Replies that came late and were never used: {found.counts['late']}. Failed cycles in a"
         f" row: {found.longest_gap} at most.",
         "A reply that is cut short, or whose length is broken, leaves a beginning that might still"
-        " be completed: its cycle became a lost one. Once another frame begins it was cut short, and"
-        " the driver counts it as corrupt instead.",
+        " be completed: its cycle became a lost one. Once another frame begins it was cut short,"
+        " and the driver counts it as corrupt instead.",
         "",
         f"Changed or cut: {found.damaged} replies, of which **{found.undetected}** passed for good;"
         f" a 16-bit CRC lets {low} to {high} through if they were random bytes ({CONFIDENCE:.0%}"
