@@ -101,6 +101,13 @@ def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_th
     assert "kernel" in checks
 
 
+def test_a_path_is_never_broken_at_its_hyphens(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    port = tmp_path / "an-adapter-that-is-not-there-with-a-long-name-to-be-copied"
+    _, out, _ = doctor(capsys, *at(port), *QUIET)
+    assert str(port) in out
+
+
 @pytest.mark.realtime
 def test_a_servo_as_from_the_factory_is_mended_when_asked(capsys):
     with emulate() as (_, port):
