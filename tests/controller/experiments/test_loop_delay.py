@@ -1,0 +1,146 @@
+"""The measured delay is the servo's, its standard error is honest, and what is inserted is found."""
+
+import numpy as np
+import pytest
+
+from controller.config_load import load_config
+from controller.errors import UserError
+from controller.experiments.loop_delay import delay_report, measure_delay
+from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
+from controller.experiments.step_fit import lost_motion
+from controller.experiments.testbed import ExperimentTrippedError, Testbed
+
+SMALL = (
+    "servo.inertia=0.0018142",
+    "servo.damping=0.0036617",
+    "servo.coulomb=0.012833",
+    "servo.torque_limit=0.52",
+    "servo.torque_step=0.0008",
+)
+"""An XL330-M288's parameters."""
+
+
+def config_of(*sets, preset="simulated"):
+    return load_config(preset, ("loop.clock=simulated", *sets)).config
+
+
+def shaken(config, folder, bursts=3, seed=0):
+    limit = config.servo.torque_limit
+    shaking = plan_shaking(config, limit, config.delay.steps, bursts, seed)
+    return shake(Testbed(config, folder), "steps", shaking)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A servo with a lag of a fraction of a period, the hand of its preset, 3 periods inserted."""
+    config = config_of("servo.delay=0.00137", "delay.steps=3")
+    told = []
+    folder = tmp_path_factory.mktemp("delay")
+    return measure_delay(config, folder, [0], bursts=6, tell=told.append), told
+
+
+def test_the_delay_is_the_servos_lag_and_what_is_inserted(found):
+    delay, _ = found
+    assert delay.device.value == pytest.approx(0.00137, abs=3 * delay.device.stderr)
+    assert delay.total.value == pytest.approx(0.00437, abs=3 * delay.total.stderr)
+    assert delay.total.stderr < 1e-4  # a tenth of a period
+    assert delay.device.stderr < delay.total.stderr
+
+
+def test_the_inserted_delay_is_recovered(found):
+    reference, inserted = found[0].points
+    assert reference.recovered is None
+    recovered = inserted.recovered
+    assert recovered.value == pytest.approx(0.003, abs=3 * recovered.stderr)
+
+
+def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found):
+    report = delay_report(found[0], 1e-3, 0.0)
+    assert report["value"] == found[0].total.value
+    assert report["parts"]["inserted"] == pytest.approx(0.003)
+    assert report["model_delay"]["low"] < 0.00137 < report["model_delay"]["high"]
+    assert [point["delay_steps"] for point in report["points"]] == [0, 3]
+
+
+def test_what_will_move_is_said_first_and_kept(found):
+    delay, told = found
+    assert "the shaft will swing over about 0.12 rad" in told[0]
+    for point in delay.points:
+        rows = point.shaken.played.rows
+        assert np.max(np.abs(rows["position"] - rows["position"][0])) < 0.4  # as was said
+        assert point.shaken.played.log.exists()
+
+
+def test_without_friction_and_encoder_it_is_exact(tmp_path):
+    config = config_of("servo.delay=0.00203", preset="paper-table2")
+    fit = shaken(config, tmp_path, bursts=1).fit
+    assert fit.lag == pytest.approx(0.00203, abs=1e-8)
+    assert fit.acceleration == pytest.approx(1.0, rel=1e-6)
+    assert fit.decay == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
+def test_the_standard_error_is_honest(servo, tmp_path, thorough):
+    count = 100 if thorough else 8
+    off = []
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        lag = float(random.uniform(0.0, 0.006))
+        steps = int(random.integers(0, 6))
+        config = config_of(
+            f"servo.delay={lag}",
+            f"delay.steps={steps}",
+            "servo.hand=none",
+            "model.delay={value: 0.003, low: 0, high: 0.006}",
+            *servo,
+        )
+        fit = shaken(config, tmp_path, bursts=3, seed=seed).fit
+        off.append((fit.lag - lag) / fit.stderr)
+    # The mean square of so many normal errors stays within these bounds but once in 1000 times;
+    # on the upper side a fifth is granted to the scatter of the standard error itself.
+    spread = 3.1 * np.sqrt(2.0 / count)
+    assert 0.2 < np.mean(np.square(off)) < 1.44 * (1.0 + spread)
+
+
+def test_play_shows_as_lost_motion(tmp_path):
+    config = config_of("servo.backlash=0.004", "servo.hand=none")
+    lost, stderr = lost_motion(shaken(config, tmp_path, bursts=6).fit)
+    assert lost == pytest.approx(0.004, abs=3 * stderr)
+    assert stderr < 5e-4
+
+
+def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path):
+    """The driver means the stall ratio of the data sheet, 1.783 N·m/A; the servo has another."""
+    config = config_of(
+        "servo.torque_constant=1.5",
+        "model.torque_gain={value: 1, low: 0.7, high: 1.3}",
+        "servo.hand=none",
+        preset="emulated-xm430",
+    )
+    fit = shaken(config, tmp_path, bursts=1).fit
+    gain = fit.acceleration * config.servo.inertia
+    error = fit.acceleration_stderr * config.servo.inertia
+    assert gain == pytest.approx(1.5 / (4.1 / 2.3), abs=3 * error)
+    assert error < 0.02
+
+
+def test_a_servo_that_does_not_move_is_told(tmp_path):
+    config = config_of("servo.coulomb=3", "model.coulomb=0.09", "servo.hand=none")
+    with pytest.raises(ExperimentFailedError, match="the servo does not move: 0 rad"):
+        shaken(config, tmp_path)
+
+
+def test_too_little_torque_against_friction_is_the_users_error(tmp_path):
+    config = config_of("model.coulomb=1.0")
+    with pytest.raises(UserError, match=r"raise servo\.torque_limit, or narrow model\.coulomb"):
+        measure_delay(config, tmp_path, [])
+
+
+def test_a_much_lighter_servo_leaves_the_reach_or_trips(tmp_path):
+    config = config_of("model.inertia=0.5", "servo.hand=none", "safety.max_speed=1000")
+    with pytest.raises(ExperimentFailedError, match=r"left the ±.* lighter than model\.inertia"):
+        shaken(config, tmp_path)
+    config = config_of("model.inertia=0.5", "servo.hand=none", "safety.max_speed=4")
+    with pytest.raises(ExperimentTrippedError) as tripped:
+        shaken(config, tmp_path)
+    assert tripped.value.stop_reason == "trip:overspeed"
