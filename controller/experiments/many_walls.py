@@ -122,6 +122,7 @@ class Loops:
     Attributes:
         bodies: The servos.
         k: Periods simulated.
+        hand: Torque of a hand on each servo, held over each period [N·m]; None: nobody touches.
     """
 
     def __init__(
@@ -131,6 +132,7 @@ class Loops:
         velocity = np.zeros(n) if velocity is None else velocity
         self.bodies = Bodies(walls.inertia, walls.damping, walls.coulomb, position, velocity)
         self.k = 0
+        self.hand: FloatArray | None = None
         self._walls = walls
         self._samples = int(walls.velocity_samples[0])
         cuts = [0, *(np.flatnonzero(np.diff(walls.whole)) + 1).tolist(), n]
@@ -176,6 +178,11 @@ class Loops:
             self._period(at_switch)
             if watch is not None:
                 watch()
+
+    @property
+    def walls(self) -> Walls:
+        """What is simulated."""
+        return self._walls
 
     @property
     def torque(self) -> FloatArray:
@@ -248,6 +255,8 @@ class Loops:
 
     def _move(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
         bodies, followed = self.bodies, self._followed
+        if self.hand is not None:
+            torque = torque + self.hand
         if not self._play:
             bodies.step(torque, over, out)
             if self._rounded:

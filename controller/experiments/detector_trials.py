@@ -1,0 +1,308 @@
+"""How well the detector does: unstable and stable walls drawn at random, and hands on stable ones.
+
+The servos are those of ``theory.servos`` and the plant of the paper's Table II, all of them with
+4096 counts; delays of 0 to 10 ms, half of them fractions; B from 0 to half the ceiling where one
+count commands at most a tenth of the torque limit. The truth is what the simulated motion does when
+it is left alone, for that kick. The detector's belief is wrong by up to a fifth in each value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.acting import ActingTorque
+from controller.experiments.kicks import unsaturated
+from controller.experiments.many_walls import Walls, split_delay
+from controller.experiments.onset import onset
+from controller.experiments.watched import Trace, handled, kicked
+from controller.oscillation import Detector, DetectorSettings
+from controller.theory import max_virtual_damping
+from controller.theory.checks import FloatArray, IntArray
+from controller.theory.servos import SERVOS
+
+COUNT = 2.0 * np.pi / 4096
+"""One count of the encoder [rad]"""
+PERIOD = 1e-3
+LEAST_KICK, LARGEST_KICK = 10.0 * COUNT, 0.3
+WRONG = 0.2
+NAMES = (*SERVOS, "Table II")
+_PLANTS = (*((s.inertia, s.damping, s.coulomb) for s in SERVOS.values()), (1.0, 0.1, 0.0))
+_LIMITS = (6.0, 8.4, 0.52, 0.39, np.inf)
+"""Stall torques [N·m]"""
+_SHARE = 0.1
+_CYCLES, _STABLE_CYCLES = 60.0, 30.0
+_UNTIL = 3.0
+_KICK_TOLERANCE, _HAND_TOLERANCE = 1e-3, 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class KickTrial:
+    """What came of one kick."""
+
+    name: str
+    share: float
+    """K over the limit for this kick"""
+    undamped: bool
+    """B = 0"""
+    kick: float
+    """[rad]"""
+    lasts: bool
+    """Whether the motion goes on, at the end no smaller than four cycles before"""
+    alarm: bool
+    early: bool
+    """The alarm came before the amplitude reached twice the kick, or 10 counts"""
+    reached: float
+    """Amplitude until the alarm, over the kick; NaN without"""
+
+
+@dataclass(frozen=True, slots=True)
+class HandTrial:
+    """What came of a hand on a wall below its limit."""
+
+    name: str
+    hand: str
+    one_sided: bool
+    seconds: float
+    alarms: int
+    counts: float
+    """Amplitude at the first alarm, in counts; NaN without"""
+
+
+@dataclass(frozen=True, slots=True)
+class SustainedTrial:
+    """What was said of an oscillation that the torque limit keeps at one amplitude."""
+
+    name: str
+    counts: float
+    """True amplitude [counts]"""
+    alarm: bool
+    frequency_error: float
+    amplitude_error: float
+    """Relative"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    walls: Walls
+    """Their stiffness is the limit"""
+    who: IntArray
+    kick: FloatArray
+    belief: FloatArray
+    """Factors on inertia, damping, Coulomb friction and delay; shape (n, 4)"""
+
+
+def _draw(count: int, random: np.random.Generator) -> tuple[Walls, IntArray]:
+    who = random.integers(0, len(NAMES), count)
+    m, b, c = np.array(_PLANTS)[who].T
+    limit = np.array(_LIMITS)[who]
+    delay = 1e-3 * np.where(
+        random.random(count) < 0.5, random.integers(0, 11, count), random.uniform(0.0, 10.0, count)
+    )
+    damping = random.uniform(0.0, 0.5, count) * max_virtual_damping(m, b, PERIOD, delay)
+    cap = 0.7 * _SHARE * limit * PERIOD / COUNT
+    damping = np.where(damping > cap, cap * random.random(count), damping)
+    damping[random.random(count) < 0.2] = 0.0
+    whole, lag, rest = split_delay(delay, np.full(count, PERIOD))
+    none = np.zeros(count)
+    walls = Walls(
+        inertia=m,
+        damping=b,
+        coulomb=c,
+        counts_per_radian=np.full(count, 1.0 / COUNT),
+        backlash=none,
+        torque_limit=limit,
+        torque_step=none,
+        stiffness=none,
+        virtual_damping=damping,
+        period=np.full(count, PERIOD),
+        whole=whole,
+        lag=lag,
+        rest=rest,
+        velocity_samples=np.ones(count, dtype=np.int64),
+        one_sided=np.zeros(count, dtype=np.bool_),
+    )
+    return walls, who
+
+
+def _at_limit(
+    walls: Walls, who: IntArray, kick: FloatArray, tolerance: float, random: np.random.Generator
+) -> _Drawn:
+    """Those whose limit for the kick is known, and leaves the encoder's steps their bound."""
+    limit = onset(walls, kick, tolerance)
+    step = (limit + walls.virtual_damping / PERIOD) * COUNT
+    good = np.isfinite(limit) & (limit > 0.0)
+    good &= step <= _SHARE * walls.torque_limit
+    index = np.flatnonzero(good)
+    some = walls.take(index).with_stiffness(limit[index, None])
+    start = unsaturated(some, kick[index])
+    large = np.flatnonzero(start >= 0.999 * LEAST_KICK)
+    shape = (large.size, 4)
+    corner = random.choice([-WRONG, WRONG], shape)
+    wrong = np.where(random.random(shape) < 0.5, corner, random.uniform(-WRONG, WRONG, shape))
+    return _Drawn(some.take(large), who[index][large], start[large], 1.0 + wrong)
+
+
+def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTrial]:
+    """Draw walls, kick each at these shares of its limit for the kick, and listen to the detector.
+
+    Args:
+        count: Walls drawn; some have no limit, or none that leaves the encoder's steps their bound.
+        seed: Of the draw.
+        shares: K over the limit.
+    """
+    random = np.random.default_rng(seed)
+    walls, who = _draw(count, random)
+    kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
+    drawn = _at_limit(walls, who, kick, _KICK_TOLERANCE, random)
+    trials = []
+    for share in shares:
+        some = drawn.walls.with_stiffness(share * drawn.walls.stiffness[:, None])
+        start = np.maximum(unsaturated(some, drawn.kick), LEAST_KICK)
+        cycles = _CYCLES if share > 1.0 else _STABLE_CYCLES
+        for i, trace in enumerate(kicked(some, start, cycles, _UNTIL)):
+            _, alarms, _ = listen(some, i, trace, drawn.belief[i], once=True)
+            trials.append(
+                _kick_trial(NAMES[drawn.who[i]], share, some, i, float(start[i]), trace, alarms)
+            )
+    return trials
+
+
+def _kick_trial(
+    name: str, share: float, walls: Walls, i: int, kick: float, trace: Trace, alarms: list[int]
+) -> KickTrial:
+    size = np.abs(trace.position)
+    large = np.flatnonzero(size >= max(2.0 * kick, LEAST_KICK))
+    cycle = int(2.0 * np.pi * np.sqrt(walls.inertia[i] / walls.stiffness[i]) / PERIOD) + 1
+    end, before = size[-2 * cycle :], size[-6 * cycle : -4 * cycle]
+    alarm = bool(alarms)
+    return KickTrial(
+        name=name,
+        share=share,
+        undamped=bool(walls.virtual_damping[i] == 0.0),
+        kick=kick,
+        lasts=bool(large.size) or bool(before.size and end.max() > 0.98 * before.max()),
+        alarm=alarm,
+        early=alarm and not (large.size and large[0] <= alarms[0]),
+        reached=float(np.max(size[: alarms[0] + 1]) / kick) if alarm else np.nan,
+    )
+
+
+def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
+    """Oscillations at 1.3 to 2 times the limit, from 4 counts up, sustained by a torque limit."""
+    random = np.random.default_rng(seed)
+    walls, who = _draw(count, random)
+    kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
+    drawn = _at_limit(walls, who, kick, _HAND_TOLERANCE, random)
+    n = drawn.walls.size
+    size = COUNT * np.exp(random.uniform(np.log(2.0), np.log(100.0), n))
+    stiffness = random.uniform(1.3, 2.0, n) * drawn.walls.stiffness
+    some = drawn.walls.with_stiffness(stiffness[:, None])
+    limit = np.minimum(stiffness * size + 2.0 * some.coulomb, some.torque_limit)
+    some = replace(some, torque_limit=limit)
+    trials = []
+    for i, trace in enumerate(kicked(some, np.maximum(size, drawn.kick), 2.0 * _CYCLES)):
+        cycle = int(2.0 * np.pi * np.sqrt(some.inertia[i] / some.stiffness[i]) / PERIOD) + 1
+        truth = _oscillation(trace.position[-12 * cycle :])
+        if truth is None or truth[1] < 4.0 * COUNT:
+            continue
+        detector, _, _ = listen(some, i, trace, drawn.belief[i], once=False)
+        trials.append(
+            SustainedTrial(
+                NAMES[drawn.who[i]],
+                truth[1] / COUNT,
+                detector.alarm,
+                detector.frequency_hz / truth[0] - 1.0,
+                detector.amplitude / truth[1] - 1.0,
+            )
+        )
+    return trials
+
+
+def _oscillation(position: FloatArray) -> tuple[float, float] | None:
+    """Frequency [Hz] and amplitude [rad]; None if they are not the same throughout."""
+    middle = 0.5 * (position.max() + position.min())
+    up = np.flatnonzero((position[1:] >= middle) & (position[:-1] < middle))
+    if up.size < 5:
+        return None
+    share = (middle - position[up]) / (position[up + 1] - position[up])
+    crossings = up + share
+    cycles = zip(up[:-1].tolist(), up[1:].tolist(), strict=True)
+    spans = np.array([np.ptp(position[first : last + 1]) for first, last in cycles])
+    if spans.min() < 0.97 * spans.max():
+        return None
+    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * PERIOD)
+    return float(frequency), float(0.5 * spans.mean())
+
+
+def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTrial]:
+    """A hand on walls at nine tenths of their limit for the largest kick; four in ten one-sided.
+
+    Args:
+        count: Walls drawn; see ``kick_trials``.
+        seed: Of the draw.
+        hand: One of ``watched.HANDS``.
+        seconds: For each wall.
+    """
+    random = np.random.default_rng(seed)
+    walls, who = _draw(count, random)
+    walls = replace(walls, one_sided=random.random(count) < 0.4)
+    drawn = _at_limit(walls, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
+    some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
+    trials = []
+    for i, trace in enumerate(handled(some, hand, round(seconds / PERIOD), random)):
+        _, alarms, counts = listen(some, i, trace, drawn.belief[i], once=False)
+        trials.append(
+            HandTrial(
+                NAMES[drawn.who[i]], hand, bool(some.one_sided[i]), seconds, len(alarms), counts
+            )
+        )
+    return trials
+
+
+def listen(
+    walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool
+) -> tuple[Detector, list[int], float]:
+    """Run the detector over a trace, with a belief that is wrong.
+
+    Args:
+        walls: What was simulated.
+        i: Which of them.
+        trace: Its record.
+        belief: Factors on inertia, damping, Coulomb friction and delay.
+        once: Stop at the first alarm.
+
+    Returns:
+        The detector, the samples at which an alarm began, and the amplitude at the first in counts.
+    """
+    m, b, c, delay = belief.tolist()
+    settings = DetectorSettings(
+        PERIOD,
+        float(walls.inertia[i]) * m,
+        float(walls.damping[i]) * b,
+        float(walls.coulomb[i]) * c,
+        COUNT,
+        float(walls.torque_limit[i]),
+    )
+    lag = float(walls.whole[i] * PERIOD + walls.lag[i]) * delay
+    detector = Detector(settings)
+    detector.stiffness = float(walls.stiffness[i])
+    balance = detector.balance
+    balance.virtual_damping = float(walls.virtual_damping[i])
+    balance.surface, balance.side, balance.lag = 0.0, int(walls.one_sided[i]), lag
+    acting = ActingTorque(lag / PERIOD)
+    alarms: list[int] = []
+    counts, before = np.nan, False
+    positions = (trace.counts * COUNT).tolist()
+    for k, (position, torque) in enumerate(zip(positions, trace.torque.tolist(), strict=True)):
+        detector.update(position, acting.push(torque))
+        if detector.alarm is not before:
+            before = detector.alarm
+            if before:
+                alarms.append(k)
+                if len(alarms) == 1:
+                    counts = detector.amplitude / COUNT
+                if once:
+                    break
+    return detector, alarms, counts

@@ -1,0 +1,172 @@
+"""Tries the oscillation detector on walls and hands drawn at random; writes docs/detector-table.md.
+
+scripts/detector_table [--quick] [--seed N] [--out FILE]
+"""
+
+import math
+import sys
+import time
+from concurrent.futures import Executor, as_completed
+from pathlib import Path
+
+import numpy as np
+
+from controller.experiments.detector_trials import (
+    NAMES,
+    HandTrial,
+    KickTrial,
+    SustainedTrial,
+    hand_trials,
+    kick_trials,
+    sustained_trials,
+)
+from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.watched import HANDS
+from scripts.whole_program import measured_on, page_options
+
+SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
+KICK_TASKS, WALLS_A_TASK = 6, 50
+HAND_TASKS, HANDS_A_TASK, HAND_S = 4, 20, 60.0
+QUICK = 6
+"""By what the quick run has fewer walls, and shorter hands"""
+SMALL = 6.0
+"""Counts up to which an oscillation is one of the encoder's own"""
+
+
+def main() -> None:
+    """Run all trials, and write the page."""
+    options = page_options("detector_table", __doc__ or "", "detector-table.md")
+    options.add_argument("--quick", action="store_true", help="a sixth of the trials")
+    options.add_argument("--seed", type=int, default=1, help="of all draws")
+    chosen = options.parse_args()
+    begin = time.monotonic()
+    with held_back_ctrl_c(), processes(cores()) as pool:
+        kicks, sustained, hands = run(pool, chosen.seed, chosen.quick)
+    took = time.monotonic() - begin
+    command = "scripts/detector_table" + (" --quick" if chosen.quick else "")
+    said = page(kicks, sustained, hands, f"`{command} --seed {chosen.seed}`, {took / 60:.0f} min")
+    Path(chosen.out).write_text(said, encoding="utf-8")
+
+
+def run(
+    pool: Executor, seed: int, quick: bool
+) -> tuple[list[KickTrial], list[SustainedTrial], list[HandTrial]]:
+    """All the trials, in parallel; the same for the same seed."""
+    fewer = QUICK if quick else 1
+    seeds = iter(range(1000 * seed, 1000 * seed + 1000))
+    walls = max(WALLS_A_TASK // fewer, 5)
+    kicks = [pool.submit(kick_trials, walls, next(seeds), SHARES) for _ in range(KICK_TASKS)]
+    kept = [pool.submit(sustained_trials, walls, next(seeds)) for _ in range(2)]
+    hands = [
+        pool.submit(hand_trials, HANDS_A_TASK, next(seeds), hand, HAND_S / fewer)
+        for hand in HANDS
+        for _ in range(HAND_TASKS)
+    ]
+    every = [*kicks, *kept, *hands]
+    for done, _ in enumerate(as_completed(every), 1):
+        print(f"{done} of {len(every)} parts done", file=sys.stderr)
+    return (
+        [trial for task in kicks for trial in task.result()],
+        [trial for task in kept for trial in task.result()],
+        [trial for task in hands for trial in task.result()],
+    )
+
+
+def page(
+    kicks: list[KickTrial],
+    sustained: list[SustainedTrial],
+    hands: list[HandTrial],
+    how: str,
+) -> str:
+    """The page of documentation."""
+    return "\n".join(
+        [
+            "# The detector, tried",
+            "",
+            f"Written by {how}. {measured_on()}",
+            "What is drawn, and what the words mean: [detector](detector.md).",
+            "",
+            "## After a kick",
+            "",
+            "| K / limit for this kick | walls | motion grows or lasts | alarm | before twice the "
+            "kick | alarm, but the motion dies | amplitude / kick until the alarm, median and "
+            "95 % |",
+            "|---|---|---|---|---|---|---|",
+            *(_kick_row(share, [t for t in kicks if t.share == share]) for share in SHARES),
+            "",
+            "At 1.2 times the limit and above, by servo:",
+            "",
+            "| | walls | alarm | before twice the kick |",
+            "|---|---|---|---|",
+            *(_servo_row(name, [t for t in kicks if t.name == name]) for name in NAMES),
+            _servo_row("B = 0", [t for t in kicks if t.undamped]),
+            _servo_row("kick up to 20 counts", [t for t in kicks if t.kick < 20 * _COUNT]),
+            "",
+            "## Sustained oscillations",
+            "",
+            *_sustained(sustained),
+            "",
+            "## Hands on walls at nine tenths of their limit",
+            "",
+            "| hand | walls | hours | alarms | on how many walls | of them below "
+            f"{SMALL:.0f} counts |",
+            "|---|---|---|---|---|---|",
+            *(_hand_row(hand, [t for t in hands if t.hand == hand]) for hand in HANDS),
+            "",
+        ]
+    )
+
+
+_COUNT = 2.0 * math.pi / 4096
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100.0 * part / whole:.1f} %" if whole else "none"
+
+
+def _kick_row(share: float, trials: list[KickTrial]) -> str:
+    n = len(trials)
+    reached = [t.reached for t in trials if t.alarm]
+    median, most = np.percentile(reached, [50, 95]) if reached else (math.nan, math.nan)
+    early = _percent(sum(t.early for t in trials), n) if share > 1.0 else ""
+    spread = f"{median:.2f}, {most:.2f}" if share > 1.0 else ""
+    return (
+        f"| {share} | {n} | {sum(t.lasts for t in trials)} |"
+        f" {_percent(sum(t.alarm for t in trials), n)} | {early} |"
+        f" {sum(t.alarm and not t.lasts for t in trials)} | {spread} |"
+    )
+
+
+def _servo_row(name: str, trials: list[KickTrial]) -> str:
+    some = [t for t in trials if t.share > 1.0]
+    n = len(some)
+    alarms, early = sum(t.alarm for t in some), sum(t.early for t in some)
+    return f"| {name} | {n} | {_percent(alarms, n)} | {_percent(early, n)} |"
+
+
+def _sustained(trials: list[SustainedTrial]) -> list[str]:
+    n = len(trials)
+    frequency = [abs(t.frequency_error) for t in trials if t.alarm]
+    amplitude = [abs(t.amplitude_error) for t in trials if t.alarm]
+    counts = [t.counts for t in trials]
+    return [
+        f"{n} oscillations of {min(counts):.0f} to {max(counts):.0f} counts that a torque limit"
+        f" sustains: alarm in {sum(t.alarm for t in trials)}; frequency within 3 % in"
+        f" {sum(e <= 0.03 for e in frequency)} (largest error {100 * max(frequency):.1f} %),"
+        f" amplitude within 20 % in {sum(e <= 0.2 for e in amplitude)} (largest"
+        f" {100 * max(amplitude):.1f} %)."
+    ]
+
+
+def _hand_row(hand: str, trials: list[HandTrial]) -> str:
+    hours = sum(t.seconds for t in trials) / 3600.0
+    alarmed = [t for t in trials if t.alarms]
+    small = sum(t.counts < SMALL for t in alarmed)
+    return (
+        f"| {hand} | {len(trials)} | {hours:.2f} | {sum(t.alarms for t in trials)} |"
+        f" {len(alarmed)} | {small} |"
+    )
+
+
+if __name__ == "__main__":
+    main()
