@@ -1,0 +1,120 @@
+"""``haptic-wall delay`` and ``rendered`` report, write their files, and end as they should."""
+
+import json
+
+import pytest
+
+from controller.cli.main import main
+from controller.experiments.testbed import ExperimentInterruptedError, Testbed
+
+PNG = b"\x89PNG\r\n\x1a\n"
+QUICK = ("--set", "loop.clock=simulated")
+
+
+def run(capsys, *arguments):
+    try:
+        status = main([*map(str, arguments)])
+    except SystemExit as ended:
+        status = ended.code
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path):
+    out = tmp_path / "new"
+    status, said, err = run(
+        capsys, "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
+        "--bursts", 2, "--out", out, "--json",
+    )  # fmt: skip
+    assert status == 0
+    report = json.loads(said)
+    assert report["value"] == pytest.approx(0.0012, abs=4 * report["stderr"])
+    assert [point["delay_steps"] for point in report["points"]] == [0, 5]
+    assert json.loads((out / "delay.json").read_text()) == report
+    assert (out / "delay.png").read_bytes().startswith(PNG)
+    assert (out / "delay-5.hwlog").exists()
+    assert "the shaft will swing" in err
+
+
+def test_delay_as_text_is_a_table(capsys, tmp_path):
+    status, said, _ = run(
+        capsys, "delay", "paper-table2", "--bursts", 1, "--delay-steps", "2", "--out", tmp_path
+    )
+    assert status == 0
+    assert "recovered" in said
+    assert "2.000 ± 0.000 ms" in said
+
+
+def test_rendered_reports_the_comparison(capsys, tmp_path):
+    status, said, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
+    assert status == 0
+    report = json.loads(said)
+    rows = {row["name"]: row for row in report["rows"]}
+    assert rows["static stiffness"]["ratio"] == pytest.approx(1.0, abs=0.01)
+    assert report["commanded"]["stiffness"] == 8.0
+    assert (tmp_path / "rendered.png").read_bytes().startswith(PNG)
+    assert json.loads((tmp_path / "rendered.json").read_text()) == report
+    assert "the shaft will be moved within" in err
+
+
+@pytest.mark.parametrize("command", ["delay", "rendered"])
+def test_an_interrupt_ends_with_130_and_no_traceback(command, capsys, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise ExperimentInterruptedError("interrupted; steps.hwlog holds what was recorded")
+
+    monkeypatch.setattr(Testbed, "play", interrupted)
+    status, said, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path)
+    assert (status, said) == (130, "")
+    assert "interrupted; steps.hwlog holds what was recorded" in err
+
+
+@pytest.mark.parametrize("command", ["delay", "rendered"])
+def test_a_trip_ends_with_3_and_its_explanation(command, capsys, tmp_path):
+    status, _, err = run(
+        capsys, command, "simulated", *QUICK, "--out", tmp_path,
+        "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
+    )  # fmt: skip
+    assert status == 3
+    assert "trip:overspeed: the position moved faster than safety.max_speed" in err
+
+
+@pytest.mark.parametrize("command", ["delay", "rendered"])
+def test_a_servo_that_does_not_move_is_no_fit_hardware(command, capsys, tmp_path):
+    status, _, err = run(
+        capsys, command, "simulated", *QUICK, "--out", tmp_path,
+        "--set", "servo.coulomb=3", "--set", "model.coulomb=0.09",
+    )  # fmt: skip
+    assert status == 4
+    assert "the servo does not move" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--delay-steps", "1.5"), "--delay-steps: found 1.5, wanted whole periods"),
+        (("--delay-steps=-1",), "--delay-steps: found -1, wanted whole periods"),
+        (("--set", "model.coulomb=2"), "raise servo.torque_limit"),
+    ],
+)
+def test_wrong_input_is_the_users_error(arguments, message, capsys, tmp_path):
+    status, said, err = run(capsys, "delay", "simulated", *QUICK, "--out", tmp_path, *arguments)
+    assert (status, said) == (2, "")
+    assert message in err
+
+
+def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    status, _, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path / "taken")
+    assert status == 2
+    assert "found a file, wanted a folder" in err
+
+
+def test_hardware_without_a_torque_limit_is_not_moved(capsys, tmp_path):
+    config = tmp_path / "bed.yaml"
+    config.write_text(
+        "servo: {backend: dynamixel, port: /dev/none, baud: 4000000, model: XM430-W350}\n"
+        "model: {inertia: 0.012, damping: 0.01, coulomb: 0.09, delay: 0.001, torque_gain: 1}\n"
+    )
+    status, _, err = run(capsys, "delay", config, "--out", tmp_path)
+    assert status == 2
+    assert "servo.torque_limit: found none" in err

@@ -1,0 +1,121 @@
+"""The comparison says of a simulated servo what it is, within the standard errors it gives."""
+
+import pytest
+
+from controller.config_load import load_config
+from controller.experiments.contact_transient import plan_approach
+from controller.experiments.rendering import measure_rendering, rendering_report
+from controller.experiments.static_stiffness import plan_push
+from controller.theory import restitution
+
+
+def measured(folder, *sets):
+    config = load_config("simulated", ("loop.clock=simulated", *sets)).config
+    found = measure_rendering(config, folder)
+    return found, {row.name: row for row in found.rows}
+
+
+def within(row, truth, times=3.0):
+    assert row.rendered == pytest.approx(truth, abs=times * row.stderr)
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory):
+    return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """Believed a third heavier than it is; with play, a wall on the other side, delay inserted."""
+    return measured(
+        tmp_path_factory.mktemp("other"),
+        "servo.delay=0.001",
+        "delay.steps=2",
+        "servo.backlash=0.004",
+        "wall.side=below",
+        "wall.stiffness=4",
+        "model.inertia={value: 0.016, low: 0.011, high: 0.02}",
+    )
+
+
+def test_the_commanded_stiffness_is_rendered(usual):
+    _, rows = usual
+    row = rows["static stiffness"]
+    assert row.commanded == 8.0
+    within(row, 8.0)
+    assert row.stderr < 0.03
+    within(rows["static stiffness, true"], 8.0)
+    assert rows["static stiffness, true"].ratio == pytest.approx(1.0, abs=0.01)
+
+
+def test_friction_delay_and_gain_are_the_servos(usual):
+    _, rows = usual
+    within(rows["drag, Coulomb"], 0.09039)
+    within(rows["drag, viscous"], 0.011692)
+    assert rows["drag, viscous"].stderr < 0.05 * 0.011692
+    within(rows["torque gain"], 1.0)
+    within(rows["delay"], 0.001)
+    within(rows["lost motion"], 0.0)
+
+
+def test_the_ways_of_the_push_lie_apart_by_friction(usual):
+    found, _ = usual
+    assert found.static.friction == pytest.approx(0.09039, abs=3 * found.static.friction_stderr)
+
+
+def test_contacts_are_those_of_a_simulated_servo(usual):
+    found, rows = usual
+    fast = [row for name, row in rows.items() if name.startswith("exit/entry") and row.rendered]
+    assert fast
+    assert len(found.contacts) == 10
+    # With friction no contact returns more than the worst one without.
+    worst = float(restitution(0.011951, 0.011692, 8.0, 0.02, 1e-3, 1e-3))
+    for row in fast:
+        assert row.rendered < worst
+        assert row.rendered == pytest.approx(row.commanded, abs=0.05 + 3 * row.stderr)
+    for name, row in rows.items():
+        if name.startswith(("penetration", "peak torque")):
+            assert row.ratio == pytest.approx(1.0, abs=0.05), name
+
+
+def test_a_wrong_belief_shows_in_true_units_only(other):
+    found, rows = other
+    assert found.stiffness == 4.0
+    within(rows["static stiffness"], 4.0)
+    gain = 0.016 / 0.011951
+    within(rows["torque gain"], gain)
+    within(rows["static stiffness, true"], 4.0 * gain)
+
+
+def test_play_and_inserted_delay_show(other):
+    _, rows = other
+    within(rows["lost motion"], 0.004)
+    assert rows["lost motion"].rendered > 0.003
+    within(rows["delay"], 0.003)
+
+
+def test_contacts_happen_on_the_other_side_too(other):
+    found, _ = other
+    assert len(found.contacts) == 10
+    assert all(contact.entry > 0.5 for contact in found.contacts)
+    assert all(contact.penetration > 0.0 for contact in found.contacts)
+
+
+def test_a_spring_too_soft_for_friction_is_told(tmp_path):
+    found, rows = measured(tmp_path, "wall.stiffness=0.3", "wall.damping=0")
+    row = rows["static stiffness"]
+    assert row.rendered is None
+    assert "friction would hide" in row.note
+    assert found.static is None
+    assert rendering_report(found)["rows"][0]["ratio"] is None
+
+
+def test_plans_keep_within_travel_and_torque():
+    push = plan_push(200.0, 0.1, 0.09, 4.1, 0.00153)
+    assert push.torque <= 0.5 * 4.1
+    assert plan_push(0.0, 0.1, 0.09, 4.1, 0.00153) is None
+    approach = plan_approach(200.0, 0.1, 0.012, 4.1, 30.0, 1e-3)
+    frequency = (200.0 / 0.012) ** 0.5
+    deepest = max(approach.speeds) / frequency
+    assert 200.0 * deepest < 0.5 * 4.1
+    assert plan_approach(0.0, 0.1, 0.012, 4.1, 30.0, 1e-3) is None
