@@ -25,7 +25,7 @@ from controller.experiments.identification import Estimated
 from controller.theory import critical_stiffness
 from controller.theory.checks import FloatArray
 
-_STRAIGHT = 0.02
+_STRAIGHT = 0.01
 """A point is on the straight part where the exact boundary is nearer to the line than this share"""
 _LEAST = 3e-3
 """No critical stiffness is trusted to be better than this share, whatever uncertainty it has"""

@@ -60,9 +60,10 @@ class Bounds:
     """Sampling period [s]"""
 
 
-def first_pulse(guess: Guess) -> float:
+def first_pulse(guess: Guess, bounds: Bounds) -> float:
     """Torque [N·m] of a pulse that moves such a servo by about ``PULSE``."""
-    return guess.coulomb + 2.0 * guess.inertia * PULSE / PULSE_S**2
+    speed = min(2.0 * PULSE / PULSE_S, bounds.speed)
+    return min(guess.coulomb + guess.inertia * speed / PULSE_S, bounds.torque)
 
 
 def pulses(torque: float, bounds: Bounds) -> list[Phase]:
@@ -70,16 +71,14 @@ def pulses(torque: float, bounds: Bounds) -> list[Phase]:
 
     Args:
         torque: [N·m]
-        bounds: Each pulse ends at a quarter of the reach.
+        bounds: The first pulse ends at a quarter of the reach.
     """
-    near = 0.25 * bounds.reach
+    coast = Phase(COAST_S, still_s=0.1, still_band=2.0 * bounds.step)
     return [
-        phase
-        for sign in (1.0, -1.0)
-        for phase in (
-            Phase(PULSE_S, torque=sign * torque, reach=near),
-            Phase(COAST_S, still_s=0.1, still_band=2.0 * bounds.step),
-        )
+        Phase(PULSE_S, torque=torque, reach=0.25 * bounds.reach),
+        coast,
+        Phase(PULSE_S, torque=-torque, reach=bounds.reach),
+        coast,
     ]
 
 

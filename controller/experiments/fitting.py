@@ -19,26 +19,27 @@ from controller.experiments.motion_model import (
     pieces_of,
     simulated,
 )
+from controller.experiments.standard_errors import Linear, standard_errors
 from controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
 """Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""
 _SMOOTH_S = 0.021
 """Window of the smoothing for the start [s]"""
-_CORRELATED_S = 0.05
-"""How long errors of successive samples are taken to belong together [s]"""
 _LATEST_S = 0.03
 """The longest delay that the start is searched to [s]"""
 _RUN = 8
 """A run of so many equal samples counts in full; a longer one counts no more"""
-_FELT_S = 3e-3
-"""Change of position per speed at the beginning [s] below which that speed is not fitted"""
-_FEW = 1.25
-"""Standard errors from some twenty pieces, few of which decide, come out too small by about this"""
+_VISIBLE = 4.0
+"""Standard errors of its own that play must be above zero to count"""
+_LEAST_PLAY = 1e-6
+"""[rad]"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """No value is known better than by this share: rounding is in what the spring answers to as well"""
 _ROUNDS = 40
-_ENOUGH = 1e-7
+_EXACT = 1e-7
+"""Residual that no encoder knows of [rad]"""
+_ENOUGH = 1e-6
 """Share of the squares below which another round is not worth its time"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "play")
 
@@ -86,13 +87,10 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
     without, speeds = _fitted(pieces, start, speeds, with_play=False)
-    play = _first_play(pieces, without, speeds, 0.5 * step)
-    if play == 0.0:
-        return without
-    with_play, _ = _fitted(pieces, replace(without, play=play), speeds, with_play=True)
-    # Less than half a count is what rounding itself looks like.
-    visible = with_play.play > max(4.0 * with_play.stderr[4], 0.5 * step)
-    return with_play if visible and with_play.residual < without.residual else without
+    # Play not counted with passes for delay: half a count of it for a third of a millisecond.
+    begun = replace(without, play=max(2.0 * without.residual, _LEAST_PLAY))
+    with_play, _ = _fitted(pieces, begun, speeds, with_play=True)
+    return with_play if with_play.play > _VISIBLE * with_play.stderr[4] + _LEAST_PLAY else without
 
 
 def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -137,6 +135,15 @@ def _cuts(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int
     return cuts
 
 
+def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
+    """The torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
+    grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
+    held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
+    window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
+    smooth = savgol_filter(held, window, 3)
+    return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
+
+
 def _start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
     """Where the fit begins: the torques, smoothed alike, against the motion, for each delay."""
     moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
@@ -163,26 +170,6 @@ def _start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
     )
 
 
-def _first_play(pieces: Pieces, fit: Fit, speeds: FloatArray, least: float) -> float:
-    """The play that the residuals of a fit without it speak for, at first sight [rad]; 0: none."""
-    model = _Model(pieces, True, fit)
-    linear = model.linear(model.begin, speeds)
-    rest = linear.without_own()
-    normal = np.einsum("psn,qsn->pq", rest * linear.weights, rest)
-    right = np.sum(rest * linear.weights * linear.left, axis=(1, 2))
-    play = -float(np.linalg.lstsq(normal, right, rcond=1e-12)[0][-1])
-    return play if play > max(least, 3.0 * _standard_errors(linear, pieces)[-1]) else 0.0
-
-
-def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
-    """The torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
-    grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
-    held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
-    window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
-    smooth = savgol_filter(held, window, 3)
-    return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
-
-
 def _fitted(
     pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool
 ) -> tuple[Fit, FloatArray]:
@@ -192,7 +179,8 @@ def _fitted(
     linear = model.linear(values, speeds)
     left = linear.left[pieces.held]
     five = [*values.tolist(), *([] if with_play else [0.0])]
-    errors = [*_standard_errors(linear, pieces), *([] if with_play else [0.0])]
+    period = float(np.median(np.diff(pieces.motion.sampled)))
+    errors = [*standard_errors(linear, period), *([] if with_play else [0.0])]
     fit = Fit(
         *five,
         stderr=tuple(
@@ -204,35 +192,6 @@ def _fitted(
         fitted=pieces.position + linear.left,
     )
     return fit, speeds
-
-
-@dataclass(frozen=True, slots=True)
-class _Linear:
-    """Residuals about some values, and how they change: arrays of shape (s, n), weights too."""
-
-    left: FloatArray
-    """Fitted less measured [rad]"""
-    shared: FloatArray
-    """Per unit of each shared value, shape (p, s, n)"""
-    own: FloatArray
-    """Per unit of the piece's own speed at its beginning"""
-    weights: FloatArray
-
-    @property
-    def cost(self) -> float:
-        """The weighted sum of squares [rad²]."""
-        return float(np.sum(self.weights * self.left**2))
-
-    def without_own(self) -> FloatArray:
-        """What of the shared values' effect a piece's own speed cannot have; as ``shared``."""
-        cross = np.sum(self.weights * self.own * self.shared, axis=2)
-        rest: FloatArray = self.shared - (cross / self.own_square())[:, :, None] * self.own
-        return rest
-
-    def own_square(self) -> FloatArray:
-        """Of each piece's own speed; infinite where a piece begins at rest, and stays there."""
-        square = np.sum(self.weights * self.own**2, axis=1)
-        return np.where(square > _FELT_S**2 * np.sum(self.weights, axis=1), square, np.inf)
 
 
 class _Model:
@@ -250,7 +209,7 @@ class _Model:
         steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5]
         self._steps = np.array([*steps[: self.count], 1e-5])
 
-    def linear(self, values: FloatArray, speeds: FloatArray) -> _Linear:
+    def linear(self, values: FloatArray, speeds: FloatArray) -> Linear:
         """All variants at once: as it is, and with each value a little larger."""
         count = self.count
         variants = np.tile(np.pad(values, (0, 5 - count)), (count + 2, 1))
@@ -261,7 +220,7 @@ class _Model:
         shown = simulated(self.pieces, parameters, starts) - self.pieces.position
         shown -= np.sum(shown * self._means, axis=2, keepdims=True)
         slopes = (shown[1:] - shown[0]) / self._steps[:, None, None]
-        return _Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
+        return Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
 
 
 def _weights(pieces: Pieces) -> FloatArray:
@@ -286,6 +245,8 @@ def _least_squares(model: _Model, speeds: FloatArray) -> tuple[FloatArray, Float
     values, damped = model.begin, 1e-3
     now = model.linear(values, speeds)
     for _ in range(_ROUNDS):
+        if now.cost < _EXACT**2 * now.left.size:
+            break
         weighted = now.weights * now.left
         gradient = np.sum(now.shared * weighted, axis=(1, 2))
         free = (values > model.low) | (gradient < 0.0)
@@ -310,35 +271,3 @@ def _least_squares(model: _Model, speeds: FloatArray) -> tuple[FloatArray, Float
         else:
             damped *= 10.0
     return values, speeds
-
-
-def _standard_errors(linear: _Linear, pieces: Pieces) -> list[float]:
-    """Of the shared values, whatever the errors of successive samples have in common.
-
-    Three estimates of the covariance, of which the largest counts: errors independent; errors
-    correlated over ``_CORRELATED_S`` (Bartlett's weights); errors of a whole piece belonging
-    together.
-
-    Source: W. K. Newey, K. D. West, Econometrica 55(3), 1987; K.-Y. Liang, S. L. Zeger,
-    Biometrika 73(1), 1986.
-    """
-    rest, weights, left = linear.without_own(), linear.weights, linear.left
-    count, groups = rest.shape[0], rest.shape[1]
-    scale = np.sqrt(np.sum(weights * rest**2, axis=(1, 2)))
-    rest = rest / np.where(scale > 0.0, scale, 1.0)[:, None, None]
-    inverse = np.linalg.pinv(np.einsum("psn,qsn->pq", rest * weights, rest))
-    scores = rest * weights * left
-    samples = float(np.sum(weights))
-    free = max(1.0, samples - count - 2 * groups)
-    sums = scores.sum(axis=2)
-    independent = linear.cost / free * inverse
-    clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count)
-    lags = round(_CORRELATED_S / float(np.median(np.diff(pieces.motion.sampled))))
-    meat = np.einsum("psn,qsn->pq", scores, scores)
-    for lag in range(1, lags + 1):
-        cross = np.einsum("psn,qsn->pq", scores[:, :, lag:], scores[:, :, :-lag])
-        meat += (1.0 - lag / (lags + 1)) * (cross + cross.T)
-    correlated = inverse @ meat @ inverse * samples / free
-    variance = np.max([np.diag(c) for c in (independent, clustered, correlated)], axis=0)
-    errors = _FEW * np.sqrt(np.maximum(variance, 0.0)) / np.where(scale > 0.0, scale, 1.0)
-    return [float(e) for e in errors]

@@ -1,0 +1,110 @@
+import json
+import os
+import signal
+import threading
+
+import pytest
+
+from controller.cli import main as cli
+from controller.config_load import load_config
+from controller.logfile import read_log
+
+QUICK = [
+    "--set=loop.clock=simulated",
+    "--set=servo.inertia=0.0018142",
+    "--set=servo.damping=0.0036617",
+    "--set=servo.coulomb=0.012833",
+    "--set=servo.torque_limit=0.52",
+]
+
+
+def call(words):
+    try:
+        return cli.main(words)
+    except SystemExit as ended:
+        return ended.code
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_report_the_configuration_and_the_picture(folder, capsys):
+    words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
+    words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
+    assert call(words) == 0
+    said = capsys.readouterr()
+    report = json.loads(said.out)
+    truths = {"inertia": 0.0018142, "damping": 0.0036617, "coulomb": 0.012833, "delay": 0.0012}
+    for name, truth in truths.items():
+        assert report[name]["value"] == pytest.approx(truth, rel=0.05)
+        assert 0.0 < report[name]["stderr"] < 0.05 * truth
+    assert report["torque_gain"] == {"value": 1.0, "stderr": 0.0}
+    assert report["torque_unit"] == "commanded"
+    assert report["backlash"] is None
+    assert "will move by itself" in said.err and "0.3 rad" in said.err
+    assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
+    assert [read_log(folder / log)[1].size > 0 for log in report["logs"]]
+    believed = load_config("mine.yaml").config.belief()
+    assert believed.delay.low <= 0.0012 <= believed.delay.high
+    assert call(["run", "mine.yaml", "--duration=0.05", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["delay_s"]["device"] == believed.delay.high
+
+
+def test_the_boundary_alone(folder, capsys):
+    points = [
+        {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025, "kick_rad": None}
+        for b in (0.0, 0.002, 0.004)
+    ]
+    (folder / "sweep.json").write_text(json.dumps({"points": points}))
+    words = ["identify", "simulated", *QUICK, "--from-sweep", "sweep.json", "--no-motion"]
+    assert call([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["from_sweep"]
+    assert found["line"]["damping"]["value"] == pytest.approx(0.004, rel=1e-6)
+    assert found["line"]["delay"]["value"] == pytest.approx(0.0, abs=1e-9)
+    assert set(found["compared"]) == {"damping", "delay"}
+    assert found["compared_with"] == "belief"
+    assert call(words) == 0
+    assert "agree within two standard errors" in capsys.readouterr().out
+
+
+def test_a_trip_ends_it_with_its_status(capsys):
+    words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
+    assert call(words) == 3
+    assert "trip:overspeed" in capsys.readouterr().err
+
+
+def test_a_blocked_servo_is_unfit(capsys):
+    assert call(["identify", "simulated", *QUICK, "--set=servo.coulomb=0.6"]) == 4
+    assert "does not move" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--no-motion"], "--from-sweep"),
+        (["--reach=0.001"], "--reach: found 0.001"),
+        (["--plot=x.pdf"], "--plot x.pdf"),
+        (["--from-sweep=nothing.json", "--no-motion"], "--from-sweep nothing.json"),
+        (["--out=."], "--out: . is a folder"),
+    ],
+)
+def test_wrong_input_is_told_before_anything_moves(words, said, capsys, folder):
+    assert call(["identify", "simulated", *QUICK, *words]) == 2
+    err = capsys.readouterr().err
+    assert said in err and "pulses" not in err
+    assert not (folder / "runs").exists()
+
+
+def test_ctrl_c_ends_it(capsys):
+    timer = threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        # In real time the motions take half a minute: the signal comes within them.
+        words = ["identify", "simulated", *QUICK[1:], "--set=realtime.profile=off"]
+        assert call(words) == 130
+    finally:
+        timer.cancel()
+    assert "Traceback" not in capsys.readouterr().err

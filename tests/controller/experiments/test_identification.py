@@ -1,0 +1,172 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from controller.config_load import load_config
+from controller.errors import UserError
+from controller.experiments import identification
+from controller.experiments.identification import (
+    Estimated,
+    UnidentifiableError,
+    bounds_of,
+    identify,
+)
+from controller.experiments.identified_config import identified_config
+from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from hw.mechanism import Mechanism
+from hw.plant import Pull, step
+
+SMALL = (
+    "servo.inertia=0.0018142",
+    "servo.damping=0.0036617",
+    "servo.coulomb=0.012833",
+    "servo.torque_limit=0.52",
+    "servo.torque_step=0",
+    "model.inertia={value: 0.002, low: 0.0016, high: 0.0024}",
+    "model.damping={value: 0.003, low: 0.0024, high: 0.0036}",
+    "model.coulomb={value: 0.015, low: 0.012, high: 0.018}",
+    "model.delay={value: 0.0025, low: 0.0, high: 0.005}",
+)
+NAMES = ("inertia", "damping", "coulomb", "delay")
+
+
+def config_of(*sets):
+    return load_config("simulated", (*SMALL, "loop.clock=simulated", *sets)).config
+
+
+def truth(config):
+    return [getattr(config.servo, name) for name in NAMES]
+
+
+def far_off(found, config):
+    """In standard errors."""
+    estimates = [getattr(found, name) for name in NAMES]
+    return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
+
+
+def test_a_servo_with_another_truth_than_believed_is_found(tmp_path):
+    """Two seeds of scripts/identify_check have the rest."""
+    config = config_of("servo.delay=0.0037", "servo.kick=0.0003")
+    found = identify(config, tmp_path)
+    for name, true in zip(NAMES[:3], truth(config)[:3], strict=True):
+        assert getattr(found, name).value == pytest.approx(true, rel=0.05)
+    assert found.delay.value == pytest.approx(0.0037, abs=1e-4)
+    assert max(far_off(found, config)) < 3.5
+    assert found.torque_gain == Estimated(1.0, 0.0) and not found.gain_measured
+    assert found.backlash is None
+    # Nothing is left but the encoder's rounding.
+    assert found.residual == pytest.approx(found.rounding, rel=0.1)
+    assert all(log.exists() for log in found.logs)
+    position = found.played.rows["position"]
+    assert np.max(np.abs(position - position[0])) <= 0.6
+
+
+@pytest.mark.parametrize("play", [0.0005, 0.01])
+def test_play_is_seen_and_measured(tmp_path, play):
+    """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
+    config = config_of("servo.delay=0.001", f"servo.backlash={play}")
+    found = identify(config, tmp_path)
+    assert found.backlash.value == pytest.approx(play, rel=0.2)
+    assert found.delay.value == pytest.approx(0.001, abs=1e-4)
+    assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.05)
+    assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
+
+
+def test_without_viscous_friction_and_without_an_encoder(tmp_path):
+    config = config_of("servo.damping=0", "servo.counts_per_rev=0")
+    found = identify(config, tmp_path)
+    assert found.damping.value == pytest.approx(0.0, abs=0.05 * 0.0036617)
+    assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.01)
+
+
+def test_a_measured_current_gives_the_gain(tmp_path):
+    sets = ("loop.clock=simulated", "servo.delay=0.001")
+    config = load_config("emulated-xm430", sets).config
+    found = identify(config, tmp_path)
+    assert found.gain_measured
+    assert found.torque_gain.value == pytest.approx(1.0, abs=0.01)
+    assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.05)
+    assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
+    # The bus adds what a torque takes to travel, less what a request does.
+    assert found.delay.value == pytest.approx(0.001, abs=1e-4)
+
+
+def test_a_blocked_shaft_is_told_with_what_was_tried(tmp_path):
+    with pytest.raises(UnidentifiableError, match=r"does not move: pulses of .*, 0\.52 N·m"):
+        identify(config_of("servo.coulomb=0.6"), tmp_path)
+
+
+def test_friction_that_leaves_no_torque_is_told(tmp_path):
+    with pytest.raises(UnidentifiableError, match=r"friction takes 0\.3.* of the torque limit"):
+        identify(config_of("servo.coulomb=0.35"), tmp_path)
+
+
+def test_a_trip_keeps_its_name(tmp_path):
+    with pytest.raises(ExperimentTrippedError) as error:
+        identify(config_of("safety.max_speed=5", "model.inertia=0.2"), tmp_path)
+    assert error.value.stop_reason == "trip:overspeed"
+
+
+def test_a_reversed_torque_is_told(tmp_path, monkeypatch):
+    class Reversed(Testbed):
+        def play(self, name, phases, delay_steps=None):
+            played = super().play(name, phases, delay_steps)
+            rows = played.rows.copy()
+            rows["position"] *= -1.0
+            return replace(played, rows=rows)
+
+    monkeypatch.setattr(identification, "Testbed", Reversed)
+    with pytest.raises(UnidentifiableError, match="Drive Mode"):
+        identify(config_of(), tmp_path)
+
+
+@pytest.mark.parametrize(("stiffness", "said"), [(0.3, "spring of 0"), (2.0, "spring|reach")])
+def test_a_spring_on_the_shaft_is_told(tmp_path, monkeypatch, stiffness, said):
+    def on_a_spring(state, parameters, torque, duration, pull=None, *, turns=None):
+        assert pull is None
+        spring = Pull(stiffness, 0.0, 0.0, 0.0)
+        return step(state, parameters, torque, duration, spring, turns=turns)
+
+    monkeypatch.setattr("hw.mechanism.step", on_a_spring)
+    assert Mechanism  # whose step it is
+    with pytest.raises(UnidentifiableError, match=said):
+        identify(config_of(), tmp_path)
+
+
+@pytest.mark.parametrize("push", [0.1, 0.011])
+def test_what_else_pushes_both_ways_is_told(tmp_path, monkeypatch, push):
+    def weighed(state, parameters, torque, duration, pull=None, *, turns=None):
+        return step(state, parameters, torque + push, duration, pull, turns=turns)
+
+    monkeypatch.setattr("hw.mechanism.step", weighed)
+    with pytest.raises(UnidentifiableError, match="something else moves it"):
+        identify(config_of(), tmp_path)
+
+
+@pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
+def test_a_reach_that_makes_no_sense_is_refused(reach):
+    with pytest.raises(UserError, match="--reach"):
+        bounds_of(config_of(), reach)
+
+
+def test_a_bus_without_a_torque_limit_is_refused():
+    config = load_config("emulated-xm430", ["servo.torque_limit=null"]).config
+    with pytest.raises(UserError, match=r"servo\.torque_limit: found nothing"):
+        bounds_of(config, 0.6)
+
+
+def test_the_configuration_holds_the_truth_and_little_else(tmp_path):
+    config = config_of("servo.delay=0.0012", "wall.stiffness=3", "servo.hand=push")
+    found = identify(config, tmp_path)
+    path = tmp_path / "mine.yaml"
+    path.write_text(identified_config(config, found, "simulated"))
+    loaded = load_config(str(path)).config
+    assert loaded.model_copy(update={"model": config.model}) == config
+    for name, true in zip(NAMES, truth(config), strict=True):
+        estimate = getattr(loaded.model, name)
+        assert estimate.low <= true <= estimate.high
+        assert estimate.high - estimate.low <= max(0.11 * true, 2e-4)
+    assert loaded.model.torque_gain.value == loaded.model.torque_gain.high == 1.0
+    assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0

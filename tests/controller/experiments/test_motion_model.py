@@ -1,0 +1,111 @@
+import math
+
+import numpy as np
+import pytest
+
+from controller.experiments.motion_model import (
+    Motion,
+    Parameters,
+    motion_of,
+    pieces_of,
+    simulated,
+)
+from controller.telemetry import ROW
+from hw.mechanism import Mechanism
+from hw.settings import TrueServo
+
+MS = 1_000_000
+
+
+def moved(true, torques, jitter=None, ticks=None):
+    """A mechanism under torques sent at each sample, or up to some time after it."""
+    mechanism = Mechanism(true, 0)
+    sampled, position, sent, speed = [], [], [], []
+    for k, torque in enumerate(torques):
+        at = (k if ticks is None else ticks[k]) * MS
+        mechanism.advance(at)
+        sampled.append(at * 1e-9)
+        position.append(mechanism.measured_position())
+        speed.append(mechanism.velocity)
+        late = 0 if jitter is None else int(jitter[k])
+        mechanism.command(float(torque), at + late)
+        sent.append((at + late) * 1e-9)
+    return Motion(*(np.array(a) for a in (sampled, position, sent, torques))), np.array(speed)
+
+
+def model(true):
+    values = (true.inertia, true.damping, true.coulomb, true.delay, true.backlash)
+    return Parameters(*(np.array([[v]]) for v in values))
+
+
+def shown(motion, true, begin, end, speed):
+    pieces = pieces_of(motion, [(begin, end)])
+    return simulated(pieces, model(true), np.array([[speed[begin]]]))[0, 0]
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0052])
+@pytest.mark.parametrize("coulomb", [0.0, 0.013])
+def test_it_moves_as_the_exact_plant_does(delay, coulomb):
+    random = np.random.default_rng(3)
+    true = TrueServo(0.0018, 0.0037, coulomb, counts_per_rev=0, delay=delay, torque_limit=1.0)
+    torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
+    motion, speed = moved(true, torques)
+    assert np.ptp(motion.position) > 0.02
+    for begin, end in ((0, 600), (123, 480)):
+        expected = motion.position[begin:end] - motion.position[begin]
+        assert shown(motion, true, begin, end, speed) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_stuck_shaft_stays_and_breaks_away():
+    true = TrueServo(0.0018, 0.0, 0.013, counts_per_rev=0, torque_limit=1.0)
+    torques = np.concatenate([np.full(50, 0.012), np.full(50, -0.02), np.zeros(100)])
+    motion, speed = moved(true, torques)
+    found = shown(motion, true, 0, 200, speed)
+    assert np.all(found[:51] == 0.0)
+    assert found == pytest.approx(motion.position, abs=1e-12)
+
+
+def test_torques_act_when_they_were_sent_and_lost_periods_are_longer_steps():
+    random = np.random.default_rng(4)
+    true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.0013, torque_limit=1.0)
+    jitter = random.integers(0, 900_000, 300)
+    ticks = np.cumsum(random.choice([1, 1, 1, 2, 5], 300))
+    motion, speed = moved(true, random.uniform(-0.2, 0.2, 300), jitter, ticks)
+    expected = motion.position[40:] - motion.position[40]
+    assert shown(motion, true, 40, 300, speed) == pytest.approx(expected, abs=1e-9)
+
+
+def test_play_lags_behind_at_each_turn():
+    true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, backlash=0.01, torque_limit=1.0)
+    torques = 0.06 * np.sin(math.tau * 3.0 * np.arange(1500) * 1e-3)
+    motion, speed = moved(true, torques)
+    begin = 500 + int(np.argmax(np.abs(speed[500:700])))
+    found = shown(motion, true, begin, 1500, speed)
+    expected = motion.position[begin:] - motion.position[begin]
+    assert found - found[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_variants_and_pieces_stand_side_by_side():
+    true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.002, torque_limit=1.0)
+    motion, speed = moved(true, 0.06 * np.sin(np.arange(800) * 0.02))
+    pieces = pieces_of(motion, [(100, 400), (400, 500)])
+    two = Parameters(*(np.array([[v], [1.1 * v]]) for v in (0.0018, 0.0037, 0.013, 0.002, 0.0)))
+    found = simulated(pieces, two, np.array([speed[[100, 400]], speed[[100, 400]]]))
+    assert found.shape == (2, 2, 300)
+    assert found[0, 1, :100] == pytest.approx(
+        motion.position[400:500] - motion.position[400], abs=1e-9
+    )
+    assert np.max(np.abs(found[1, 0] - found[0, 0])) > 1e-3
+
+
+def test_a_failed_reading_is_no_sample_but_its_torque_was_sent():
+    rows = np.zeros(4, ROW)
+    rows["sampled_ns"] = [10 * MS, 11 * MS, 11 * MS, 13 * MS]
+    rows["age_ns"] = [MS // 2, MS // 2, 3 * MS // 2, MS // 2]
+    rows["outcome"] = [0, 0, 1, 0]
+    rows["position"] = [1.0, 2.0, 2.0, 4.0]
+    rows["torque"] = [0.1, 0.2, 0.3, 0.4]
+    motion = motion_of(rows)
+    assert motion.sampled == pytest.approx([0.0, 0.001, 0.003])
+    assert motion.position == pytest.approx([1.0, 2.0, 4.0])
+    assert motion.sent == pytest.approx([0.0005, 0.0015, 0.0025, 0.0035])
