@@ -239,7 +239,7 @@ class Tick:
         watch.passed(periods)
         if self._outcome != Outcome.OK:
             return
-        watch.sample(position, wall.stiffness, self._measured_torque)
+        watch.sample(position, wall.stiffness, wall.damping, self._measured_torque)
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
         if parts.passivity is not None:
@@ -294,7 +294,7 @@ class Tick:
         self._owed = target > wall.stiffness and not may_raise
         if self._owed:
             target = wall.stiffness
-        self._target, self._target_damping = target, decision.damping * share
+        self._target, self._target_damping = target, decision.damping * parts.watch.damping_share
         self._ramp_left = 1 if target > wall.stiffness else ticks
         self._ramp_stiffness = (target - wall.stiffness) / ticks
         self._ramp_damping = (self._target_damping - wall.damping) / ticks

@@ -48,7 +48,7 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced):
     seen = ended.result["oscillation"]
     assert ended.stop_reason == "duration"
     assert seen["state"] in ("sustained", "growing")
-    assert seen["reduced_to"] < 0.5
+    assert seen["reduced_to"]["stiffness"] < 0.6
     softer = np.flatnonzero(rows["stiffness"] < rows["stiffness"][0])[0]
     alarm = round(seen["first_alarm_s"] * 1e3)
     frequency = math.sqrt(ALLOWED / 0.011951) / math.tau
@@ -64,7 +64,7 @@ def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced):
     guard = ended.result["guard"]
     assert guard["commanded"]["stiffness"] == rows["stiffness"][-1]
     assert guard["commanded"]["stiffness"] == pytest.approx(
-        ALLOWED * ended.result["oscillation"]["reduced_to"], rel=1e-3
+        ALLOWED * ended.result["oscillation"]["reduced_to"]["stiffness"], rel=1e-3
     )
     assert any("reduced to" in reason for reason in guard["reasons"])
     json.dumps(ended.result, allow_nan=False)
@@ -92,7 +92,7 @@ def test_the_full_wall_comes_back_only_on_request(tmp_path, reduced):
 
     ended, rows = play(tmp_path, *DECEIVED, telemetry=Asking(telemetry.descriptor))
     stiffness = rows["stiffness"]
-    assert stiffness[5990] < 0.5 * ALLOWED
+    assert stiffness[5990] < 0.6 * ALLOWED
     assert stiffness[6100] == pytest.approx(ALLOWED, rel=1e-3)
     assert ended.stop_reason == "duration"
 
@@ -118,7 +118,7 @@ def test_without_a_guard_it_always_trips(tmp_path):
 def test_a_stable_wall_is_left_alone(tmp_path):
     ended, rows = play(tmp_path, "servo.delay=0.002", "wall.stiffness=10")
     assert ended.result["oscillation"]["first_alarm_s"] is None
-    assert ended.result["oscillation"]["reduced_to"] == 1.0
+    assert ended.result["oscillation"]["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert rows["stiffness"][-1] == pytest.approx(ALLOWED, rel=1e-3)
 
 
@@ -148,41 +148,24 @@ def step(watch, ticks):
     """Swing at 50 Hz, so that there is a turn in every ten ticks."""
     for tick in range(ticks):
         watch.passed(1)
-        watch.sample(0.1 * math.sin(math.tau * 0.05 * tick), 1.0, math.nan)
+        watch.sample(0.1 * math.sin(math.tau * 0.05 * tick), 1.0, 0.0, math.nan)
         watch.sent(0.0)
 
 
-def test_a_step_takes_half_a_cycle_and_what_does_not_help_ends_the_run():
+def test_a_step_takes_a_cycle_and_what_does_not_help_ends_the_run():
     watch = alarmed("reduce")
     step(watch, 20)
     assert watch.share == 0.5
-    step(watch, 80)
-    assert watch.share == 0.5, "half a cycle of 5 Hz on a spring half as stiff takes 141 ms"
-    step(watch, 60)
+    step(watch, 250)
+    assert watch.share == 0.5, "a cycle of 5 Hz on a spring half as stiff takes 283 ms"
+    step(watch, 40)
     assert watch.share == 0.25
-    step(watch, 1000)
+    assert watch.damping_share == 1.0, "the stiffness alone at first"
+    step(watch, 300)
+    assert watch.damping_share == 0.5
+    step(watch, 2000)
     assert watch.share == LEAST_SHARE
     assert watch.failed
-
-
-def test_a_step_waits_for_the_motion_to_turn():
-    watch = alarmed("reduce")
-    for tick in range(50):
-        watch.passed(1)
-        watch.sample(0.001 * tick, 1.0, math.nan)
-    assert watch.share == 1.0
-    watch.passed(1)
-    watch.sample(0.048, 1.0, math.nan)
-    assert watch.share == 0.5
-
-
-def test_a_fast_growth_takes_a_larger_step():
-    slow = alarmed("reduce", inertia=0.01, damping=0.01)
-    step(slow, 20)
-    assert slow.share == pytest.approx(0.8 * 0.01 / (0.01 + 2 * 0.01 * 1.0))
-    slow._detector.growth = 10.0
-    step(slow, 180)
-    assert slow.share < 0.1
 
 
 def test_the_measured_torque_is_believed_before_the_one_sent():
@@ -190,11 +173,11 @@ def test_the_measured_torque_is_believed_before_the_one_sent():
     watch.passed(1)
     watch.sent(1.0)
     watch.passed(1)
-    watch.sample(0.0, 1.0, math.nan)
+    watch.sample(0.0, 1.0, 0.0, math.nan)
     assert watch.acted == pytest.approx(0.5), "two periods, the torque acted in one of them"
     assert watch.spanned == 2
     watch.passed(1)
-    watch.sample(0.0, 1.0, -0.3)
+    watch.sample(0.0, 1.0, 0.0, -0.3)
     assert watch.acted == -0.3
 
 
