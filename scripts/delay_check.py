@@ -4,7 +4,7 @@
 
 Simulated servos with random lags of fractions of a period, random inserted delays; the emulated bus
 in memory; the emulated bus in a process of its own, in real time, behind adapters with and without
-a latency timer.
+a latency timer. Takes about ten minutes, with --quick one.
 """
 
 import argparse
