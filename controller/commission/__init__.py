@@ -1,0 +1,1 @@
+"""Commissioning a testbed: examine, identify, measure, and say how stiff it can be and why."""

@@ -1,0 +1,45 @@
+"""What became of one step of a commissioning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+Step = Literal["doctor", "identify", "delay", "rendered", "sweep"]
+STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "rendered", "sweep")
+TITLES: Mapping[Step, str] = {
+    "doctor": "the testbed examined",
+    "identify": "inertia, friction and delay identified",
+    "delay": "the loop's delay measured",
+    "rendered": "rendered against commanded",
+    "sweep": "the critical stiffness measured",
+}
+
+State = Literal["done", "failed", "skipped"]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One step, as it is kept in its JSON file."""
+
+    step: Step
+    state: State
+    basis: str
+    """Fingerprint of the configuration that the step ran with; another one makes it anew"""
+    reason: str | None = None
+    """Why it failed or was skipped; None: it is done"""
+    exit_status: int = 0
+    """Of the command, if this is the first that failed"""
+    ends_all: bool = False
+    """Nothing more can be done with this servo now"""
+    seconds: float = 0.0
+    data: dict[str, Any] = field(default_factory=dict)
+    picture: str | None = None
+    """File name of the PNG beside the JSON file"""
+
+
+def done(outcomes: Mapping[Step, Outcome], step: Step) -> dict[str, Any] | None:
+    """What a step found; None where it is not done."""
+    outcome = outcomes.get(step)
+    return outcome.data if outcome is not None and outcome.state == "done" else None

@@ -1,0 +1,80 @@
+"""What a commissioning will move, how far, with what torque and for how long; before it does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from controller.commission.sweep_points import OPTIONS, short_sweep
+from controller.config import Config
+from controller.errors import UserError
+from controller.experiments import loop_delay, rendering
+from controller.experiments.contact_transient import FASTEST
+from controller.experiments.holding import torque_limit_of
+from controller.experiments.identification import announcement, bounds_of
+from controller.experiments.sweep import excursion, expected_s, experiment_config
+
+DELAY_STEPS = (0, 5)
+"""Periods inserted, beside the configured ones, to be recovered"""
+BURSTS = 8
+_DOCTOR_S, _IDENTIFY_S = 20.0, 60.0
+_BURST_S = 2.6
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """What will be done, in words."""
+
+    lines: tuple[str, ...]
+    """One for each step"""
+    seconds: float
+    """In real time, about"""
+
+
+def has_doctor(config: Config) -> bool:
+    """Whether there is a bus in real time that could be examined."""
+    return config.servo.kind != "simulated" and config.loop.clock == "monotonic"
+
+
+def announce(config: Config, reach: float) -> Announcement:
+    """What a commissioning will do with the servo of a configuration.
+
+    Args:
+        config: As it is before anything is identified.
+        reach: How far the shaft may come while it is identified [rad].
+
+    Raises:
+        UserError: The reach is wrong, or no torque limit is known.
+    """
+    bounds = bounds_of(config, reach)
+    limit = torque_limit_of(config)
+    lines, seconds = [], _IDENTIFY_S
+    if has_doctor(config):
+        lines.append("doctor: nothing moves, no torque is enabled")
+        seconds += _DOCTOR_S
+    else:
+        lines.append("doctor: left out, there is no bus to examine")
+    lines.append(f"identify: {announcement(bounds)}")
+    fastest = FASTEST
+    try:
+        runs, text = loop_delay.planned(config, DELAY_STEPS, BURSTS, 0)
+        lines.append(f"delay: {text}")
+        seconds += len(runs) * BURSTS * _BURST_S
+        fastest = max(fastest, *(run.plan.speed for run in runs))
+    except UserError as error:
+        lines.append(f"delay: can only be planned with what identify finds ({error})")
+    lines.append(
+        f"rendered: {rendering.announcement(config, fastest)}, with torques of up to {limit:.3g}"
+        " N·m"
+    )
+    seconds += rendering.SECONDS
+    swept = experiment_config(config)
+    settings = short_sweep(swept)
+    far = excursion(swept, settings, OPTIONS)
+    lines.append(
+        f"sweep: the shaft is let go at {len(settings)} settings, at more and more stiffness, and"
+        f" swings by about {far:.2g} rad ({math.degrees(far):.0f}°) to each side at most, with"
+        f" torques of up to {limit:.3g} N·m (planned anew with what identify finds)"
+    )
+    seconds += expected_s(swept, settings, OPTIONS)
+    return Announcement(tuple(lines), seconds)

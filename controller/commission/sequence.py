@@ -1,0 +1,150 @@
+"""The steps in order: each is kept as it ends, what is known is not measured again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from controller.commission import steps
+from controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
+from controller.commission.plan import has_doctor
+from controller.commission.steps import Bench, identified
+from controller.commission.store import fingerprint
+from controller.config import Config
+from controller.errors import HapticWallError
+from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from hw.errors import ServoError
+
+TRIPPED, HARDWARE, WRONG = 3, 4, 1
+_GONE = ("trip:servo_lost", "trip:hardware_error", "trip:torque_lost", "trip:servo_health")
+"""After these the servo must be looked at before it may move again"""
+_RUN: Mapping[Step, str] = {step: f"run_{step}" for step in STEPS}
+_NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
+"""Steps that compare with the identified servo, and are planned by it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A commissioning, as far as it came."""
+
+    outcomes: Mapping[Step, Outcome]
+    """Of the steps that were come to"""
+    config: Config
+    """With the identified model, where there is one"""
+    interrupted: bool
+
+    @property
+    def exit_status(self) -> int:
+        """Of the command: 130, or that of the first step that failed."""
+        if self.interrupted:
+            return 130
+        return next((o.exit_status for o in self.outcomes.values() if o.exit_status), 0)
+
+
+def run_steps(bench: Bench) -> Ended:
+    """Take every step that is not done yet.
+
+    Args:
+        bench: The servo and the folder; steps that are done there are kept.
+
+    Raises:
+        OSError: Results could not be written.
+    """
+    outcomes: dict[Step, Outcome] = {}
+    config = bench.config
+    for step in STEPS:
+        basis = fingerprint(config, bench.reach)
+        outcome = bench.store.outcomes.get(step)
+        if outcome is not None and outcome.basis == basis and _is_kept(outcome, bench):
+            bench.tell(f"{step}: {TITLES[step]} before, and kept")
+            outcomes[step] = outcome
+        else:
+            why_not = _obstacle(step, outcomes, config)
+            try:
+                outcome = (
+                    Outcome(step, "skipped", basis, why_not)
+                    if why_not is not None
+                    else _taken(step, replace(bench, config=config), basis)
+                )
+            except (KeyboardInterrupt, ExperimentInterruptedError):
+                bench.tell(f"{step}: interrupted")
+                return Ended(outcomes, config, interrupted=True)
+            outcome = bench.store.keep(outcome)
+            outcomes[step] = outcome
+            if outcome.reason is not None:
+                bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
+        if step == "identify" and (found := done(outcomes, step)) is not None:
+            bench.store.keep_config(found["config_text"])
+            config = identified(found["config_text"])
+    return Ended(outcomes, config, interrupted=False)
+
+
+def _is_kept(outcome: Outcome, bench: Bench) -> bool:
+    """Whether a step that was taken before need not be taken again."""
+    if outcome.step == "doctor":  # whoever moves a servo again looks at it again
+        return all(done(bench.store.outcomes, step) is not None for step in STEPS)
+    return outcome.state == "done"
+
+
+def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> str | None:
+    """Why a step is not taken; None: it is."""
+    for earlier in outcomes.values():
+        if earlier.ends_all:
+            return f"{earlier.step} has ended it"
+    if step == "doctor" and not has_doctor(config):
+        return (
+            "the servo is simulated, there is no bus to examine"
+            if config.servo.kind == "simulated"
+            else "its bus lives on the simulated clock, there is none in real time to examine"
+        )
+    if step in _NEEDS_MODEL and done(outcomes, "identify") is None:
+        return "it is planned by what identify finds, and compared with it"
+    return None
+
+
+def _taken(step: Step, bench: Bench, basis: str) -> Outcome:
+    """Take a step; whatever ends it short is in what is returned.
+
+    Raises:
+        KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
+    """
+    bench.tell(f"{step}: {TITLES[step]} ...")
+    began = time.monotonic()
+    take: Callable[[Bench], dict[str, Any]] = getattr(steps, _RUN[step])
+
+    def failed(error: Exception | str, status: int, ends_all: bool = False) -> Outcome:
+        seconds = time.monotonic() - began
+        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds)
+
+    try:
+        data = take(bench)
+    except ExperimentTrippedError as error:
+        gone = error.stop_reason in _GONE
+        text = f"{error.stop_reason}: {error}"
+        return failed(text, HARDWARE if error.stop_reason == _GONE[0] else TRIPPED, gone)
+    except ServoError as error:
+        return failed(error, HARDWARE, ends_all=True)
+    except HapticWallError as error:
+        return failed(error, error.exit_status)
+    seconds = time.monotonic() - began
+    if step == "doctor" and data["fatal"]:
+        return replace(
+            failed(_fatal_text(data), HARDWARE if not data["reached"] else WRONG, ends_all=True),
+            data=data,
+        )
+    picture = bench.picture(step)
+    name = picture.name if step != "doctor" and picture.exists() else None
+    return Outcome(step, "done", basis, seconds=seconds, data=data, picture=name)
+
+
+def _fatal_text(data: Mapping[str, Any]) -> str:
+    said = [
+        f"{check['name']}: found {check['found']}, wanted {check['wanted']}"
+        + (f"; {check['fix']}" if check["fix"] else "")
+        for check in data["checks"]
+        if check["name"] in data["fatal"]
+    ]
+    mend = any(c["fixable"] for c in data["checks"] if c["name"] in data["fatal"])
+    return "; ".join(said) + ("; haptic-wall doctor CONFIG --fix mends it" if mend else "")

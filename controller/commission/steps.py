@@ -1,0 +1,152 @@
+"""The steps themselves: each runs one experiment and says what it found, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controller import config_yaml
+from controller.commission.plan import BURSTS, DELAY_STEPS
+from controller.commission.store import LOGS, CommissionStore
+from controller.commission.sweep_points import OPTIONS, short_sweep
+from controller.config import Config
+from controller.delay_plot import plot_delay
+from controller.errors import UserError
+from controller.experiments.identification import identify
+from controller.experiments.identified_config import identified_config
+from controller.experiments.identify_text import report as identify_report
+from controller.experiments.loop_delay import delay_report, measure_delay
+from controller.experiments.rendering import measure_rendering, rendering_report
+from controller.experiments.sweep import experiment_config, sweep
+from controller.experiments.sweep_device import Device
+from controller.experiments.sweep_plan import Setting
+from controller.experiments.sweep_result import PointResult
+from controller.experiments.sweep_store import PNG, Asked, SweepStore
+from controller.experiments.testbed import ExperimentInterruptedError
+from controller.identify_plot import plot_identification
+from controller.rendered_plot import plot_rendering
+from controller.sweep_plot import plot_sweep
+
+Tell = Callable[[str], None]
+
+SWEEP = "sweep"
+"""Folder of the sweep within the commissioning's"""
+_HARMLESS = frozenset(
+    {
+        "return delay",
+        "latency timer",
+        "reply time",
+        "sustainable rate",
+        "encoder at rest",
+        "schedule",
+        "schedule immediate",
+        "schedule pipelined",
+        "wake-up lateness",
+        "secondary id",
+        "shutdown",
+    }
+)
+"""What may be wrong in a testbed that is commissioned: it costs stiffness, or a start-up mends it.
+With anything else a run would be refused, or could not be trusted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What every step works with."""
+
+    config: Config
+    name: str
+    """Of the configuration, for people"""
+    reach: float
+    """How far the shaft may come while it is identified [rad]"""
+    store: CommissionStore
+    tell: Tell
+
+    @property
+    def logs(self) -> Path:
+        """Where logs go."""
+        return self.store.folder / LOGS
+
+    def picture(self, name: str) -> Path:
+        """Where a step's picture goes."""
+        return self.store.folder / f"{name}.png"
+
+
+def run_doctor(bench: Bench) -> dict[str, Any]:
+    """Examine the testbed; ``fatal`` names what must be mended before anything moves.
+
+    Raises:
+        ServoError: The emulated bus did not start.
+    """
+    from controller.doctor.checkup import examine  # only who has a bus loads what speaks to it
+
+    report = examine(bench.config, bench.tell, None, change_baud=False)
+    return {
+        "checks": [finding._asdict() for finding in report.findings.checks],
+        "not_examined": report.not_examined,
+        "reached": report.reached,
+        "suits": report.suits,
+        "fatal": [f.name for f in report.findings.wrong if f.name not in _HARMLESS],
+    }
+
+
+def run_identify(bench: Bench) -> dict[str, Any]:
+    """Identify the servo; the configuration with what was found is written at once."""
+    found = identify(bench.config, bench.logs, bench.reach, bench.tell)
+    text = identified_config(bench.config, found, bench.name)
+    bench.store.keep_config(text)
+    plot_identification(found, bench.name, bench.picture("identify"))
+    return {**identify_report(found), "config_text": text}
+
+
+def identified(text: str) -> Config:
+    """The configuration that ``run_identify`` has written."""
+    return Config.model_validate(config_yaml.parse(text, "the identified configuration"))
+
+
+def run_delay(bench: Bench) -> dict[str, Any]:
+    """Measure the loop's delay, and whether inserted delays are recovered."""
+    config = bench.config
+    found = measure_delay(config, bench.logs, DELAY_STEPS, BURSTS, 0, bench.tell)
+    plot_delay(found, bench.name, bench.picture("delay"))
+    return delay_report(found, config.period_s, config.belief().delay.high)
+
+
+def run_rendered(bench: Bench) -> dict[str, Any]:
+    """Measure what is rendered of the configured wall."""
+    found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
+    plot_rendering(found, bench.name, bench.picture("rendered"))
+    return rendering_report(found)
+
+
+def run_sweep(bench: Bench) -> dict[str, Any]:
+    """Measure the critical stiffness at a few points; those of an interrupted sweep are kept.
+
+    Raises:
+        ExperimentInterruptedError: A person has ended it; points that are done are kept.
+    """
+    config = experiment_config(bench.config)
+    settings = short_sweep(config)
+    asked = Asked(config, settings, OPTIONS)
+    folder = bench.store.folder / SWEEP
+    try:
+        store = SweepStore(folder, asked, fresh=False)
+    except UserError:  # of a model that has been identified anew since
+        store = SweepStore(folder, asked, fresh=True)
+
+    def progress(setting: Setting, point: PointResult) -> None:
+        said = point.reason if point.measured is None else f"{point.measured:.4g} N·m/rad"
+        bench.tell(
+            f"{len(store.done)}/{len(settings)}  B {setting.virtual_damping:g},"
+            f" {setting.delay_steps} steps: {said}"
+        )
+
+    finished = sweep(config, store, settings, OPTIONS, tell=bench.tell, progress=progress)
+    if not finished:
+        raise ExperimentInterruptedError(f"interrupted; {len(store.done)} points are kept")
+    store.write()
+    plot_sweep(store.points(), Device.of(config), bench.name, folder / PNG)
+    (folder / PNG).replace(bench.picture("sweep"))
+    return store.report(bench.name)

@@ -1,0 +1,162 @@
+"""A commissioning's folder: each step as soon as it is known; only the same settings may go on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from controller import __version__
+from controller.commission.outcome import STEPS, Outcome, Step
+from controller.config import Config
+from controller.errors import UserError
+
+MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
+_FORMAT = "haptic-wall commission 1"
+
+Encode = Callable[[Mapping[str, Any]], str]
+"""One JSON object as text; what is not finite is null"""
+
+
+def fingerprint(config: Config, reach: float) -> str:
+    """Differs when anything does that the figures depend on, the program's version too.
+
+    Args:
+        config: The effective configuration.
+        reach: How far the shaft may come while it is identified [rad].
+    """
+    described = {
+        "program": __version__,
+        "config": config.model_dump(mode="json"),
+        "reach": reach,
+    }
+    text = json.dumps(described, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class CommissionStore:
+    """Keeps what is known, after each step.
+
+    Args:
+        folder: Made if need be.
+        asked: ``fingerprint`` of what is asked for.
+        name: Of the configuration, for people.
+        encode: Turns results into JSON.
+        fresh: Forget what an earlier commissioning left here.
+
+    Attributes:
+        folder: See above.
+        outcomes: What is known of each step.
+
+    Raises:
+        UserError: The folder holds something else, or cannot be used.
+    """
+
+    def __init__(self, folder: Path, asked: str, name: str, encode: Encode, fresh: bool) -> None:
+        self.folder = folder
+        self.outcomes: dict[Step, Outcome] = {}
+        self._encode = encode
+        if folder.exists() and not folder.is_dir():
+            raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
+        ours = self._ours(asked, fresh)
+        if not ours and (folder / CONFIG).exists():
+            raise UserError(
+                f"--out {folder}: it holds a {CONFIG} that no commissioning wrote; name another"
+                " folder, so that it is not lost"
+            )
+        try:
+            (folder / LOGS).mkdir(parents=True, exist_ok=True)
+            if fresh:
+                self._forget()
+        except OSError as error:
+            raise UserError(
+                f"--out {folder}: the folder cannot be used ({error.strerror}); name another place"
+            ) from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise UserError(
+                f"--out {folder}: found a folder without leave to write; name another place"
+            )
+        if ours and not fresh:
+            self._resume()
+        head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
+        self._replace(MAIN, self._encode(head))
+
+    def _ours(self, asked: str, fresh: bool) -> bool:
+        """Whether an earlier commissioning was here; of other settings it is refused."""
+        path = self.folder / MAIN
+        if not path.exists():
+            return False
+        try:
+            held = json.loads(path.read_text(encoding="utf-8"))
+            right = held["format"] == _FORMAT
+        except (OSError, ValueError, KeyError, TypeError):
+            right = False
+        if not right:
+            raise UserError(
+                f"--out {self.folder}: {MAIN} there is not a commissioning of ours; name another"
+                " folder"
+            )
+        if held["fingerprint"] != asked and not fresh:
+            raise UserError(
+                f"--out {self.folder}: it holds a commissioning with other settings"
+                f" ({held['name']}, haptic-wall {held['program']}); name another folder, or give"
+                " --fresh to begin anew and replace it"
+            )
+        return True
+
+    def _forget(self) -> None:
+        for name in (MAIN, CONFIG, PAGE, *(f"{step}.json" for step in STEPS)):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _resume(self) -> None:
+        for step in STEPS:
+            path = self.folder / f"{step}.json"
+            if not path.exists():
+                continue
+            try:
+                self.outcomes[step] = Outcome(**json.loads(path.read_text(encoding="utf-8")))
+            except (OSError, ValueError, TypeError) as error:
+                raise UserError(
+                    f"--out {self.folder}: {path.name} cannot be read ({error}); delete it to do"
+                    " that step again, or give --fresh"
+                ) from error
+
+    def keep(self, outcome: Outcome) -> Outcome:
+        """Keep one step; what is on disk is never half of it.
+
+        Returns:
+            The outcome as it will be read again: plain values only.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        text = self._encode(asdict(outcome))
+        kept = Outcome(**json.loads(text))
+        self.outcomes[outcome.step] = kept
+        self._replace(f"{outcome.step}.json", text)
+        return kept
+
+    def keep_config(self, text: str) -> None:
+        """Write the configuration with the identified model.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self._replace(CONFIG, text)
+
+    def keep_page(self, text: str) -> Path:
+        """Write the report; its path.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        return self._replace(PAGE, text)
+
+    def _replace(self, name: str, text: str) -> Path:
+        part = self.folder / f"{name}.part"
+        part.write_text(text if text.endswith("\n") else f"{text}\n", encoding="utf-8")
+        return part.replace(self.folder / name)

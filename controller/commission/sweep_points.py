@@ -1,0 +1,61 @@
+"""Which few points a short sweep measures: where the servo's torque leaves room for a kick."""
+
+from __future__ import annotations
+
+from controller.config import Config
+from controller.experiments.holding import sample_age
+from controller.experiments.sweep_device import Device
+from controller.experiments.sweep_plan import Options, Setting, reach
+
+OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)
+_MORE = 3
+"""Periods inserted beside the configured ones: a second delay, which the boundary's line needs"""
+_SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0)
+"""Of the virtual damping that makes sense"""
+_CEILING = 0.5
+"""Share of the ceiling over which no one wants to go: beyond it stiffness falls again"""
+_ROOM = 0.9
+"""Share of the stiffest wall with room below the torque limit at which a point is planned"""
+_HALVINGS = 12
+
+
+def short_sweep(config: Config) -> tuple[Setting, ...]:
+    """No virtual damping, a third and two thirds of what makes sense, at two delays.
+
+    What makes sense ends at half the ceiling, at the damping at which one encoder count commands
+    ``guard.quantisation_share`` of the torque limit, and where the kick that shows an oscillation
+    would need more torque than there is.
+
+    Args:
+        config: The servo, with the best model there is of it.
+    """
+    device = Device.of(config)
+    found = []
+    for steps in (config.delay.steps, config.delay.steps + _MORE):
+        top = _sensible(config, device, steps)
+        found += [Setting(float(f"{share * top:.3g}"), steps) for share in _SHARES]
+    return tuple(dict.fromkeys(found))
+
+
+def _sensible(config: Config, device: Device, steps: int) -> float:
+    delay = steps * device.period + device.lag + sample_age(config)
+    top = _CEILING * device.ceiling(delay)
+    if device.position_step:
+        share = config.guard.quantisation_share * device.torque_limit
+        top = min(top, share * device.velocity_samples * device.period / device.position_step)
+    if _has_room(device, top, steps, delay) or not _has_room(device, 0.0, steps, delay):
+        return top  # in the second case nothing helps, and the sweep will say so
+    low = 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + top)
+        low, top = (middle, top) if _has_room(device, middle, steps, delay) else (low, middle)
+    return low
+
+
+def _has_room(device: Device, damping: float, steps: int, delay: float) -> bool:
+    # The greatest share of it that is measured is what must be within reach.
+    setting = Setting(_SHARES[-1] * damping, steps)
+    if device.exact(setting.virtual_damping, delay) <= 0.0:
+        return False
+    planned = reach(device, setting, delay, OPTIONS.kick)
+    return planned.predicted <= _ROOM * planned.top

@@ -1,0 +1,142 @@
+"""How stiff a servo may be made to feel, and which limit says so: the guard's own answer."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from controller.config import Config
+from controller.delay_parts import SAMPLE_AGE, DelayParts
+from controller.experiments.holding import sample_age, torque_limit_of
+from controller.guard import Situation, decide
+from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate
+from controller.guard_types import Decision, GuardSettings, Request, decision_report
+from controller.ladder import rung_ages_ns
+from controller.theory.checks import FloatArray
+
+ASKED = 1e6
+"""As stiff as one likes, to hear what the guard allows [N·m/rad]"""
+_POINTS, _ROUNDS = 65, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """The guard's question, with the age of the samples as it was measured."""
+
+    config: Config
+    age: float
+    """Of a sample when its torque is sent, as the guard counts it [s]"""
+    situation: Situation
+    settings: GuardSettings
+
+    @classmethod
+    def of(cls, config: Config, delay: Mapping[str, Any] | None) -> Question:
+        """From the model, and from the measured delay where there is one.
+
+        Args:
+            config: With the best model there is.
+            delay: What the step ``delay`` found; None: the age is what is expected of the bus.
+        """
+        step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
+        age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
+        if config.servo.kind != "simulated" or config.loop.clock != "simulated":
+            # A run counts with the next age of its ladder.
+            rungs = rung_ages_ns(config.period_ns)
+            age = rungs[min(bisect_left(rungs, age * 1e9), len(rungs) - 1)] * 1e-9
+        situation = Situation(
+            belief=config.belief(),
+            period=config.period_ns * 1e-9,
+            torque_limit=torque_limit_of(config),
+            position_step=step,
+            slow_replies=age > 2.0 * config.period_s,
+        )
+        settings = config.guard_settings()
+        if settings.mode == "off":
+            settings = replace(settings, mode="stable")
+        return cls(config, max(age, config.guard.sample_age), situation, settings)
+
+    @property
+    def inserted(self) -> float:
+        """Delay inserted on purpose [s]."""
+        return self.config.delay.steps * self.situation.period
+
+    def decide(self, stiffness: float, damping: float) -> Decision:
+        """What the guard commands of a wall."""
+        asked = replace(self.config.request(), stiffness=stiffness, damping=damping)
+        delays = [self.inserted + self.age]
+        return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
+
+    def limits(self, damping: FloatArray, capped: bool = True) -> Found:
+        """The limits over the virtual damping.
+
+        Args:
+            damping: [N·m·s/rad]
+            capped: By ``guard.damping_cap``, as it is commanded.
+        """
+        settings = self.settings if capped else replace(self.settings, mode="off")
+        plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
+        request: Request = self.config.request()
+        return evaluate(request, settings, self.situation, plants, LOOKED_UP, asked=damping)
+
+    def best_damping(self) -> float:
+        """The virtual damping, not negative, with which the guard allows most [N·m·s/rad]."""
+        low, high = 0.0, float(self.limits(np.array([1e12])).damping[0])
+        best = 0.0
+        for _ in range(_ROUNDS):
+            tried = np.linspace(low, high, _POINTS)
+            top = int(np.argmax(self.limits(tried).smallest()))
+            best = float(tried[top])
+            low, high = tried[max(top - 1, 0)], tried[min(top + 1, _POINTS - 1)]
+        return best
+
+    def parts(self) -> DelayParts:
+        """What the delay is made of, the device's own at its longest."""
+        device = self.situation.belief.delay.high
+        named = {SAMPLE_AGE: self.age, "inserted": self.inserted, "device": device}
+        return DelayParts(self.situation.period, named)
+
+
+def verdict(question: Question, identified: bool) -> dict[str, Any]:
+    """How stiff, with which damping, which limit binds, what would raise it.
+
+    Args:
+        question: The servo in its loop.
+        identified: The model was measured, not only believed.
+    """
+    config, belief = question.config, question.situation.belief
+    wall, parts = config.wall, question.parts()
+    # Two digits are as many as anyone sets; rounded down, so that the guard still allows it.
+    best = _rounded_down(question.best_damping())
+    return {
+        "basis": "identified" if identified else "believed",
+        "margin": question.settings.margin,
+        "side": wall.side,
+        "velocity_samples": wall.velocity_samples,
+        "torque_limit": question.situation.torque_limit,
+        "model": {
+            name: {"value": each.value, "low": each.low, "high": each.high}
+            for name, each in (
+                (name, getattr(belief, name))
+                for name in ("inertia", "damping", "coulomb", "delay", "torque_gain")
+            )
+        },
+        "delay_parts": [
+            {"name": name, "seconds": size, "share": size / parts.total}
+            for name, size in parts.sizes().items()
+        ],
+        "plain": decision_report(question.decide(ASKED, 0.0)),
+        "best": decision_report(question.decide(ASKED, best)),
+        "configured": decision_report(question.decide(wall.stiffness, wall.damping)),
+    }
+
+
+def _rounded_down(value: float) -> float:
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")
