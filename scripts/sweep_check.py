@@ -43,7 +43,7 @@ SERVOS = {
 """Inertia, damping and Coulomb friction (Rhoban bam; the paper's plant), and a torque limit"""
 LINEAR_LIMIT, FRICTION_LIMIT, BUS_LIMIT, GRID_LIMIT_S = 0.005, 0.05, 0.05, 60.0
 KICKS = {"MX-64": (0.03, 0.06, 0.1), "XL330-M288": (0.02, 0.04, 0.08)}
-BUS_POINTS = ((0.02, 0), (0.02, 2), (0.1, 1), (0.02, 5))
+BUS_POINTS = ((0.02, 0), (0.02, 2), (0.1, 1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,15 +117,15 @@ def command(
     store = SweepStore(folder, Asked(effective, settings, options), fresh)
     _announce(effective, settings, options, store.done)
     progress = _Progress(len(settings), len(store.done))
-    with writing("--out", folder):
-        finished = sweep(
-            effective, store, settings, options, tell=_say, progress=progress.point, workers=workers
-        )
-        points = store.points()
-        if points:
-            from controller.sweep_plot import plot_sweep
+    finished = sweep(
+        effective, store, settings, options, tell=_say, progress=progress.point, workers=workers
+    )
+    points = store.points()
+    if points:
+        from controller.sweep_plot import plot_sweep
 
-            store.write()
+        store.write()
+        with writing("--out", folder):
             plot_sweep(points, device, loaded.name, folder / PNG)
     report = {**store.report(loaded.name), "out": folder}
     answer(as_json(report) if as_json_wanted else _text(points, folder))

@@ -18,10 +18,9 @@ _WINDOW = 1.0 / 3.0
 """Half width of a fit in half periods: ±60 degrees."""
 _LEAST_SAMPLES = 2
 """On either side of a turning point: together with it, two more than are fitted."""
-_SETTLED = 2
-"""Turning points after the release from which on amplitudes count, where there are enough: the
-first carry what the release excites beside the oscillation."""
-_ENOUGH = 7
+_SETTLING, _SETTLED = 1.0 / 3.0, 5
+"""Share of the turning points that is left out at the start, and how many at most: the first carry
+what the release excites beside the oscillation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +88,7 @@ def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
     if x.size < 4:
         return Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
     amplitude = 0.5 * np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
-    first = _SETTLED - 1 if x.size >= _ENOUGH else 0
+    first = min(int(_SETTLING * x.size), _SETTLED) - 1
     number = np.arange(first, amplitude.size - 1)
     good = sound[number] & sound[number + 1] & sound[number + 2]
     good &= (amplitude[number] > 0.0) & (amplitude[number + 1] > 0.0)

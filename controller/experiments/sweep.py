@@ -70,8 +70,7 @@ def sweep(
 
     Raises:
         ServoError: The servo could not be started, or was lost.
-        UserError: The configuration does not do, or a log could not be kept.
-        OSError: Results could not be written.
+        UserError: The configuration does not do, or results or a log could not be kept.
     """
     left = [setting for setting in settings if setting not in store.done]
     folder = store.folder / LOGS

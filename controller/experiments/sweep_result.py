@@ -54,10 +54,10 @@ def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
 
 def out_of_reach_text(edge: Reach, seen: str) -> str:
     """What keeps a point from being measured: torque or speed."""
+    room = f"room up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no room at all"
     return (
-        f"{edge.bound_by} leaves room up to {edge.top:.4g} N·m/rad for a kick of"
-        f" {edge.kick:.4g} rad, the limit is expected at {edge.predicted:.4g}; {seen}: use a"
-        f" smaller --kick or raise {edge.bound_by}"
+        f"{edge.bound_by} leaves {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
+        f" at {edge.predicted:.4g} N·m/rad; {seen}: use a smaller --kick or raise {edge.bound_by}"
     )
 
 

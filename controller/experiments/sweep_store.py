@@ -101,7 +101,7 @@ class SweepStore:
         """Keep one more point; what is on disk is never half of it.
 
         Raises:
-            OSError: It cannot be written.
+            UserError: It cannot be written.
         """
         self.done[setting] = result
         self.write()
@@ -131,8 +131,17 @@ class SweepStore:
         """Write table and results.
 
         Raises:
-            OSError: They cannot be written.
+            UserError: They cannot be written.
         """
+        try:
+            self._write()
+        except OSError as error:
+            raise UserError(
+                f"--out {self.folder}: cannot be written: {error.strerror or error}; make room, or"
+                " name another place"
+            ) from error
+
+    def _write(self) -> None:
         points = [asdict(point) for point in self.points()]
         held: Mapping[str, Any] = {
             "format": _FORMAT,

@@ -1,0 +1,146 @@
+"""``haptic-wall sweep`` writes what it measured, goes on after Ctrl-C, and says what it refuses."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from controller.cli.main import main
+
+PNG = b"\x89PNG\r\n\x1a\n"
+PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
+         "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip
+POINTS = ("--virtual-damping=0.02,9", "--delay-steps=1,3", "--repeats=1", "--workers=1")
+
+
+def run(capsys, *arguments):
+    try:
+        status = main(["sweep", *map(str, arguments)])
+    except SystemExit as ended:
+        status = ended.code
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A finished sweep."""
+    folder = tmp_path_factory.mktemp("sweep") / "here"
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli.main", "sweep", "simulated", *PLANT, *POINTS,
+         "--out", folder, "--json"],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return folder, json.loads(done.stdout), done.stderr
+
+
+def test_points_and_files(swept):
+    folder, report, told = swept
+    points = report["points"]
+    # Over the ceiling of 4.95 at 3 ms and of 9.9 at 1 ms, in the order asked for.
+    assert [(p["delay_steps"], p["virtual_damping"]) for p in points] == [
+        (1, 0.02), (1, 9.0), (3, 0.02), (3, 9.0)
+    ]  # fmt: skip
+    good = [p for p in points if p["virtual_damping"] == 0.02]
+    for point in good:
+        assert point["measured"] == pytest.approx(point["exact"], rel=0.005)
+        assert 0.0 < point["uncertainty"] < 0.005 * point["exact"]
+        assert point["linear"] == pytest.approx(point["exact"], rel=0.01)
+        assert point["frequency_hz"] > 1.0
+        assert point["kick_rad"] > 0.0
+        assert point["reason"] is None
+    assert points[3]["measured"] is None
+    assert "over the ceiling" in points[3]["reason"]
+    assert report["complete"]
+    held = json.loads((folder / "sweep.json").read_text())
+    assert held["points"] == points
+    with (folder / "sweep.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["measured"] for row in rows] == [
+        "" if p["measured"] is None else str(p["measured"]) for p in points
+    ]
+    assert (folder / "sweep.png").read_bytes().startswith(PNG)
+    for point in good:
+        assert all((folder / "logs" / log).exists() for log in point["logs"])
+    assert "4/4" in told
+    assert "left" in told
+
+
+def test_the_same_settings_go_on_and_others_are_refused(swept, capsys):
+    folder, report, _ = swept
+    before = json.loads((folder / "sweep.json").read_text())
+    status, out, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", folder, "--json")
+    assert status == 0
+    assert json.loads(out)["points"] == report["points"]
+    assert "4 of 4 points were measured before" in told
+    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", folder, "--kick=0.03")
+    assert status == 2
+    assert "other settings" in told
+    assert "--fresh" in told
+    assert json.loads((folder / "sweep.json").read_text()) == before
+
+
+def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path):
+    command = [
+        sys.executable, "-m", "controller.cli.main", "sweep", "simulated", *PLANT,
+        "--virtual-damping=9,0.02,0.03,0.04", "--delay-steps=3", "--workers=1",
+        "--out", str(tmp_path), "--json",
+    ]  # fmt: skip
+    first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while "1/4" not in first.stderr.readline():
+        assert first.poll() is None
+    time.sleep(0.2)
+    os.kill(first.pid, signal.SIGINT)
+    out, told = first.communicate(timeout=60)
+    assert first.returncode == 130
+    assert "goes on" in told
+    kept = json.loads(out)["points"]
+    assert not json.loads(out)["complete"]
+    assert kept[0]["virtual_damping"] == 9.0
+    held = json.loads((tmp_path / "sweep.json").read_text())
+    assert held["points"] == kept
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--virtual-damping=0", "--delay-steps=1.5"), "--delay-steps: found 1.5"),
+        (("--virtual-damping=0", "--delay-steps=1", "--kick=0"), "--kick: found 0"),
+        (("--virtual-damping=x", "--delay-steps=1"), "virtual-damping"),
+        (("--delay-steps=1",), "--virtual-damping"),
+    ],
+)
+def test_wrong_input_is_named(capsys, tmp_path, arguments, words):
+    status, _, told = run(capsys, "simulated", *PLANT, *arguments, "--out", tmp_path)
+    assert status == 2
+    assert words in told
+
+
+def test_what_is_not_a_sweep_is_not_replaced(capsys, tmp_path):
+    (tmp_path / "sweep.json").write_text("{}")
+    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
+    assert status == 2
+    assert "not a sweep of ours" in told
+    assert (tmp_path / "sweep.json").read_text() == "{}"
+    file = tmp_path / "file"
+    file.write_text("")
+    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", file)
+    assert status == 2
+    assert f"--out {file}" in told
+
+
+def test_before_hardware_moves_it_says_what_will(capsys, tmp_path):
+    status, _, told = run(
+        capsys, "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",
+        "--virtual-damping=0.01", "--delay-steps=0", "--out", tmp_path,
+    )  # fmt: skip
+    assert status == 4
+    assert "will swing to both sides" in told
+    assert "degrees" in told
+    assert "in real time" in told

@@ -1,0 +1,132 @@
+"""The search for one point, on simulated servos whose limits are known."""
+
+import pytest
+
+from controller.config_load import load_config
+from controller.errors import UserError
+from controller.experiments.critical import PointSearch
+from controller.experiments.sweep import excursion, expected_s, experiment_config
+from controller.experiments.sweep_device import Device
+from controller.experiments.sweep_plan import Options, Setting, hold_spring
+from controller.experiments.testbed import Testbed
+from controller.logfile import read_log
+from controller.theory import critical_stiffness
+
+LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
+
+
+def config(*sets, preset="simulated"):
+    return experiment_config(load_config(preset, ("loop.clock=simulated", *sets)).config)
+
+
+def search(folder, damping, steps, *sets, preset="simulated", **options):
+    bed = Testbed(config(*sets, preset=preset), folder)
+    return PointSearch(bed, Setting(damping, steps), Options(**{"repeats": 1, **options})).run()
+
+
+@pytest.mark.parametrize(
+    ("damping", "steps", "lag"), [(0.0, 0, 1.3e-3), (0.1, 2, 0.45e-3), (0.5, 3, 0.0)]
+)
+def test_a_linear_servo_has_the_exact_boundary(tmp_path, damping, steps, lag):
+    found = search(tmp_path, damping, steps, *LINEAR, f"servo.delay={lag}")
+    delay = lag + steps * 1e-3
+    exact = float(critical_stiffness(0.011951, 0.011692, damping, 1e-3, delay))
+    assert found.measured == pytest.approx(exact, rel=0.005)
+    assert found.exact == pytest.approx(exact)
+    assert found.delay_s == pytest.approx(delay)
+    assert found.uncertainty < 0.005 * exact
+    assert found.reason is None
+
+
+def test_it_measures_the_servo_and_not_the_belief(tmp_path):
+    believed = ("model.damping=0.03", "model.inertia=0.008", "model.delay=0")
+    found = search(tmp_path, 0.02, 2, *LINEAR, "servo.delay=0.0005", *believed)
+    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2.5e-3))
+    assert found.measured == pytest.approx(true, rel=0.005)
+    assert found.exact > 1.5 * true
+    assert found.delay_s == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("kick", [0.04, 0.1])
+def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path, kick):
+    found = search(tmp_path, 0.02, 2, kick=kick)
+    # The describing function is within a few per cent; 4096 counts add little at 26 counts.
+    assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
+    assert found.onset_rad == pytest.approx(kick, rel=0.1)
+    assert found.kick_rad == pytest.approx(kick)
+    assert found.measured > 1.5 * found.exact
+
+
+@pytest.mark.parametrize(
+    ("damping", "sets", "words"),
+    [
+        (8.0, (), ("over the ceiling", "nothing was tried")),
+        (-0.02, (), ("takes away all of the servo's own",)),
+        (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit leaves room", "--kick")),
+        (5.0, (), ("servo.torque_limit leaves no room at all", "nothing was tried")),
+        (0.02, ("safety.max_speed=2",), ("safety.max_speed leaves room", "--kick")),
+    ],
+)
+def test_a_point_out_of_reach_says_why(tmp_path, damping, sets, words):
+    found = search(tmp_path, damping, 2, *LINEAR, *sets, kick=0.1)
+    assert found.measured is None
+    assert found.uncertainty is None
+    for word in words:
+        assert word in found.reason
+
+
+def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path):
+    # Believed so heavy that far stiffer trials seem slow enough.
+    heavy = ("model.inertia=0.1", "model.damping=0.06", "model.coulomb=0")
+    found = search(tmp_path, 0.02, 2, "servo.coulomb=0", *heavy, "safety.max_speed=4", kick=0.1)
+    assert [trip.split(" at ")[0] for trip in found.trips] == ["trip:overspeed"]
+    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
+    assert found.measured == pytest.approx(true, rel=0.005)
+    assert all((tmp_path / log).exists() for log in found.logs)
+
+
+def test_three_trips_give_a_point_up(tmp_path):
+    heavy = ("model.inertia=1", "model.damping=0.3", "model.coulomb=0")
+    found = search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
+    assert len(found.trips) == 3
+    assert found.measured is None
+    assert found.reason.startswith("given up after 3 trips: trip:overspeed at ")
+
+
+def test_the_soft_spring_is_stable_in_the_worst_corner():
+    effective = config(
+        "model.inertia={value: 0.012, low: 0.008, high: 0.018}",
+        "model.damping={value: 0.01, low: 0.001, high: 0.02}",
+        "model.delay={value: 0.001, low: 0, high: 0.002}",
+        "model.torque_gain={value: 1, low: 0.7, high: 1.35}",
+    )
+    device = Device.of(effective)
+    hold = hold_spring(device, 5, 1e-3, 0.1)
+    gain = 1.35
+    limit = critical_stiffness(0.008, 0.001, gain * hold.damping, 1e-3, 8e-3) / gain
+    assert 0.0 < hold.stiffness < 0.35 * float(limit)
+
+
+def test_the_shaft_stays_within_what_is_announced(tmp_path):
+    setting, options = Setting(0.02, 1), Options(kick=0.05, repeats=1)
+    effective = config(*LINEAR)
+    point = PointSearch(Testbed(effective, tmp_path), setting, options).run()
+    furthest = 0.0
+    for log in point.logs:
+        _, rows = read_log(tmp_path / log)
+        furthest = max(furthest, abs(rows["position"] - rows["position"][0]).max())
+    assert furthest < excursion(effective, (setting,), options) < 4.0 * furthest
+
+
+def test_real_time_is_estimated_from_what_will_be_played():
+    effective = config("loop.clock=monotonic")
+    one = expected_s(effective, (Setting(0.02, 1),), Options())
+    two = expected_s(effective, (Setting(0.02, 1), Setting(0.02, 2), Setting(9.0, 2)), Options())
+    assert 20.0 < one < 200.0
+    assert 1.5 * one < two < 3.0 * one  # nothing is tried over the ceiling
+
+
+def test_a_servo_without_a_known_torque_limit_is_refused():
+    effective = config("servo.torque_limit=null", preset="emulated-xm430")
+    with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
+        Device.of(effective)

@@ -1,0 +1,67 @@
+"""Turning points and growth, against motions whose growth is known."""
+
+import numpy as np
+import pytest
+
+from controller.experiments.decrement import growth, turning_points
+
+COUNT = 2 * np.pi / 4096
+
+
+def swing(rate, hertz, seconds=2.0, size=0.1, period=1e-3):
+    time = np.arange(0.0, seconds, period)
+    return time, size * np.exp(rate * time) * np.cos(2 * np.pi * hertz * time)
+
+
+def grown(time, position, least):
+    turns = turning_points(time, position, least)
+    return turns, growth(turns, np.ones(turns.time.size - 1, dtype=bool))
+
+
+@pytest.mark.parametrize("rate", [-2.0, 0.0, 3.0])
+@pytest.mark.parametrize("hertz", [3.0, 11.0, 47.0, 160.0])
+def test_growth_of_a_damped_sinusoid(rate, hertz):
+    turns, found = grown(*swing(rate, hertz), 1e-4)
+    assert turns.half_period == pytest.approx(0.5 / hertz, rel=1e-3)
+    assert np.mean(found.log_ratio) == pytest.approx(rate * 0.5 / hertz, abs=2e-4)
+    if rate == 0.0:
+        assert found.amplitude == pytest.approx(0.1, rel=1e-3)
+
+
+def test_what_the_oscillation_rides_on_does_not_count():
+    time, position = swing(-0.5, 8.0)
+    position += 0.03 + 0.08 * np.exp(-time / 0.6)
+    _, found = grown(time, position, 1e-3)
+    assert np.mean(found.log_ratio) == pytest.approx(-0.5 / 16.0, abs=3e-3)
+
+
+def test_between_encoder_counts():
+    # 30 counts, each turning point known to a small part of one: growth to a few thousandths.
+    time, position = swing(0.4, 6.0, size=30 * COUNT)
+    _, found = grown(time, np.round(position / COUNT) * COUNT, 2.5 * COUNT)
+    assert np.mean(found.log_ratio) == pytest.approx(0.4 / 12.0, abs=4e-3)
+
+
+def test_samples_may_be_missing():
+    time, position = swing(1.0, 5.0)
+    keep = np.random.default_rng(3).random(time.size) > 0.2
+    keep[0] = True
+    _, found = grown(time[keep], position[keep], 1e-3)
+    assert np.mean(found.log_ratio) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_half_cycles_that_are_not_sound_are_left_out():
+    turns = turning_points(*swing(1.0, 5.0), 1e-3)
+    sound = np.ones(turns.time.size - 1, dtype=bool)
+    sound[6] = False
+    found = growth(turns, sound)
+    assert not {4, 5, 6} & set(found.number)
+    assert {3, 7} <= set(found.number)
+
+
+@pytest.mark.parametrize("position", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
+def test_too_little_motion_gives_no_growth(position):
+    position = np.array(position)
+    turns = turning_points(1e-3 * np.arange(position.size), position, 1e-3)
+    found = growth(turns, np.ones(max(turns.time.size - 1, 0), dtype=bool))
+    assert found.log_ratio.size == 0

@@ -1,0 +1,64 @@
+"""The stiffness of no growth, from half cycles made up by a law that is known."""
+
+import numpy as np
+import pytest
+
+from controller.experiments.decrement import Growth
+from controller.experiments.growth_fit import Trial, balance
+
+LIMIT, KICK = 12.0, 0.1
+
+
+def trial(stiffness, rng, noise=0.0, friction=0.0, start=KICK):
+    """Amplitudes that follow A' = r A - f, with r and f such that LIMIT holds at KICK."""
+    amplitude = [start]
+    for _ in range(12):
+        ratio = np.exp(0.2 * np.log(stiffness / LIMIT)) * (1.0 + friction / KICK)
+        amplitude.append(ratio * amplitude[-1] - friction)
+    amplitude = np.maximum(amplitude, 1e-3) + noise * rng.standard_normal(13)
+    ratio = np.log(amplitude[1:] / amplitude[:-1])
+    mean = np.sqrt(amplitude[1:] * amplitude[:-1])
+    return Trial(stiffness, Growth(ratio, mean, np.arange(12)), 0.05, bool(ratio.mean() > 0))
+
+
+def trials(rng, stiffnesses, **how):
+    return [trial(k, rng, **how) for k in stiffnesses]
+
+
+AROUND = (11.0, 11.6, 12.3, 12.9, 11.2, 12.6)
+
+
+def test_without_noise_it_is_exact():
+    found = balance(trials(np.random.default_rng(0), AROUND), KICK, 13.0)
+    assert found.stiffness == pytest.approx(LIMIT, rel=1e-4)
+    assert found.uncertainty < 1e-3 * LIMIT
+    assert found.frequency == pytest.approx(10.0)
+    assert found.amplitude == pytest.approx(KICK)
+
+
+@pytest.mark.parametrize("start", [0.08, 0.13])
+def test_with_friction_it_is_that_of_the_kick_wherever_motion_starts(start):
+    rng = np.random.default_rng(1)
+    found = balance(trials(rng, AROUND, friction=0.005, start=start), KICK, 11.5)
+    assert found.stiffness == pytest.approx(LIMIT, rel=0.01)
+
+
+def test_its_uncertainty_is_what_repeating_it_scatters():
+    errors, claimed = [], []
+    for seed in range(60):
+        found = balance(trials(np.random.default_rng(seed), AROUND, noise=3e-4), KICK, 12.0)
+        errors.append(found.stiffness - LIMIT)
+        claimed.append(found.uncertainty)
+    # The scatter of 60 is known to 10 %; the claim takes the larger of two estimates.
+    assert 0.7 < np.mean(claimed) / np.std(errors) < 2.0
+    assert np.mean(np.abs(errors) < 2.0 * np.array(claimed)) > 0.85
+
+
+def test_growth_that_falls_with_stiffness_tells_nothing():
+    rng = np.random.default_rng(2)
+    falling = [
+        Trial(LIMIT**2 / each.stiffness, each.growth, each.half_period, each.grew)
+        for each in trials(rng, AROUND)
+    ]
+    assert balance(falling, KICK, 12.0) is None
+    assert balance(falling[:1], KICK, 12.0) is None
