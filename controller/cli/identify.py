@@ -23,6 +23,7 @@ from controller.config_load import Loaded, load_config
 from controller.errors import UserError
 
 if TYPE_CHECKING:
+    from controller.experiments.boundary_fit import BoundaryPoints
     from controller.experiments.identification import Identified
 
 _INTERRUPTED = 130
@@ -78,6 +79,7 @@ def command(
 
     The shaft moves by itself, to both sides, and must be free to turn.
     """
+    from controller.experiments.identification import announcement, bounds_of
     from controller.experiments.identify_text import report, text
 
     loaded = load_config(config, sets)
@@ -86,18 +88,23 @@ def command(
             "--no-motion: without motion there is only the boundary to identify from; wanted"
             " --from-sweep FILE with it, and no --out"
         )
+    from controller.experiments.boundary_fit import read_points
+
+    boundary = None if sweep is None else read_points(sweep)
     found = None
     result: dict[str, Any] = {"name": loaded.name}
     if not no_motion:
+        about = announcement(bounds_of(loaded.config, reach))
         stem = _stem(loaded.name)
         logs = stem if logs is None else logs
         plot_path = stem.with_suffix(".png") if plot_path is None else plot_path
         _check_places(out, plot_path, config)
+        _say(f"{loaded.name}: {about}")
         found = _moved(loaded, logs, reach)
         result |= report(found)
         result["plot"] = _draw(found, loaded.name, plot_path)
-    if sweep is not None:
-        result["from_sweep"] = _from_sweep(sweep, loaded, found)
+    if boundary is not None:
+        result["from_sweep"] = _from_sweep(*boundary, loaded, found)
     if found is not None and out is not None:
         _write(out, loaded, found)
         result["config"] = str(out)
@@ -132,10 +139,9 @@ def _check_places(out: Path | None, plot: Path, config: str) -> None:
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit; an end before the end has its own exit status."""
-    from controller.experiments.identification import announcement, bounds_of, identify
+    from controller.experiments.identification import identify
     from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 
-    _say(f"{loaded.name}: {announcement(bounds_of(loaded.config, reach))}")
     try:
         return identify(loaded.config, logs, reach, _say)
     except ExperimentInterruptedError as error:
@@ -154,14 +160,18 @@ def _draw(found: Identified, name: str, path: Path) -> str:
     return str(path)
 
 
-def _from_sweep(path: Path, loaded: Loaded, found: Identified | None) -> dict[str, Any]:
+def _from_sweep(
+    points: BoundaryPoints,
+    held: dict[str, Any] | None,
+    loaded: Loaded,
+    found: Identified | None,
+) -> dict[str, Any]:
     """What the boundary says, beside the motion or the belief."""
     from controller.config import Config
-    from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
+    from controller.experiments.boundary_fit import Loop, fit_boundary
     from controller.experiments.identification import Estimated
     from controller.experiments.identify_text import believed, boundary_report, comparison
 
-    points, held = read_points(path)
     measured_with = loaded.config if held is None else Config.model_validate(held)
     belief = loaded.config.belief()
     if found is None:

@@ -39,7 +39,7 @@ _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 _ROUNDS = 40
 _EXACT = 1e-7
 """Residual that no encoder knows of [rad]"""
-_ENOUGH = 1e-6
+_ENOUGH = 1e-7
 """Share of the squares below which another round is not worth its time"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "play")
 

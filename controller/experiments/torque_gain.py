@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 _BLOCK = 250
 """Samples whose errors are taken to belong together"""
+_STEADY_S, _STEADY = 0.005, 0.05
+"""How long before and after, and by what share of the largest, a steady torque may differ"""
 _EXPLAINED = 0.9
 """Share of the measured torque's variance that the commanded one must explain"""
 
@@ -34,10 +36,10 @@ def torque_gain(rows: NDArray[np.void], delay: float) -> TorqueGain | None:
     good = rows[np.isfinite(rows["measured_torque"]) & (rows["sampled_ns"] > 0)]
     if good.size < 10 * _BLOCK:
         return None
-    sent_ns = good["sampled_ns"] + good["age_ns"]
-    acting = np.searchsorted(sent_ns, good["sampled_ns"] - round(delay * 1e9), side="right") - 1
-    commanded = np.where(acting < 0, 0.0, good["torque"][np.maximum(acting, 0)])
-    measured = good["measured_torque"]
+    around = np.array([_acting(good, delay + away) for away in (-_STEADY_S, 0.0, _STEADY_S)])
+    # Where it changes, an error of the delay would pass for one of the gain.
+    steady = np.ptp(around, axis=0) <= _STEADY * np.max(np.abs(around))
+    commanded, measured = around[1][steady], good["measured_torque"][steady]
     power = float(commanded @ commanded)
     total = float(measured @ measured)
     if power == 0.0 or total == 0.0:
@@ -46,5 +48,12 @@ def torque_gain(rows: NDArray[np.void], delay: float) -> TorqueGain | None:
     left = measured - value * commanded
     if value <= 0.0 or float(left @ left) > (1.0 - _EXPLAINED) * total:
         return None
-    blocks = np.add.reduceat(commanded * left, np.arange(0, good.size, _BLOCK))
+    blocks = np.add.reduceat(commanded * left, np.arange(0, commanded.size, _BLOCK))
     return TorqueGain(value, float(np.sqrt(np.sum(blocks**2))) / power)
+
+
+def _acting(rows: NDArray[np.void], delay: float) -> NDArray[np.float64]:
+    """The torque that was in force at each sample [N·m]."""
+    sent_ns = rows["sampled_ns"] + rows["age_ns"]
+    index = np.searchsorted(sent_ns, rows["sampled_ns"] - round(delay * 1e9), side="right") - 1
+    return np.where(index < 0, 0.0, rows["torque"][np.maximum(index, 0)])
