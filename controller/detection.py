@@ -144,6 +144,6 @@ def position_step(positions: Array) -> float:
     # Files are rounded to some digits, so the smallest difference is known to so many only.
     smallest = float(np.median(steps[steps < 1.5 * steps.min()]))
     counts = steps[steps < 20.0 * smallest] / smallest
-    # Nearly all multiples by chance: never. Without an encoder the smallest is far below the rest.
     whole = bool(np.mean(np.abs(counts - np.rint(counts)) < 0.1) > 0.99)
-    return smallest if whole and counts.size >= _LEAST_STEPS else 0.0
+    # Without an encoder the smallest is far below most.
+    return smallest if whole and counts.size > 0.5 * steps.size else 0.0

@@ -22,12 +22,14 @@ _PATIENCE = 3.0
 """As many swings without a turning point are quiet."""
 _KEPT = 40
 """Turning points kept."""
-_GROWN = ((3, 0.30), (4, 0.28), (5, 0.25), (6, 0.22))
+_GROWN = ((3, 0.36), (4, 0.34), (6, 0.30), (8, 0.28))
 """Growth of the amplitude's logarithm over so many explained swings that is an alarm."""
 _LEAST_COUNTS = 5.0
 """Amplitude from which growth is told from the encoder's steps."""
 _OUTWARD = 0.4
 """Growth of the distance from the wall over two explained swings or more that is an alarm."""
+_BOUNCES = 6
+"""Swings from which growth counts at a wall that never pulls."""
 _LONG = ((12, 0.2), (20, 0.2))
 """The same where the growth must be as regular as no hand's."""
 _REGULAR, _REGULAR_COUNTS = 0.02, 0.15
@@ -204,7 +206,7 @@ class Detector:
         fine = self._step / swing.amplitude
         if self.alarm:
             self._alarmed(fine)
-        elif self._regular(fine) or (not (self._blind or self.balance.side) and self._grown()):
+        elif self._regular(fine) or (not self._blind and self._grown()):
             self.alarm = True
             self._alarmed(fine)
         elif self._explained >= 2 and change < -_STEADY:
@@ -223,13 +225,15 @@ class Detector:
 
     def _grown(self) -> bool:
         swings, growth = self._grew
-        if swings >= 2 and growth > _OUTWARD:
+        if swings >= 2 and growth > _OUTWARD and not self.balance.side:
             return True
         sizes = self._sizes
         for swings, growth in _GROWN:
             if self._explained < swings:
                 return False
             first = sizes[max(-1 - swings, -len(sizes))]
+            if self.balance.side and swings < _BOUNCES:
+                continue
             if first > self._least and sizes[-1] - first > growth:
                 return True
         return False

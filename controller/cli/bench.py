@@ -18,6 +18,7 @@ SECTIONS = {
     "boundary": "controller.benchmarks.boundary",
     "array_simulation": "controller.benchmarks.array_simulation",
     "bus_cycle": "controller.benchmarks.bus_cycle",
+    "detector": "controller.benchmarks.detector",
 }
 """Each section's module, which has ``measure() -> Section``."""
 _WIDTH = 98

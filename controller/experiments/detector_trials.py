@@ -49,7 +49,7 @@ class KickTrial:
     kick: float
     """[rad]"""
     lasts: bool
-    """Whether the motion goes on, at the end no smaller than four cycles before"""
+    """Whether the motion goes on: at the end it has lost less than 7 % in twelve cycles"""
     alarm: bool
     early: bool
     """The alarm came before the amplitude reached twice the kick, or 10 counts"""
@@ -175,14 +175,14 @@ def _kick_trial(
     size = np.abs(trace.position)
     large = np.flatnonzero(size >= max(2.0 * kick, LEAST_KICK))
     cycle = int(2.0 * np.pi * np.sqrt(walls.inertia[i] / walls.stiffness[i]) / PERIOD) + 1
-    end, before = size[-2 * cycle :], size[-6 * cycle : -4 * cycle]
+    end, before = size[-2 * cycle :], size[-14 * cycle : -12 * cycle]
     alarm = bool(alarms)
     return KickTrial(
         name=name,
         share=share,
         undamped=bool(walls.virtual_damping[i] == 0.0),
         kick=kick,
-        lasts=bool(large.size) or bool(before.size and end.max() > 0.98 * before.max()),
+        lasts=bool(large.size) or bool(before.size and end.max() > 0.93 * before.max()),
         alarm=alarm,
         early=alarm and not (large.size and large[0] <= alarms[0]),
         reached=float(np.max(size[: alarms[0] + 1]) / kick) if alarm else np.nan,

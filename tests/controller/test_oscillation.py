@@ -1,0 +1,208 @@
+"""The detector on motion whose truth is known: sinusoids by formula, single simulated walls."""
+
+import math
+
+import numpy as np
+import pytest
+
+from controller.acting import ActingTorque
+from controller.detection import detect, position_step
+from controller.oscillation import Detector, DetectorSettings, State
+
+PERIOD = 1e-3
+COUNT = 2.0 * math.pi / 4096
+MX64 = {"inertia": 0.011951, "damping": 0.011692, "coulomb": 0.0}
+
+
+def settings(**known):
+    return DetectorSettings(PERIOD, **{**MX64, "position_step": COUNT, **known})
+
+
+def free_oscillation(frequency, growth, amplitude, seconds, step=COUNT):
+    """A free oscillation, and the torque that makes it by Newton's law, acting at once."""
+    t = np.arange(round(seconds / PERIOD)) * PERIOD
+    w = 2.0 * math.pi * frequency
+    wave = amplitude * np.exp(growth * t)
+    x = wave * np.cos(w * t)
+    v = wave * (growth * np.cos(w * t) - w * np.sin(w * t))
+    a = wave * ((growth * growth - w * w) * np.cos(w * t) - 2.0 * growth * w * np.sin(w * t))
+    torque = MX64["inertia"] * a + MX64["damping"] * v
+    if step:
+        x = np.rint(x / step) * step
+    return t, x, torque
+
+
+def watched(detector, x, torque):
+    """Feed it; the states seen and the sample of the first alarm."""
+    mean = 0.5 * (torque + np.concatenate([[0.0], torque[:-1]]))
+    first = None
+    for k, (position, acting) in enumerate(zip(x.tolist(), mean.tolist(), strict=True)):
+        detector.update(position, acting)
+        if detector.alarm and first is None:
+            first = k
+    return first
+
+
+@pytest.mark.parametrize("frequency", [2.0, 9.0, 28.0])
+@pytest.mark.parametrize("counts", [4.0, 40.0])
+def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequency, counts):
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * frequency) ** 2
+    _, x, torque = free_oscillation(frequency, 0.0, counts * COUNT, 40.0 / frequency)
+    assert watched(detector, x, torque) is not None
+    assert detector.state == State.SUSTAINED
+    assert detector.frequency_hz == pytest.approx(frequency, rel=0.03)
+    assert detector.amplitude == pytest.approx(counts * COUNT, rel=0.2)
+
+
+def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured():
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
+    t, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
+    first = watched(detector, x, torque)
+    assert t[first] < math.log(2.0) / 1.5
+    assert detector.state == State.GROWING
+    # Six counts in a hundred at each end of two cycles.
+    assert detector.growth == pytest.approx(1.5, rel=0.1)
+
+
+def test_decaying_oscillation_is_no_alarm():
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
+    _, x, torque = free_oscillation(10.0, -1.0, 100 * COUNT, 1.0)
+    assert watched(detector, x, torque) is None
+    assert detector.state == State.DECAYING
+    assert detector.growth == pytest.approx(-1.0, rel=0.15)
+
+
+def test_the_same_motion_made_by_a_hand_is_no_alarm():
+    # The wall's torque is a spring and damper below its limit: the hand makes up the rest.
+    detector = Detector(settings())
+    detector.stiffness = stiffness = 20.0
+    detector.balance.surface = 0.0
+    for frequency in (1.0, 3.0, 6.5, 10.0):
+        t, x, _ = free_oscillation(frequency, 0.0, 60 * COUNT, 20.0)
+        torque = -stiffness * x - 0.02 * np.gradient(x, PERIOD)
+        assert watched(detector, x, torque) is None
+        assert detector.state == State.QUIET
+        detector.restart()
+        assert t.size == 20_000
+
+
+def test_rest_and_flicker_of_a_count_are_quiet():
+    detector = Detector(settings())
+    detector.stiffness = 10.0
+    detector.balance.surface = 0.0
+    flicker = COUNT * (np.random.default_rng(1).random(5000) < 0.5)
+    assert watched(detector, flicker, -10.0 * flicker) is None
+    assert detector.state == State.QUIET
+    assert detector.amplitude == 0.0
+    assert math.isnan(detector.frequency_hz)
+
+
+def test_alarm_ends_when_the_motion_ends():
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
+    _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
+    watched(detector, x, torque)
+    assert detector.alarm
+    for _ in range(400):
+        detector.update(float(x[-1]), 0.0)
+    assert not detector.alarm
+    assert detector.state == State.QUIET
+
+
+def test_lost_samples_count_as_the_periods_that_passed():
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 5.0) ** 2
+    _, x, torque = free_oscillation(5.0, 0.0, 40 * COUNT, 6.0)
+    kept = np.flatnonzero(np.random.default_rng(2).random(x.size) > 0.05)
+    last = 0
+    for k in kept.tolist():
+        mean = float(np.mean(torque[last : k + 1]))
+        detector.update(float(x[k]), mean, max(1, k - last))
+        last = k
+    assert detector.state == State.SUSTAINED
+    assert detector.frequency_hz == pytest.approx(5.0, rel=0.03)
+
+
+def test_restart_forgets():
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
+    _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
+    first = watched(detector, x, torque)
+    detector.restart()
+    assert not detector.alarm
+    assert watched(detector, x, torque) == first
+
+
+class TestActingTorque:
+    @pytest.mark.parametrize("lag", [0.0, 0.25, 1.0, 2.7])
+    def test_is_the_mean_of_what_was_held(self, lag):
+        # Oracle: the held torque on a fine grid, shifted and averaged.
+        fine = 1000
+        sent = np.random.default_rng(3).normal(size=40)
+        held = np.concatenate([np.zeros(round(lag * fine)), np.repeat(sent, fine)])
+        acting = ActingTorque(lag)
+        found = [acting.push(u) for u in sent.tolist()]
+        wanted = [0.0, *(held[fine * (k - 1) : fine * k].mean() for k in range(1, 40))]
+        assert found == pytest.approx(wanted, abs=1e-12)
+
+    def test_skipped_periods_hold_the_last_torque(self):
+        skipping, steady = ActingTorque(1.5), ActingTorque(1.5)
+        skipping.push(1.0)
+        found = skipping.push(2.0, 4)
+        each = [steady.push(1.0), *(steady.push(1.0) for _ in range(3)), steady.push(2.0)]
+        assert found == pytest.approx(sum(each[1:]) / 4)
+
+    def test_lag_may_grow_while_it_runs(self):
+        acting = ActingTorque(0.0)
+        for value in range(1, 50):
+            acting.push(float(value))
+        acting.lag = 10.0
+        assert acting.push(50.0) == 39.0
+        acting.lag = 90.0
+        assert acting.push(51.0) == 0.0
+
+    @pytest.mark.parametrize("lag", [-0.1, math.nan, math.inf])
+    def test_says_what_a_lag_is(self, lag):
+        with pytest.raises(ValueError, match="finite number from 0 up"):
+            ActingTorque(lag)
+
+
+class TestRecord:
+    def test_without_torque_the_motion_alone_is_judged(self):
+        t, x, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 6.0)
+        found = detect(t, x, None, DetectorSettings(PERIOD))
+        assert found.worst == State.SUSTAINED
+        assert found.frequency_hz[found.worst_at] == pytest.approx(6.0, rel=0.03)
+        assert found.amplitude[found.worst_at] == pytest.approx(30 * COUNT, rel=0.2)
+
+    def test_without_a_model_the_wall_must_at_least_pay(self):
+        t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
+        assert detect(t, x, torque, DetectorSettings(PERIOD)).worst == State.GROWING
+        absorbed = -2.0 * x - 0.05 * np.gradient(x, PERIOD)
+        assert detect(t, x, absorbed, DetectorSettings(PERIOD)).worst == State.QUIET
+
+    def test_nan_and_gaps_are_left_out(self):
+        t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
+        x[100:140:7] = math.nan
+        keep = np.ones(t.size, dtype=bool)
+        keep[1000:1030] = False
+        found = detect(t[keep], x[keep], torque[keep], settings())
+        assert found.worst == State.GROWING
+        assert math.isfinite(found.first_alarm_s)
+        assert np.isfinite(found.amplitude).all()
+
+    def test_lengths_and_order_are_checked(self):
+        t = np.arange(3) * PERIOD
+        with pytest.raises(ValueError, match="3 times, 2 positions"):
+            detect(t, t[:2], None, settings())
+        with pytest.raises(ValueError, match="do not increase"):
+            detect(t[::-1], t, None, settings())
+
+    def test_finds_the_encoders_count(self):
+        _, x, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 2.0)
+        assert position_step(np.round(x, 6)) == pytest.approx(COUNT, rel=1e-3)
+        _, smooth, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 2.0, step=0.0)
+        assert position_step(smooth) == 0.0
