@@ -1,4 +1,4 @@
-"""The measured delay is the servo's, its standard error is honest, and what is inserted is found."""
+"""The measured delay is the servo's, its standard error honest, and what is inserted is found."""
 
 import numpy as np
 import pytest
