@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from controller.experiments.identification import Identified
 
 _INTERRUPTED = 130
-_TRIPPED = 3
 _REACH = 0.6
 
 
@@ -141,6 +140,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit; an end before the end has its own exit status."""
     from controller.experiments.identification import identify
     from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+    from controller.report import exit_status
 
     try:
         return identify(loaded.config, logs, reach, _say)
@@ -149,7 +149,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
         sys.exit(_INTERRUPTED)
     except ExperimentTrippedError as error:
         _say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
-        sys.exit(_TRIPPED)
+        sys.exit(exit_status(error.stop_reason))
 
 
 def _draw(found: Identified, name: str, path: Path) -> str:
