@@ -32,6 +32,7 @@ COMMANDS = {
     "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
     "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
     "map": ("controller.cli.map", "Critical stiffness of a simulated servo, many walls at once."),
+    "commission": ("controller.cli.commission", "All of it for a new testbed: how stiff, and why."),
     "identify": ("controller.cli.identify", "Inertia, friction and delay of a servo, measured."),
     "sweep": ("controller.cli.sweep", "The critical stiffness of a servo, measured on it."),
     "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
@@ -43,7 +44,7 @@ COMMANDS = {
 }
 """Each command's module, which exports ``command``, and its line in the help."""
 NEEDS_LINUX = frozenset(
-    {"run", "emulate", "scan", "doctor", "sweep", "delay", "rendered", "identify"}
+    {"run", "emulate", "scan", "doctor", "commission", "sweep", "delay", "rendered", "identify"}
 )
 
 HARDWARE = 4

@@ -1,4 +1,4 @@
-"""Whether theory and the measurements say the same: delay twice, the boundary, its straight line."""
+"""Whether theory and measurement say the same: the delay twice, the boundary, its straight line."""
 
 from __future__ import annotations
 

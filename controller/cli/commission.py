@@ -1,0 +1,199 @@
+"""``haptic-wall commission``: how stiff this servo can be and why, measured from end to end."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from controller.cli.experiment import say
+from controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    refuse_same_file,
+    set_option,
+    writing,
+)
+from controller.config_load import Loaded, load_config
+from controller.errors import UserError
+from controller.signals import on_signals
+
+if TYPE_CHECKING:
+    from controller.commission.plan import Announcement
+    from controller.commission.sequence import Ended
+    from controller.commission.store import CommissionStore
+
+_REACH = 0.6
+
+
+@click.command()
+@config_argument()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where report.html, config.yaml, a JSON file of each step, pictures and logs/ go; a"
+    " commissioning of the same settings that was interrupted there goes on.",
+)
+@click.option("--fresh", is_flag=True, help="Replace what an earlier commissioning left in DIR.")
+@click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
+@click.option("--plan", "only_plan", is_flag=True, help="Only say what would move, and how far.")
+@click.option(
+    "--reach",
+    type=float,
+    default=_REACH,
+    show_default=True,
+    metavar="RAD",
+    help="How far the shaft may come from where it is, to each side, while it is identified.",
+)
+@set_option
+@json_option
+def command(
+    config: str,
+    out: Path | None,
+    fresh: bool,
+    yes: bool,
+    only_plan: bool,
+    reach: float,
+    sets: tuple[str, ...],
+    as_json_wanted: bool,
+) -> None:
+    """Examine, identify and measure CONFIG's servo; say how stiff it can be, and why.
+
+    Runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
+    haptic-wall run and DIR/report.html for you. The shaft moves by itself and must be free.
+
+    Exit status: that of the first step that failed.
+    """
+    from controller.commission.plan import announce
+
+    loaded = load_config(config, sets)
+    announcement = announce(loaded.config, reach)
+    if only_plan:
+        _answer_plan(loaded, announcement, as_json_wanted)
+        return
+    store = _store(loaded, config, out, reach, fresh)
+    _announce(loaded, announcement, yes)
+    from controller.commission.sequence import run_steps
+    from controller.commission.steps import Bench
+
+    folder = store.folder
+    with writing("--out", folder):
+        ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say))
+        with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+            report = _written(ended, loaded.name, store)
+    answer(as_json(report) if as_json_wanted else _text(report, folder))
+    if ended.interrupted:
+        say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")
+    sys.exit(ended.exit_status)
+
+
+def _store(
+    loaded: Loaded, config: str, out: Path | None, reach: float, fresh: bool
+) -> CommissionStore:
+    from controller.commission.store import CONFIG, CommissionStore, fingerprint
+
+    if out is None:
+        raise UserError(
+            "--out: found nothing, wanted the folder that report.html and config.yaml go to; give"
+            " for example --out my-testbed"
+        )
+    refuse_same_file({"CONFIG": Path(config), f"--out (its {CONFIG})": out / CONFIG})
+    return CommissionStore(out, fingerprint(loaded.config, reach), loaded.name, as_json, fresh)
+
+
+def _answer_plan(loaded: Loaded, announcement: Announcement, as_json_wanted: bool) -> None:
+    if as_json_wanted:
+        plan = {"name": loaded.name, "seconds": announcement.seconds, "steps": announcement.lines}
+        answer(as_json(plan))
+    else:
+        answer("\n".join(_plan_lines(loaded, announcement)))
+
+
+def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
+    minutes = announcement.seconds / 60.0
+    config = loaded.config
+    if config.loop.clock == "simulated":
+        time = f"about {minutes:.0f} min of simulated time, a small part of it here"
+    else:
+        time = f"about {minutes:.0f} min"
+        if config.servo.kind == "simulated":
+            time += "; --set loop.clock=simulated does the same in a fraction of it"
+    yield f"{loaded.name}: {time}"
+    for line in announcement.lines:
+        yield from _wrapped(line, "  ")
+
+
+def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
+    """Say what will move; before a real servo does, wait for a yes."""
+    for line in _plan_lines(loaded, announcement):
+        say(line)
+    servo = loaded.config.servo
+    if servo.kind != "hardware" or yes:
+        return
+    if not sys.stdin.isatty():
+        raise UserError(
+            f"the servo at {servo.port} is a real one and standard input is no terminal to ask"
+            " at; give --yes when its way is free"
+        )
+    say("keep its way free and the power switch at hand; Ctrl-C ends it at any time, torque off")
+    click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
+
+
+def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
+    """The report's data, and its page written."""
+    from controller.commission.page import page
+    from controller.commission.picture import NAME, draw_allowed
+    from controller.commission.report import report
+    from controller.commission.verdict import Question
+
+    folder = store.folder
+    data = report(ended, name, folder)
+    draw_allowed(Question.of(ended.config, data["delay"]), data, folder / NAME)
+    data["report"] = str(store.keep_page(page(data, folder, folder / NAME)))
+    return data
+
+
+def _text(report: dict[str, Any], folder: Path) -> str:
+    from controller.commission import words
+
+    lines = [*_wrapped(words.headline(report), "")]
+    parts = (
+        ("Why", words.why(report)),
+        ("Do theory and measurement agree?", words.agrees(report)),
+        ("What is not known", words.unknown(report)),
+    )
+    for title, sentences in parts:
+        lines += ["", title]
+        for sentence in sentences:
+            lines += _wrapped(sentence, "  ")
+    lines += ["", "Steps"]
+    for step in report["steps"]:
+        reason = f": {step['reason']}" if step["reason"] else ""
+        lines += _wrapped(f"{step['step']}: {step['state']}{reason}", "  ")
+    following = list(words.following(report))
+    if following:
+        lines += ["", "What next", *(f"  {command}" for command, _ in following)]
+    lines += ["", f"written to {folder}: report.html, commission.json, a JSON file of each step,"]
+    lines += ["pictures, logs/" + ("" if report["config"] is None else ", config.yaml")]
+    return "\n".join(lines)
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    width = max(60, shutil.get_terminal_size((100, 24)).columns)
+    return textwrap.wrap(
+        text,
+        width,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}  " if indent else "",
+        break_on_hyphens=False,
+        break_long_words=False,
+    )

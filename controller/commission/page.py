@@ -1,0 +1,62 @@
+"""The report as one HTML file that needs nothing else: pictures are embedded."""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from controller.commission import words
+
+_CAPTIONS = {
+    "identify": "The motion that the model was fitted to, the torque, and what the fit leaves.",
+    "delay": "What a torque step causes, from the sample on; inserted delays found again.",
+    "rendered": "The wall's spring pushed, the free shaft's drag, and contacts with the wall.",
+    "sweep": "Measured critical stiffness on the limits of the identified servo.",
+}
+
+
+def page(report: Mapping[str, Any], folder: Path, allowed: Path) -> str:
+    """The page's text.
+
+    Args:
+        report: The report's data.
+        folder: Where the steps' pictures are.
+        allowed: The picture of the verdict.
+
+    Raises:
+        OSError: A picture cannot be read.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = files("controller.commission").joinpath("page.html.j2").read_text(encoding="utf-8")
+    pictures = [
+        (step["step"], _embedded(folder / step["picture"]), _CAPTIONS[step["step"]])
+        for step in report["steps"]
+        if step["state"] == "done" and step["picture"]
+    ]
+    checks = (report["doctor"] or {}).get("checks", [])
+    return environment.from_string(source).render(
+        r=report,
+        written=time.strftime("%Y-%m-%d %H:%M"),
+        headline=words.headline(report),
+        why=list(words.why(report)),
+        agrees=list(words.agrees(report)),
+        unknown=list(words.unknown(report)),
+        following=list(words.following(report)),
+        model=list(words.model_rows(report)),
+        wrong=[check for check in checks if not check["ok"]],
+        examined=len(checks),
+        allowed=_embedded(allowed),
+        pictures=pictures,
+    )
+
+
+def _embedded(path: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

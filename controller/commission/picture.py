@@ -1,0 +1,119 @@
+"""The picture of the verdict: what the guard allows over the virtual damping, and why no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from controller.commission.verdict import Question
+from controller.paper.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    STIFFNESS,
+    VIRTUAL_DAMPING,
+    grid,
+    picture,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NAME = "allowed.png"
+_POINTS = 241
+_BEYOND = 1.8
+"""Of the best virtual damping, how far it is drawn"""
+_LIMITS: tuple[tuple[str, str, str, str], ...] = (
+    ("linear", "linear condition", GREY, "--"),
+    ("exact", "exact", BLUE, "-"),
+    ("one_sided", "one-sided", GREEN, "-"),
+    ("quantisation", "encoder (quantisation)", "#a5004f", ":"),
+    ("passive", "passive", ORANGE, "-"),
+)
+
+
+def draw_allowed(question: Question, report: Mapping[str, Any], path: Path) -> None:
+    """Draw what is allowed, and the walls that the report speaks of, as PNG.
+
+    Args:
+        question: The servo in its loop.
+        report: The report's data.
+        path: Where the picture goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    verdict = report["verdict"]
+    best = verdict["best"]["commanded"]
+    capped = float(question.limits(np.array([1e12])).damping[0])
+    last = min(max(_BEYOND * best["damping"], 0.02 * capped), capped)
+    damping = np.linspace(0.0, last, _POINTS)
+    found = question.limits(damping)
+    least = found.smallest()
+    with picture(path, PAGE, 3.2) as figure:
+        ax = figure.subplots()
+        ax.fill_between(
+            damping,
+            0.0,
+            verdict["margin"] * least,
+            color=FAINT,
+            linewidth=0,
+            label=f"allowed: {verdict['margin']:g} of the smallest",
+        )
+        for name, label, colour, dashes in _LIMITS:
+            if (values := getattr(found, name)) is not None:
+                ax.plot(damping, values, color=colour, linestyle=dashes, label=label)
+        top = float(np.max(least))
+        top = max(top, _measured(ax, report, last))
+        _walls(ax, verdict)
+        ax.set_xlim(0.0, last)
+        ax.set_ylim(0.0, 1.15 * top)
+        ax.set_xlabel(VIRTUAL_DAMPING)
+        ax.set_ylabel(STIFFNESS)
+        grid(ax)
+        figure.legend(loc="outside right upper")
+
+
+def _walls(ax: Axes, verdict: Mapping[str, Any]) -> None:
+    style: dict[str, Any] = {"color": INK, "linestyle": " ", "clip_on": False, "zorder": 5}
+    for case, marker, size, label in (
+        ("plain", "o", 5, "without virtual damping"),
+        ("best", "*", 10, "stiffest"),
+        ("configured", "s", 4, "of the configuration"),
+    ):
+        wall = verdict[case]["commanded"]
+        text = f"{label}: {wall['stiffness']:.3g}"
+        ax.plot(
+            wall["damping"], wall["stiffness"], marker=marker, markersize=size, label=text, **style
+        )
+
+
+def _measured(ax: Axes, report: Mapping[str, Any], last: float) -> float:
+    """Points of the sweep without more delay than configured; the highest of them."""
+    points = [p for p in report["agreement"]["boundary"] or () if p["measured"] is not None]
+    if not points:
+        return 0.0
+    least = min(point["delay_steps"] for point in points)
+    shown = [p for p in points if p["delay_steps"] == least and p["virtual_damping"] <= last]
+    if not shown:
+        return 0.0
+    stiffness = [point["measured"] for point in shown]
+    ax.errorbar(
+        [point["virtual_damping"] for point in shown],
+        stiffness,
+        [2.0 * (point["stderr"] or 0.0) for point in shown],
+        fmt="o",
+        color=ORANGE,
+        markersize=3.5,
+        capsize=2.5,
+        elinewidth=0.8,
+        label="measured limit at its kick,\nfriction helping",
+    )
+    return float(max(stiffness))

@@ -1,0 +1,87 @@
+"""All that a commissioning knows: the data of its page, its text and ``--json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from controller import __version__
+from controller.commission import agreement
+from controller.commission.outcome import STEPS, TITLES, done
+from controller.commission.sequence import Ended
+from controller.commission.steps import SWEEP
+from controller.commission.store import CONFIG
+from controller.commission.verdict import Question, verdict
+from controller.experiments.sweep_store import JSON
+
+_CONFIG_TEXT = "config_text"
+
+
+def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
+    """The report's data; a step that is not done is null.
+
+    Args:
+        ended: The commissioning, as far as it came.
+        name: Of the configuration, for people.
+        folder: Where its files are.
+    """
+    config, outcomes = ended.config, ended.outcomes
+    found = {step: done(outcomes, step) for step in STEPS}
+    question = Question.of(config, found["delay"])
+    config_file = folder / CONFIG
+    return {
+        "name": name,
+        "program": f"haptic-wall {__version__}",
+        "servo": config.servo.kind,
+        "model": config.servo.model,
+        "clock": config.loop.clock,
+        "rate_hz": config.loop.rate_hz,
+        "interrupted": ended.interrupted,
+        "complete": all(
+            step in outcomes and (outcomes[step].state == "done" or step == "doctor")
+            for step in STEPS
+        ),
+        "verdict": verdict(question, found["identify"] is not None),
+        "agreement": _agreement(ended, found, folder),
+        "steps": [
+            {
+                "step": step,
+                "title": TITLES[step],
+                "state": outcomes[step].state if step in outcomes else "not taken",
+                "reason": outcomes[step].reason if step in outcomes else None,
+                "seconds": outcomes[step].seconds if step in outcomes else None,
+                "picture": outcomes[step].picture if step in outcomes else None,
+            }
+            for step in STEPS
+        ],
+        # Of a doctor that found something fatal the checks are what matters.
+        "doctor": (outcomes["doctor"].data or None) if "doctor" in outcomes else None,
+        "identify": _without_text(found["identify"]),
+        "delay": found["delay"],
+        "rendered": found["rendered"],
+        "sweep": found["sweep"],
+        "config": str(config_file) if found["identify"] is not None else None,
+    }
+
+
+def _without_text(identify: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if identify is None:
+        return None
+    return {key: value for key, value in identify.items() if key != _CONFIG_TEXT}
+
+
+def _agreement(
+    ended: Ended, found: Mapping[Any, dict[str, Any] | None], folder: Path
+) -> dict[str, Any]:
+    """What theory says beside what was measured; null where either is missing."""
+    identify, delay, sweep = found["identify"], found["delay"], found["sweep"]
+    answer: dict[str, Any] = {"delay": None, "boundary": None, "line": None}
+    if identify is None:
+        return answer
+    if delay is not None:
+        answer["delay"] = agreement.delays(identify, delay, ended.config.period_s)
+    if sweep is not None:
+        answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
+        answer["line"] = agreement.line(ended.config, identify, folder / SWEEP / JSON)
+    return answer

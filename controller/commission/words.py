@@ -1,0 +1,274 @@
+"""The report in sentences: how stiff and why, what agrees, what is not known, what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from controller.experiments.identify_text import UNITS
+
+Report = Mapping[str, Any]
+
+_CLOSE = 1.05
+"""Limits within this factor of the smallest are said to lie together"""
+_PARTS = {
+    "hold": "half the period",
+    "sample_age": "age of the sample",
+    "inserted": "inserted",
+    "device": "the device's own, at its longest",
+}
+_NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
+_NEAR_ONE = 0.02
+"""A ratio of rendered to commanded stiffness this near to one is not worth a warning"""
+
+
+def headline(report: Report) -> str:
+    """The answer in one sentence."""
+    verdict = report["verdict"]
+    best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
+    start = f"{report['name']} can hold a wall of {_n(best['stiffness'])} N·m/rad"
+    if best["damping"] == 0.0:
+        return f"{start}; virtual damping does not help it."
+    return (
+        f"{start} with a virtual damping of {_n(best['damping'])} N·m·s/rad, and of"
+        f" {_n(plain['stiffness'])} without."
+    )
+
+
+def why(report: Report) -> Iterator[str]:
+    """What decides on it, and what would raise it."""
+    verdict = report["verdict"]
+    if verdict["basis"] == "believed":
+        yield (
+            "This is what the model in the configuration says: the servo was not identified, so"
+            " nothing of it is measured."
+        )
+    for which, case in (("Without virtual damping", "plain"), ("With the best of it", "best")):
+        decided = verdict[case]
+        if case == "best" and decided["commanded"]["damping"] == 0.0:
+            continue
+        first, *others = decided["reasons"]
+        # As much as one likes was asked: of that sentence what is commanded is of interest.
+        _, asked, commanded = first.partition(" was asked, ")
+        yield f"{which} {'; '.join([commanded if asked else first, *others])}."
+    yield from _together(verdict["best"])
+    parts = ", ".join(
+        f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
+        for part in verdict["delay_parts"]
+        if part["seconds"] > 0.0
+    )
+    yield f"The delay that the damping is divided by is made of: {parts}."
+    stiffness = verdict["best"]["commanded"]["stiffness"]
+    if stiffness > 0.0:
+        depth = verdict["torque_limit"] / stiffness
+        yield (
+            f"At {_n(stiffness)} N·m/rad the torque limit of {_n(verdict['torque_limit'])} N·m is"
+            f" reached {_n(depth)} rad ({_n(math.degrees(depth))}°) inside the wall."
+        )
+    yield from _configured(verdict["configured"])
+
+
+def _together(best: Mapping[str, Any]) -> Iterator[str]:
+    limits = {name: value for name, value in best["limit"].items() if value is not None}
+    least = min(limits.values())
+    near = [f"{name} {_n(value)}" for name, value in limits.items() if value <= _CLOSE * least]
+    if len(near) > 1 and least > 0.0:
+        yield (
+            f"At that damping the limits {', '.join(near)} lie together: raising one of them alone"
+            " buys next to nothing."
+        )
+
+
+def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
+    asked, given = decided["requested"], decided["commanded"]
+    wall = f"{_n(asked['stiffness'])} N·m/rad, {_n(asked['damping'])} N·m·s/rad"
+    if asked == given:
+        yield f"The wall of this configuration ({wall}) is commanded as it is."
+    else:
+        yield f"Of the wall of this configuration ({wall}): {'; '.join(decided['reasons'])}."
+
+
+def agrees(report: Report) -> Iterator[str]:
+    """Whether theory and measurements say the same."""
+    found = report["agreement"]
+    if found["delay"] is not None:
+        yield from _delay(found["delay"])
+    if report["rendered"] is not None:
+        yield from _rendered(report["rendered"])
+    if found["boundary"] is not None:
+        yield from _boundary(found["boundary"], report["verdict"]["margin"])
+    if found["line"] is not None:
+        yield from _line(found["line"])
+    if all(value is None for value in found.values()):
+        yield "Nothing was measured twice, so nothing could be compared."
+
+
+def _delay(found: Mapping[str, Any]) -> Iterator[str]:
+    device = found["device"]
+    one, other = device["identify"], device["delay"]
+    said = (
+        f"The device's own delay is {_pm_ms(one)} by its motions, {_pm_ms(other)} by torque steps:"
+    )
+    if device["agree"]:
+        yield f"{said} the two agree within two standard errors."
+    else:
+        longest = max(each["value"] + 2.0 * each["stderr"] for each in (one, other))
+        yield (
+            f"{said} the two do NOT agree (apart by {device['periods']:.2g} periods). Until it is"
+            f" known why, set model.delay so that its high is {longest:.3g} s."
+        )
+    for point in found["inserted"]["points"]:
+        end = "as it should be" if point["agree"] else "which is NOT what was inserted"
+        yield (
+            f"{_ms(point['inserted'])} inserted on purpose came out as"
+            f" {_pm_ms(point['recovered'])}, {end}."
+        )
+
+
+def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
+    rows = {row["name"]: row for row in found["rows"]}
+    for name in ("static stiffness", "static stiffness, true"):
+        row = rows.get(name)
+        if row is None or row["rendered"] is None:
+            continue
+        said = (
+            f"{name.capitalize()}: {_n(row['commanded'])} N·m/rad commanded,"
+            f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
+        )
+        ratio = row["ratio"]
+        off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
+        yield f"{said}: only {ratio:.3f} of it." if off and ratio < 1.0 else f"{said}."
+
+
+def _boundary(points: list[Mapping[str, Any]], margin: float) -> Iterator[str]:
+    measured = [point for point in points if point["measured"] is not None]
+    if not measured:
+        yield "No point of the boundary could be measured; the reasons stand with the points."
+        return
+    agreeing = [point for point in measured if point["agree"]]
+    yield (
+        f"{len(agreeing)} of {len(measured)} measured points of the stability boundary lie where"
+        " the model expects them (friction and kick counted; within the model's bounds, at least"
+        " 5 %, and two standard errors)."
+    )
+    low = [p["measured"] / p["expected"] for p in measured if not p["agree"] and _below(p)]
+    high = [p for p in measured if not p["agree"] and not _below(p)]
+    if low:
+        yield (
+            f"Where they do not, the servo oscillates from {min(low):.2f} of the expected stiffness"
+            " on: something takes stability away that the model does not know (play, an elastic"
+            f" coupling, a longer delay). Until it is found, set guard.margin to"
+            f" {margin * min(low):.2g}."
+        )
+    if high:
+        yield (
+            "Where measured points lie higher than expected, the servo has more friction than was"
+            " identified, or less delay; the guard is on the safe side there."
+        )
+
+
+def _below(point: Mapping[str, Any]) -> bool:
+    return bool(point["measured"] < point["expected"])
+
+
+def _line(found: Mapping[str, Any]) -> Iterator[str]:
+    if "reason" in found:
+        yield f"Damping and delay could not be read off the boundary: {found['reason']}."
+        return
+    damping, compared = found["damping"], found["compared"]
+    said = [
+        f"{name} {'agrees' if compared[name]['agree'] else 'does NOT agree'}"
+        for name in ("damping", "delay")
+    ]
+    yield (
+        f"Read off the measured boundary, the damping is {_n(damping['value'])} ±"
+        f" {damping['stderr']:.2g} N·m·s/rad and the delay {_pm_ms(found['delay'])}; beside what"
+        f" the motions say, {said[0]} and {said[1]}."
+    )
+
+
+def unknown(report: Report) -> Iterator[str]:
+    """What nobody should take for known after this."""
+    identify = report["identify"]
+    if identify is not None:
+        unit = (
+            "its current, by the torque constant"
+            if identify["torque_unit"] == "measured"
+            else "the torque commanded"
+        )
+        yield (
+            f"All torques are in the unit of {unit}: N·m is only as good as the torque constant"
+            " (published ones of one model differ by a third). Stiffness, damping, inertia and"
+            " friction are wrong by the same share, so stability is not touched; for true N·m hang"
+            " a known weight on a known lever."
+        )
+        yield from (f"{warning}." for warning in identify["warnings"])
+        if identify["backlash"] is None:
+            yield "Play between motor and shaft was not to be seen; a little may be there."
+    for step in report["steps"]:
+        if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
+            yield f"{step['step']} is {step['state']}: {step['reason']}."
+        elif step["state"] == "not taken":
+            yield f"{step['step']} was not come to; the same command goes on."
+    for point in report["agreement"]["boundary"] or ():
+        if point["measured"] is None:
+            yield (
+                f"There is no figure at virtual damping {point['virtual_damping']:g} and"
+                f" {point['delay_steps']} periods inserted: {point['reason']}."
+            )
+    friction = report["verdict"]["model"]["coulomb"]["value"]
+    if friction > 0.0:
+        yield (
+            f"Coulomb friction ({_n(friction)} N·m) lets small motion die above the limits without"
+            " friction too. The guard does not count on it: it differs from place to place, and a"
+            " larger motion is not held by it."
+        )
+    yield (
+        "It was measured free, cold or warm as it was, and on one day: whatever is mounted later"
+        " changes the inertia, and wear and warmth change the friction. The bounds in the"
+        " configuration allow for a little of it; after any change commission again."
+    )
+
+
+def following(report: Report) -> Iterator[tuple[str, str]]:
+    """What to do next: a command, and what it is for."""
+    config = report["config"]
+    if config is None:
+        return
+    best = report["verdict"]["best"]["commanded"]
+    # Rounded down, so that the guard commands what is asked.
+    stiffness = math.floor(best["stiffness"] * 10.0) / 10.0
+    yield f"haptic-wall run {config}", "the wall of your configuration, on the identified model"
+    if stiffness > 0.0:
+        yield (
+            f"haptic-wall run {config} --set wall.stiffness={stiffness:g}"
+            f" --set wall.damping={best['damping']:g}",
+            "the stiffest wall",
+        )
+
+
+def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
+    """Name, value, bounds and unit of each quantity of the model."""
+    for name, each in report["verdict"]["model"].items():
+        scale, unit = (1e3, "ms") if name == "delay" else (1.0, UNITS[name])
+        low, high = (f"{scale * each[end]:.4g}" for end in ("low", "high"))
+        value = f"{scale * each['value']:.4g}"
+        yield _NAMES.get(name, name), value, f"{low} to {high}", unit
+
+
+def _n(value: float) -> str:
+    """Three digits, without an exponent where that is short."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def _pm(stderr: float | None) -> str:
+    return "" if stderr is None else f" ± {stderr:.2g}"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms"
+
+
+def _pm_ms(each: Mapping[str, float]) -> str:
+    return f"{1e3 * each['value']:.3f} ± {1e3 * each['stderr']:.3f} ms"
