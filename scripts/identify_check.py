@@ -9,7 +9,6 @@ model. On the simulated clock: the same seeds give the same figures on every mac
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
@@ -24,9 +23,11 @@ from controller.benchmarks.machine import machine, versions
 from controller.config import Config
 from controller.config_load import load_config
 from controller.experiments.identification import Identified, identify
+from scripts.whole_program import page_options, say_time
 
-ROOT = Path(__file__).resolve().parents[1]
 SEEDS, QUICK = 50, 5
+SERVO_S = 3.5
+"""What one servo takes"""
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")
@@ -160,12 +161,12 @@ def page(found: list[tuple[Kind, list[Case]]], seconds: float) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Identify them all, and write the page."""
-    parser = argparse.ArgumentParser(description="Writes docs/identify-check.md.")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser = page_options("identify_check", __doc__, "identify-check.md")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="servos of each kind")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} seeds")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "identify-check.md")
     options = parser.parse_args(arguments)
     seeds = QUICK if options.quick else options.seeds
+    say_time(SERVO_S * seeds * len(KINDS))
     found = []
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:

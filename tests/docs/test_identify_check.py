@@ -1,0 +1,27 @@
+"""The page's figures are what identification finds now."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scripts.identify_check import KINDS, NAMES, SEEDS, case, drawn, holds, rows
+
+PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_a_seed_is_found_as_well_as_the_page_says(kind, tmp_path, thorough):
+    cases = [case(drawn(kind, seed), tmp_path) for seed in range(SEEDS if thorough else 1)]
+    text = PAGE.read_text()
+    if thorough:
+        assert [row for row in rows(kind, cases) if row not in text] == []
+        assert holds(cases)
+        return
+    (found,) = cases
+    off = np.abs(np.subtract(found.found, found.truth))
+    for name, error, truth in zip(NAMES, off, found.truth, strict=True):
+        (row,) = (line for line in text.splitlines() if f"| {kind.name} | {name} |" in line)
+        worst, unit = row.split("|")[4].split()
+        said = float(worst) * (1e-3 if unit == "ms" else 1e-2 * truth)
+        assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
