@@ -4,10 +4,12 @@
 
 Against the exact boundary of a linear servo, against the onset amplitude that friction's theory
 gives, and on an emulated bus in real time against the boundary at the delay that the bus itself
-witnessed: the one with which the torque that acted follows the true position.
+witnessed: the one with which the torque that acted follows the true position. The picture of the
+timed sweep goes beside the page.
 """
 
 import random
+import shutil
 import statistics
 import subprocess
 import sys
@@ -269,8 +271,8 @@ def table(header: list[str], rows: list[list[str]]) -> list[str]:
     return [f"| {' | '.join(map(str, line))} |" for line in lines]
 
 
-def grid_part() -> tuple[list[str], bool]:
-    """6 x 3 settings through the command itself, timed."""
+def grid_part(picture: Path) -> tuple[list[str], bool]:
+    """6 x 3 settings through the command itself, timed; its picture is kept."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.monotonic()
         subprocess.run(
@@ -290,6 +292,7 @@ def grid_part() -> tuple[list[str], bool]:
             stdout=subprocess.DEVNULL,
         )
         took = time.monotonic() - began
+        shutil.copy(Path(folder) / "sweep.png", picture)
     held = took < GRID_LIMIT_S
     return [
         "## Time",
@@ -318,7 +321,7 @@ def main() -> None:
     wanted = parser.parse_args()
     say_time(150 if wanted.quick else 500)
     count = 8 if wanted.quick else 40
-    parts = [grid_part()]
+    parts = [grid_part(wanted.out.with_name("sweep.png"))]
     with ProcessPoolExecutor(2) as pool:
         parts.append(linear_part(linear_cases(wanted.seed, count), pool))
         parts.append(friction_part(friction_cases(wanted.quick), pool))

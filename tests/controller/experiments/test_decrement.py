@@ -53,10 +53,10 @@ def test_samples_may_be_missing():
 def test_half_cycles_that_are_not_sound_are_left_out():
     turns = turning_points(*swing(1.0, 5.0), 1e-3)
     sound = np.ones(turns.time.size - 1, dtype=bool)
-    sound[6] = False
+    sound[9] = False
     found = growth(turns, sound)
-    assert not {4, 5, 6} & set(found.number)
-    assert {3, 7} <= set(found.number)
+    assert not {7, 8, 9} & set(found.number)
+    assert {6, 10} <= set(found.number)
 
 
 @pytest.mark.parametrize("position", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
