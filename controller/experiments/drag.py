@@ -70,9 +70,10 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
     Returns:
         None where the shaft did not move both ways at two speeds.
     """
+    # Torques were sent in all periods, also in those whose sample was lost.
+    acts, sent = (rows["sampled_ns"] + rows["age_ns"]) * 1e-9 + fit.lag, rows["torque"]
     rows = good(rows)
     time = rows["sampled_ns"] * 1e-9
-    acts = (rows["sampled_ns"] + rows["age_ns"]) * 1e-9 + fit.lag
     number = rows["phase"]
     speeds, torques, lasts = [], [], []
     for place, (before, phase) in enumerate(pairwise(phases)):
@@ -85,7 +86,7 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
         if index.size < _FEWEST:
             continue
         at, x = time[index] - time[index[0]], rows["position"][index]
-        pushed = _twice_integrated(acts - time[index[0]], rows["torque"], at)
+        pushed = _twice_integrated(acts - time[index[0]], sent, at)
         # What did not go into motion: half of it grows with the square of time.
         curve = np.linalg.lstsq(np.vander(at, 3), pushed - x / fit.acceleration, rcond=None)[0]
         lasts.append(float(at[-1]))
