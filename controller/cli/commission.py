@@ -76,12 +76,12 @@ def command(
     from controller.commission.plan import announce
 
     loaded = load_config(config, sets)
-    announcement = announce(loaded.config, reach)
     if only_plan:
-        _answer_plan(loaded, announcement, as_json_wanted)
+        _answer_plan(loaded, announce(loaded.config, reach), as_json_wanted)
         return
     store = _store(loaded, config, out, reach, fresh)
-    _announce(loaded, announcement, yes)
+    if not store.complete:
+        _announce(loaded, announce(loaded.config, reach), yes)
     from controller.commission.sequence import run_steps
     from controller.commission.steps import Bench
 

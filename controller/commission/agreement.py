@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from controller.belief import Bounded
+import numpy as np
+
 from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
@@ -16,10 +16,13 @@ from controller.experiments.identification import Estimated
 from controller.experiments.identify_text import boundary_report, comparison
 from controller.experiments.sweep import experiment_config
 from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import Setting, reach
+from controller.theory import critical_point
+from controller.theory.checks import FloatArray
 
 _ERRORS = 2.0
 """Standard errors within which two answers are the same"""
+_TURNS = 40
+"""Of the search for the friction that an oscillation meets"""
 _PERCENT = 0.05
 """Of the stiffness that theory is trusted to at best: friction is not quite Coulomb's"""
 
@@ -68,8 +71,8 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
         config: With the model.
         points: Of a sweep's report.
     """
-    config = experiment_config(config)
-    device, belief = Device.of(config), config.belief()
+    measured = [point for point in points if point["measured"] is not None]
+    ends = iter(_ends(experiment_config(config), measured)) if measured else iter(())
     answers = []
     for point in points:
         answer = {
@@ -87,21 +90,7 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
             "reason": point["reason"],
         }
         if point["measured"] is not None:
-            gain = belief.torque_gain.value
-            soft, stiff = (
-                _expected(
-                    replace(
-                        device,
-                        inertia=_end(belief.inertia, way) / gain,
-                        damping=_end(belief.damping, way) / gain,
-                        coulomb=_end(belief.coulomb, way) / gain,
-                    ),
-                    point,
-                    _end(belief.delay, -way) - belief.delay.value,
-                )
-                for way in (-1, 1)
-            )
-            expected = _expected(device, point, 0.0)
+            expected, soft, stiff = next(ends)
             low = min(soft, (1.0 - _PERCENT) * expected)
             high = max(stiff, (1.0 + _PERCENT) * expected)
             error = _ERRORS * (point["uncertainty"] or 0.0)
@@ -111,17 +100,57 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
     return answers
 
 
-def _end(bounded: Bounded, way: int) -> float:
-    return bounded.high if way > 0 else bounded.low
+def _ends(config: Config, points: Sequence[Mapping[str, Any]]) -> list[list[float]]:
+    """For each point the stiffness expected of the model, of its softest corner, its stiffest."""
+    belief, device = config.belief(), Device.of(config)
+    gain = belief.torque_gain.value
+    corners = (
+        (belief.inertia.value, belief.damping.value, belief.coulomb.value, belief.delay.value),
+        (belief.inertia.low, belief.damping.low, belief.coulomb.low, belief.delay.high),
+        (belief.inertia.high, belief.damping.high, belief.coulomb.high, belief.delay.low),
+    )
+    m, b, c, lag = (np.array(column)[None, :] for column in zip(*corners, strict=True))
+    big_b, delay, kick = (
+        np.array([point[name] for point in points])[:, None]
+        for name in ("virtual_damping", "delay_s", "kick_rad")
+    )
+    late = np.maximum(delay + lag - belief.delay.value, 0.0)
+    loop = (big_b, device.period, late, device.velocity_samples)
+    found = with_friction(m / gain, b / gain, c / gain, loop, kick)
+    return [[float(value) for value in row] for row in found]
 
 
-def _expected(device: Device, point: Mapping[str, Any], later: float) -> float:
-    """Stiffness at which motion of the point's amplitude neither grows nor dies [N·m/rad]."""
-    delay = max(point["delay_s"] + later, 0.0)
-    setting = Setting(point["virtual_damping"], point["delay_steps"])
-    if device.exact(setting.virtual_damping, delay) <= 0.0:
-        return 0.0
-    return reach(device, setting, delay, point["kick_rad"]).predicted
+def with_friction(
+    inertia: FloatArray,
+    damping: FloatArray,
+    coulomb: FloatArray,
+    loop: tuple[FloatArray, float, FloatArray, int],
+    kick: FloatArray,
+) -> FloatArray:
+    """Stiffness at which motion of an amplitude neither grows nor dies; all broadcast.
+
+    Args:
+        inertia: m > 0 [kg·m²].
+        damping: b >= 0 [N·m·s/rad].
+        coulomb: c >= 0 [N·m].
+        loop: Virtual damping B [N·m·s/rad], period T [s], delay t_d [s], velocity samples N.
+        kick: Amplitude A > 0 [rad].
+
+    Returns:
+        [N·m/rad]
+
+    Source: friction by its describing function, the damping 4 c/(pi A w), in Gil et al., ICRA
+    2007, eq. (11).
+    """
+    rate = np.asarray(kick, dtype=np.float64)
+    extra = np.zeros(np.broadcast_shapes(inertia.shape, rate.shape))
+    for _ in range(_TURNS):
+        at = critical_point(inertia, damping + extra, *loop)
+        # More friction, a quicker oscillation, less of it: the geometric mean settles.
+        rate = 2.0 * np.pi * np.maximum(np.asarray(at.frequency), 1e-9)
+        again = 4.0 * coulomb / (np.pi * kick * rate)
+        extra = np.where(extra > 0.0, np.sqrt(extra * again), again)
+    return np.asarray(critical_point(inertia, damping + extra, *loop).stiffness)
 
 
 def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, Any]:

@@ -19,6 +19,8 @@ DELAY_STEPS = (0, 5)
 BURSTS = 8
 _DOCTOR_S, _IDENTIFY_S = 20.0, 60.0
 _BURST_S = 2.6
+_SWEEP_S = 200.0
+"""Where nobody has to stand by, it is not worth planning it twice"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,9 @@ def announce(config: Config, reach: float) -> Announcement:
         " N·m"
     )
     seconds += rendering.SECONDS
+    if config.loop.clock == "simulated":
+        lines.append("sweep: the shaft is let go at a few settings, at more and more stiffness")
+        return Announcement(tuple(lines), seconds + _SWEEP_S)
     swept = experiment_config(config)
     settings = short_sweep(swept)
     far = excursion(swept, settings, OPTIONS)

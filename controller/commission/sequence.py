@@ -58,7 +58,8 @@ def run_steps(bench: Bench) -> Ended:
         basis = fingerprint(config, bench.reach)
         outcome = bench.store.outcomes.get(step)
         if outcome is not None and outcome.basis == basis and _is_kept(outcome, bench):
-            bench.tell(f"{step}: {TITLES[step]} before, and kept")
+            if outcome.state == "done":
+                bench.tell(f"{step}: {TITLES[step]} before, and kept")
             outcomes[step] = outcome
         else:
             why_not = _obstacle(step, outcomes, config)
@@ -84,7 +85,7 @@ def run_steps(bench: Bench) -> Ended:
 def _is_kept(outcome: Outcome, bench: Bench) -> bool:
     """Whether a step that was taken before need not be taken again."""
     if outcome.step == "doctor":  # whoever moves a servo again looks at it again
-        return all(done(bench.store.outcomes, step) is not None for step in STEPS)
+        return bench.store.complete
     return outcome.state == "done"
 
 

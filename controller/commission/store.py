@@ -125,6 +125,14 @@ class CommissionStore:
                     " that step again, or give --fresh"
                 ) from error
 
+    @property
+    def complete(self) -> bool:
+        """Whether there is nothing left to measure."""
+        return all(step in self.outcomes for step in STEPS) and all(
+            o.state == "done" or (o.step == "doctor" and o.state == "skipped")
+            for o in self.outcomes.values()
+        )
+
     def keep(self, outcome: Outcome) -> Outcome:
         """Keep one step; what is on disk is never half of it.
 

@@ -16,7 +16,7 @@ _CEILING = 0.5
 """Share of the ceiling over which no one wants to go: beyond it stiffness falls again"""
 _ROOM = 0.9
 """Share of the stiffest wall with room below the torque limit at which a point is planned"""
-_HALVINGS = 12
+_HALVINGS = 3
 
 
 def short_sweep(config: Config) -> tuple[Setting, ...]:

@@ -51,7 +51,8 @@ def why(report: Report) -> Iterator[str]:
         first, *others = decided["reasons"]
         # As much as one likes was asked: of that sentence what is commanded is of interest.
         _, asked, commanded = first.partition(" was asked, ")
-        yield f"{which} {'; '.join([commanded if asked else first, *others])}."
+        first = f"a stiffness of {commanded}" if asked else first
+        yield f"{which} {'; '.join([first, *others])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
@@ -132,13 +133,15 @@ def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
         row = rows.get(name)
         if row is None or row["rendered"] is None:
             continue
+        ratio = row["ratio"]
+        off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
+        if name != "static stiffness" and not off:
+            continue
         said = (
             f"{name.capitalize()}: {_n(row['commanded'])} N·m/rad commanded,"
             f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
         )
-        ratio = row["ratio"]
-        off = ratio is not None and abs(ratio - 1.0) > _NEAR_ONE
-        yield f"{said}: only {ratio:.3f} of it." if off and ratio < 1.0 else f"{said}."
+        yield f"{said}: {ratio:.3f} of it." if off else f"{said}."
 
 
 def _boundary(points: list[Mapping[str, Any]], margin: float) -> Iterator[str]:
@@ -251,10 +254,12 @@ def following(report: Report) -> Iterator[tuple[str, str]]:
 def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
     """Name, value, bounds and unit of each quantity of the model."""
     for name, each in report["verdict"]["model"].items():
-        scale, unit = (1e3, "ms") if name == "delay" else (1.0, UNITS[name])
-        low, high = (f"{scale * each[end]:.4g}" for end in ("low", "high"))
-        value = f"{scale * each['value']:.4g}"
-        yield _NAMES.get(name, name), value, f"{low} to {high}", unit
+        late = name == "delay"
+        value, low, high = (
+            f"{1e3 * each[end]:.3f}" if late else f"{each[end]:.4g}"
+            for end in ("value", "low", "high")
+        )
+        yield _NAMES.get(name, name), value, f"{low} to {high}", "ms" if late else UNITS[name]
 
 
 def _n(value: float) -> str:
