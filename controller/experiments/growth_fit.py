@@ -29,8 +29,10 @@ _SPREAD = 0.02
 _DRIFT = 0.1
 """Share of a half cycle's error that is its own; the rest is that of two turning points, and is
 shared with its neighbours."""
-_STRETCH = 1.2
-"""How far outside of the amplitudes seen the growth is still told"""
+_STRETCH = 1.05
+"""How far outside of the amplitudes seen near the guess the growth is still told"""
+_BESIDE = 4
+"""How many of the trials nearest to the guess say which amplitudes were seen"""
 _FADED = 0.35
 """Share of the amplitude asked for below which friction has the say, and noise"""
 
@@ -127,9 +129,13 @@ def _without(trials: Sequence[Trial], left: int, kick: float, guess: float) -> f
 
 
 def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
-    """Stiffness without growth, its standard error, and the amplitude it is for."""
-    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials])
+    """Stiffness without growth, its standard error, and the amplitude it is for.
+
+    The trials come in order of their distance from the guess.
+    """
+    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials[:_BESIDE]])
     reached = float(np.clip(kick, amplitudes.min() / _STRETCH, amplitudes.max() * _STRETCH))
+    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials])
     inverse = reached / amplitudes[amplitudes >= _FADED * reached] - 1.0
     curved = len({trial.stiffness for trial in trials}) >= _CURVED
     by_amplitude = float(np.ptp(inverse)) > _SPREAD
@@ -166,7 +172,7 @@ def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, fl
     if curved:
         gradient[2] = x * x
     slope = found[1] + (2.0 * found[2] * x if curved else 0.0)
-    error = float(np.sqrt(gradient @ covariance @ gradient)) / slope
+    error = float(np.sqrt(gradient @ covariance @ gradient) / slope)
     stiffness = guess * float(np.exp(x))
     return stiffness, error * stiffness, reached
 

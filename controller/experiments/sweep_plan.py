@@ -36,7 +36,7 @@ _GROWN = 1.6
 _ROOM = 1.15
 """Growth for which there must be room below torque and speed limit"""
 _HALF_CYCLES = 12
-_LEAST_S, _MOST_S = 0.25, 8.0
+_LEAST_S, _MOST_S = 0.5, 8.0
 """Of a trial [s]"""
 _LEAST_STILL_S = 0.1
 _TRAVEL_S = 0.3
