@@ -28,11 +28,13 @@ _LEAST_COUNTS = 5.0
 """Amplitude from which growth is told from the encoder's steps."""
 _OUTWARD = 0.4
 """Growth of the distance from the wall over two explained swings or more that is an alarm."""
+_ON = 0.6
+"""Share of the mean growth that the last swing must have."""
 _BOUNCES = 6
 """Swings from which growth counts at a wall that never pulls."""
-_LONG = ((12, 0.2), (20, 0.2))
+_LONG = ((16, 0.28), (24, 0.28))
 """The same where the growth must be as regular as no hand's."""
-_REGULAR, _REGULAR_COUNTS = 0.02, 0.15
+_REGULAR, _REGULAR_COUNTS = 0.008, 0.2
 """Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
 counts."""
 _STEADY = 0.01
@@ -234,7 +236,10 @@ class Detector:
             first = sizes[max(-1 - swings, -len(sizes))]
             if self.balance.side and swings < _BOUNCES:
                 continue
-            if first > self._least and sizes[-1] - first > growth:
+            grown = sizes[-1] - first
+            # A motion that grows by itself grows on; a hand's has grown, and then stays.
+            last = sizes[-1] - sizes[-2]
+            if first > self._least and grown > growth and last > _ON * grown / swings:
                 return True
         return False
 

@@ -32,7 +32,7 @@ _PLANTS = (*((s.inertia, s.damping, s.coulomb) for s in SERVOS.values()), (1.0, 
 _LIMITS = (6.0, 8.4, 0.52, 0.39, np.inf)
 """Stall torques [N·m]"""
 _SHARE = 0.1
-_CYCLES, _STABLE_CYCLES = 60.0, 30.0
+_CYCLES = 60.0
 _UNTIL = 3.0
 _KICK_TOLERANCE, _HAND_TOLERANCE = 1e-3, 1e-2
 
@@ -160,8 +160,7 @@ def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTr
     for share in shares:
         some = drawn.walls.with_stiffness(share * drawn.walls.stiffness[:, None])
         start = np.maximum(unsaturated(some, drawn.kick), LEAST_KICK)
-        cycles = _CYCLES if share > 1.0 else _STABLE_CYCLES
-        for i, trace in enumerate(kicked(some, start, cycles, _UNTIL)):
+        for i, trace in enumerate(kicked(some, start, _CYCLES, _UNTIL)):
             _, alarms, _ = listen(some, i, trace, drawn.belief[i], once=True)
             trials.append(
                 _kick_trial(NAMES[drawn.who[i]], share, some, i, float(start[i]), trace, alarms)
@@ -190,7 +189,12 @@ def _kick_trial(
 
 
 def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
-    """Oscillations at 1.3 to 2 times the limit, from 4 counts up, sustained by a torque limit."""
+    """Oscillations at 1.3 to 2 times the limit, from 4 counts up, sustained by a torque limit.
+
+    Args:
+        count: Walls drawn; those whose amplitude does not settle are left out.
+        seed: Of the draw.
+    """
     random = np.random.default_rng(seed)
     walls, who = _draw(count, random)
     kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
@@ -204,7 +208,7 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
     trials = []
     for i, trace in enumerate(kicked(some, np.maximum(size, drawn.kick), 2.0 * _CYCLES)):
         cycle = int(2.0 * np.pi * np.sqrt(some.inertia[i] / some.stiffness[i]) / PERIOD) + 1
-        truth = _oscillation(trace.position[-12 * cycle :])
+        truth = steady_oscillation(trace.position[-12 * cycle :], PERIOD)
         if truth is None or truth[1] < 4.0 * COUNT:
             continue
         detector, _, _ = listen(some, i, trace, drawn.belief[i], once=False)
@@ -220,7 +224,7 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
     return trials
 
 
-def _oscillation(position: FloatArray) -> tuple[float, float] | None:
+def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
     """Frequency [Hz] and amplitude [rad]; None if they are not the same throughout."""
     middle = 0.5 * (position.max() + position.min())
     up = np.flatnonzero((position[1:] >= middle) & (position[:-1] < middle))
@@ -232,7 +236,7 @@ def _oscillation(position: FloatArray) -> tuple[float, float] | None:
     spans = np.array([np.ptp(position[first : last + 1]) for first, last in cycles])
     if spans.min() < 0.97 * spans.max():
         return None
-    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * PERIOD)
+    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * period)
     return float(frequency), float(0.5 * spans.mean())
 
 
