@@ -16,7 +16,7 @@ from controller.acting import ActingTorque
 from controller.experiments.kicks import unsaturated
 from controller.experiments.many_walls import Walls, split_delay
 from controller.experiments.onset import onset
-from controller.experiments.watched import Trace, handled, kicked
+from controller.experiments.watched import Trace, handled, kicked, steady_oscillation
 from controller.oscillation import Detector, DetectorSettings
 from controller.theory import max_virtual_damping
 from controller.theory.checks import FloatArray, IntArray
@@ -222,22 +222,6 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
             )
         )
     return trials
-
-
-def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
-    """Frequency [Hz] and amplitude [rad]; None if they are not the same throughout."""
-    middle = 0.5 * (position.max() + position.min())
-    up = np.flatnonzero((position[1:] >= middle) & (position[:-1] < middle))
-    if up.size < 5:
-        return None
-    share = (middle - position[up]) / (position[up + 1] - position[up])
-    crossings = up + share
-    cycles = zip(up[:-1].tolist(), up[1:].tolist(), strict=True)
-    spans = np.array([np.ptp(position[first : last + 1]) for first, last in cycles])
-    if spans.min() < 0.97 * spans.max():
-        return None
-    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * period)
-    return float(frequency), float(0.5 * spans.mean())
 
 
 def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTrial]:

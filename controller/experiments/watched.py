@@ -111,6 +111,27 @@ def handled(walls: Walls, hand: str, periods: int, random: np.random.Generator) 
     return [traces[i] for i in range(n)]
 
 
+def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
+    """Frequency [Hz] and amplitude [rad] of a record; None if the amplitude varies by over 3 %.
+
+    Args:
+        position: Of several oscillations [rad].
+        period: From sample to sample [s].
+    """
+    middle = 0.5 * (position.max() + position.min())
+    up = np.flatnonzero((position[1:] >= middle) & (position[:-1] < middle))
+    if up.size < 5:
+        return None
+    share = (middle - position[up]) / (position[up + 1] - position[up])
+    crossings = up + share
+    cycles = zip(up[:-1].tolist(), up[1:].tolist(), strict=True)
+    spans = np.array([np.ptp(position[first : last + 1]) for first, last in cycles])
+    if spans.min() < 0.97 * spans.max():
+        return None
+    frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * period)
+    return float(frequency), float(0.5 * spans.mean())
+
+
 def _traces(
     loops: Loops,
     counts: list[FloatArray],

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.experiments.detector_trials import COUNT, kick_trials, listen, steady_oscillation
+from controller.experiments.detector_trials import COUNT, kick_trials, listen
 from controller.experiments.many_walls import Loops, Walls
-from controller.experiments.watched import HANDS, Trace, handled, kicked
+from controller.experiments.watched import HANDS, Trace, handled, kicked, steady_oscillation
 from controller.oscillation import State
 from controller.theory import critical_stiffness
 
