@@ -25,10 +25,11 @@ from controller.experiments.watched import HANDS
 from scripts.whole_program import measured_on, page_options
 
 SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
-KICK_TASKS, WALLS_A_TASK = 6, 50
-HAND_TASKS, HANDS_A_TASK, HAND_S = 4, 20, 60.0
-QUICK = 6
-"""By what the quick run has fewer walls, and shorter hands"""
+WALLS_A_TASK, HANDS_A_TASK, HAND_S = 50, 20, 60.0
+TASKS, QUICK_TASKS = (6, 2, 4), (2, 1, 1)
+"""Parts of kicks, of sustained oscillations, and of each hand"""
+QUICK = 5
+"""By what a part of the quick run has fewer walls, and shorter hands"""
 SMALL = 6.0
 """Counts up to which an oscillation is one of the encoder's own"""
 
@@ -36,7 +37,7 @@ SMALL = 6.0
 def main() -> None:
     """Run all trials, and write the page."""
     options = page_options("detector_table", __doc__ or "", "detector-table.md")
-    options.add_argument("--quick", action="store_true", help="a sixth of the trials")
+    options.add_argument("--quick", action="store_true", help="a fifteenth of the trials")
     options.add_argument("--seed", type=int, default=1, help="of all draws")
     chosen = options.parse_args()
     begin = time.monotonic()
@@ -54,13 +55,14 @@ def run(
     """All the trials, in parallel; the same for the same seed."""
     fewer = QUICK if quick else 1
     seeds = iter(range(1000 * seed, 1000 * seed + 1000))
-    walls = max(WALLS_A_TASK // fewer, 5)
-    kicks = [pool.submit(kick_trials, walls, next(seeds), SHARES) for _ in range(KICK_TASKS)]
-    kept = [pool.submit(sustained_trials, walls, next(seeds)) for _ in range(2)]
+    kick_tasks, kept_tasks, hand_tasks = QUICK_TASKS if quick else TASKS
+    walls = WALLS_A_TASK // fewer
+    kicks = [pool.submit(kick_trials, walls, next(seeds), SHARES) for _ in range(kick_tasks)]
+    kept = [pool.submit(sustained_trials, walls, next(seeds)) for _ in range(kept_tasks)]
     hands = [
         pool.submit(hand_trials, HANDS_A_TASK, next(seeds), hand, HAND_S / fewer)
         for hand in HANDS
-        for _ in range(HAND_TASKS)
+        for _ in range(hand_tasks)
     ]
     every = [*kicks, *kept, *hands]
     for done, _ in enumerate(as_completed(every), 1):
