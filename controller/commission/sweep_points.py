@@ -38,8 +38,9 @@ def short_sweep(config: Config) -> tuple[Setting, ...]:
 
 
 def _sensible(config: Config, device: Device, steps: int) -> float:
-    delay = steps * device.period + device.lag + sample_age(config)
-    top = _CEILING * device.ceiling(delay)
+    # A sample may be younger than what is reckoned with, and the limit then higher.
+    delay = steps * device.period + device.lag
+    top = _CEILING * device.ceiling(delay + sample_age(config))
     if device.position_step:
         share = config.guard.quantisation_share * device.torque_limit
         top = min(top, share * device.velocity_samples * device.period / device.position_step)

@@ -1,0 +1,387 @@
+"""One command from an unknown servo to a verdict: what it measures, keeps, and says of failures."""
+
+import base64
+import gc
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from controller.cli.main import main
+from controller.commission import picture, plan, steps
+from controller.commission.sequence import run_steps
+from controller.commission.steps import Bench
+from controller.commission.store import CommissionStore, fingerprint
+from controller.config_load import load_config
+from controller.experiments.identification import UnidentifiableError
+from controller.experiments.sweep_plan import Setting
+from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from hw.errors import ServoLostError
+
+SIMULATED = ("simulated", "--set=loop.clock=simulated")
+SWEPT = (Setting(0.0, 3), Setting(0.09, 3), Setting(0.18, 3))
+"""Points that are measured in a few trials"""
+
+
+def call(*words):
+    try:
+        return main([str(word) for word in words])
+    except SystemExit as ended:
+        return ended.code
+    finally:
+        gc.enable()  # a run switches it off
+        gc.unfreeze()
+
+
+@pytest.fixture(scope="module")
+def commissioned(tmp_path_factory):
+    """The folder of a whole commissioning of the simulated servo, with fewer points."""
+    folder = tmp_path_factory.mktemp("commission") / "made"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
+        whole = steps.sweep
+        patch.setattr(steps, "sweep", lambda *a, **k: whole(*a, **k, workers=1))
+        assert call("commission", *SIMULATED, "--out", folder) == 0
+    return folder
+
+
+def report_of(folder, capsys, *words):
+    capsys.readouterr()
+    status = call("commission", *(words or SIMULATED), "--out", folder, "--json")
+    out = capsys.readouterr().out
+    return status, json.loads(out, parse_constant=pytest.fail)
+
+
+def nothing_moves(monkeypatch):
+    for name in steps_taken(monkeypatch, {}):
+        monkeypatch.setattr(steps, name, lambda _bench, name=name: pytest.fail(name))
+
+
+def test_a_rerun_measures_nothing_again_and_says_the_same(commissioned, capsys, monkeypatch):
+    nothing_moves(monkeypatch)
+    before = (commissioned / "identify.json").read_text()
+    status, first = report_of(commissioned, capsys)
+    assert status == 0 and first["complete"]
+    assert report_of(commissioned, capsys) == (0, first)
+    assert (commissioned / "identify.json").read_text() == before
+
+
+def test_a_run_commands_what_the_verdict_says(commissioned, capsys, tmp_path):
+    _, report = report_of(commissioned, capsys)
+    for case in ("plain", "best"):
+        promised = report["verdict"][case]["commanded"]
+        words = ["run", commissioned / "config.yaml", "--duration=0.05", "--json"]
+        words += ["--set=wall.stiffness=1e6", f"--set=wall.damping={promised['damping']}"]
+        words += ["--log", tmp_path / "run.hwlog", "--plot", tmp_path / "run.png"]
+        assert call(*words) == 0
+        guard = json.loads(capsys.readouterr().out)["guard"]
+        assert guard["commanded"] == pytest.approx(promised, rel=1e-6)
+        assert guard["binding"] == report["verdict"][case]["binding"]
+
+
+def test_the_truth_lies_within_the_bounds_that_are_written(commissioned):
+    config = load_config(str(commissioned / "config.yaml")).config
+    for name in ("inertia", "damping", "coulomb", "delay"):
+        believed = getattr(config.model, name)
+        assert believed.low <= getattr(config.servo, name) <= believed.high, name
+
+
+def test_theory_and_measurement_are_found_to_agree(commissioned, capsys):
+    _, report = report_of(commissioned, capsys)
+    found = report["agreement"]
+    assert [point["agree"] for point in found["boundary"]] == [True] * len(SWEPT)
+    assert found["delay"]["device"]["agree"]
+    assert found["line"]["compared"]["damping"]["agree"]
+    for point, swept in zip(found["boundary"], report["sweep"]["points"], strict=True):
+        # The sweep predicts it by another way: the onset's amplitude over a grid of stiffnesses.
+        assert point["expected"] == pytest.approx(swept["predicted_with_friction"], rel=2e-3)
+
+
+class Page(HTMLParser):
+    """What a page shows, and whether each of its elements is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.images, self.words = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "img":
+            self.images.append(dict(attrs))
+        elif tag != "meta":
+            self.open.append(tag)
+        assert not {"href", "data-src"} & dict(attrs).keys()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_the_page_is_one_file_with_its_pictures_in_it(commissioned, capsys):
+    _, report = report_of(commissioned, capsys)
+    text = (commissioned / "report.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert len(page.images) == 5
+    for image in page.images:
+        head, _, data = image["src"].partition(",")
+        assert head == "data:image/png;base64" and image["alt"]
+        assert base64.b64decode(data, validate=True).startswith(b"\x89PNG\r\n")
+    assert not re.search(r"https?://|@import|url\(", text)
+    shown = " ".join(" ".join(page.words).split())
+    assert f"{report['verdict']['best']['commanded']['stiffness']:.3g} N·m/rad" in shown
+    assert "torque constant" in shown and "config.yaml" in shown
+
+
+def test_other_settings_are_refused_in_a_sentence(commissioned, capsys):
+    words = [*SIMULATED, "--set=servo.inertia=0.02"]
+    assert call("commission", *words, "--out", commissioned) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "other settings" in line and "--fresh" in line
+    assert (commissioned / "identify.json").exists()
+
+
+# With steps that move nothing
+
+MODEL = {
+    "inertia": 0.012,
+    "damping": 0.0117,
+    "coulomb": 0.09,
+    "delay": 0.0002,
+    "torque_gain": 1.0,
+}
+
+
+def identify_data(bench):
+    raw = bench.config.model_dump(mode="json")
+    raw["model"] = {k: {"value": v, "low": 0.9 * v, "high": 1.1 * v} for k, v in MODEL.items()}
+    text = json.dumps(raw)  # JSON is YAML
+    bench.store.keep_config(text)
+    return {
+        **{name: {"value": value, "stderr": 0.01 * value} for name, value in MODEL.items()},
+        "torque_unit": "commanded",
+        "backlash": None,
+        "warnings": [],
+        "config_text": text,
+    }
+
+
+def delay_data(_bench):
+    device = {"value": 0.0002, "stderr": 1e-5}
+    return {
+        "parts": {"inserted": 0.0, "age": {"median": 0.0, "guard": 0.0}, "device": device},
+        "points": [{"inserted": 0.0, "recovered": None}],
+    }
+
+
+def rendered_data(_bench):
+    wall = {"stiffness": 8.0, "damping": 0.02}
+    return {"commanded": wall, "rows": [], "notes": []}
+
+
+DATA = {
+    "run_doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
+    "run_identify": identify_data,
+    "run_delay": delay_data,
+    "run_rendered": rendered_data,
+    "run_sweep": lambda _bench: {"points": []},
+}
+
+
+def steps_taken(monkeypatch, ends):
+    """Steps that find something without moving, or end as asked; the names of those called."""
+    called = []
+
+    def step(name):
+        def run(bench):
+            called.append(name)
+            if name in ends:
+                raise ends[name]
+            return DATA[name](bench)
+
+        return run
+
+    for name in DATA:
+        monkeypatch.setattr(steps, name, step(name))
+    # What is planned and drawn has tests of its own, and takes most of the time.
+    monkeypatch.setattr(plan, "short_sweep", lambda _config: (Setting(0.0, 3),))
+    monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(b"PNG"))
+    return called if ends != {} else [*DATA]
+
+
+def states(report):
+    return {step["step"]: step["state"] for step in report["steps"]}
+
+
+def test_without_a_model_only_what_needs_none_goes_on(tmp_path, capsys, monkeypatch):
+    error = UnidentifiableError("the servo does not move: see that the shaft is not blocked")
+    called = steps_taken(monkeypatch, {"run_identify": error})
+    status, report = report_of(tmp_path, capsys)
+    assert status == 4
+    assert called == ["run_identify", "run_delay"]
+    assert states(report) == {
+        "doctor": "skipped",
+        "identify": "failed",
+        "delay": "done",
+        "rendered": "skipped",
+        "sweep": "skipped",
+    }
+    assert report["verdict"]["basis"] == "believed" and report["config"] is None
+    assert not (tmp_path / "config.yaml").exists()
+    page = (tmp_path / "report.html").read_text()
+    assert "see that the shaft is not blocked" in page and "not complete" in page
+
+
+def test_a_trip_ends_its_step_alone(tmp_path, capsys, monkeypatch):
+    trip = ExperimentTrippedError("trip:overspeed", "too fast")
+    called = steps_taken(monkeypatch, {"run_delay": trip})
+    status, report = report_of(tmp_path, capsys)
+    assert status == 3
+    assert states(report)["delay"] == "failed" and states(report)["sweep"] == "done"
+    assert called[-1] == "run_sweep"
+    # What failed is tried again, what is done is not.
+    again = steps_taken(monkeypatch, {"nothing": None})
+    assert report_of(tmp_path, capsys)[0] == 0
+    assert again == ["run_delay"]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ServoLostError("it answers no more"), ExperimentTrippedError("trip:hardware_error", "hot")],
+)
+def test_nothing_moves_after_a_servo_was_lost(tmp_path, capsys, monkeypatch, error):
+    called = steps_taken(monkeypatch, {"run_delay": error})
+    status, report = report_of(tmp_path, capsys)
+    assert status in (3, 4)
+    assert called == ["run_identify", "run_delay"]
+    assert states(report)["sweep"] == "skipped"
+    assert (tmp_path / "config.yaml").exists(), "what was identified is kept"
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
+def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, error):
+    steps_taken(monkeypatch, {"run_delay": error})
+    status, report = report_of(tmp_path, capsys)
+    assert status == 130 and report["interrupted"]
+    assert states(report)["delay"] == "not taken"
+    assert load_config(str(tmp_path / "config.yaml")).config.model.inertia.value == 0.012
+    assert (tmp_path / "report.html").exists()
+    called = steps_taken(monkeypatch, {"nothing": None})
+    assert report_of(tmp_path, capsys)[0] == 0
+    assert called == ["run_delay", "run_rendered", "run_sweep"]
+
+
+def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkeypatch):
+    """A delay that was measured beside a belief is measured again beside what is identified."""
+    steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
+    report_of(tmp_path, capsys)
+    called = steps_taken(monkeypatch, {"nothing": None})
+    assert report_of(tmp_path, capsys)[0] == 0
+    assert called == ["run_identify", "run_delay", "run_rendered", "run_sweep"]
+
+
+def test_fresh_begins_anew(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
+    called = steps_taken(monkeypatch, {"nothing": None})
+    words = [*SIMULATED, "--set=wall.stiffness=3", "--fresh"]
+    assert report_of(tmp_path, capsys, *words)[0] == 0
+    assert called == ["run_identify", "run_delay", "run_rendered", "run_sweep"]
+
+
+def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
+    mine = tmp_path / "config.yaml"
+    mine.write_text("servo: {inertia: 0.01, torque_limit: 4}\nloop: {clock: simulated}\n")
+    before = mine.read_text()
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 2
+    assert call("commission", mine, "--out", tmp_path) == 2
+    assert call("commission", *SIMULATED, "--out", tmp_path, "--fresh") == 2
+    assert "config.yaml" in capsys.readouterr().err
+    assert mine.read_text() == before
+
+
+def test_a_folder_is_wanted(capsys):
+    assert call("commission", *SIMULATED) == 2
+    assert "--out" in capsys.readouterr().err
+
+
+# A real servo, of which only the port is missing
+
+REAL = ("xm430-w350", "--set=servo.port=/nowhere/ttyUSB0")
+
+
+def test_a_real_servo_does_not_move_without_a_yes(tmp_path, capsys, monkeypatch):
+    nothing_moves(monkeypatch)
+    assert call("commission", *REAL, "--out", tmp_path) == 2
+    told = capsys.readouterr().err
+    assert "--yes" in told
+    for what in ("0.3 rad", "4.1 N·m", "about a minute", "110 s"):
+        assert what in told
+
+
+def doctor_data(name, **more):
+    check = {"name": name, "ok": False, "found": "reverse", "wanted": "normal", "fixable": True}
+    return {"checks": [{**check, "fix": "clear bit 0 of Drive Mode (10)"}], "reached": True, **more}
+
+
+def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, capsys, monkeypatch):
+    called = steps_taken(monkeypatch, {"nothing": None})
+    wrong = doctor_data("direction", fatal=["direction"])
+    monkeypatch.setattr(steps, "run_doctor", lambda _bench: wrong)
+    status, report = report_of(tmp_path, capsys, *REAL, "--yes")
+    assert status == 1
+    assert called == []
+    assert "clear bit 0 of Drive Mode" in report["steps"][0]["reason"]
+    assert "clear bit 0 of Drive Mode" in (tmp_path / "report.html").read_text()
+
+
+def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, monkeypatch):
+    real = steps.run_doctor
+    called = steps_taken(monkeypatch, {"nothing": None})
+    monkeypatch.setattr(steps, "run_doctor", real)
+    status, report = report_of(tmp_path, capsys, *REAL, "--yes")
+    assert status == 4
+    assert called == []
+    assert "port" in report["steps"][0]["reason"]
+
+
+def test_what_costs_only_stiffness_is_told_and_does_not_end_it(tmp_path, capsys, monkeypatch):
+    called = steps_taken(monkeypatch, {"nothing": None})
+    monkeypatch.setattr(steps, "run_doctor", lambda _: doctor_data("return delay", fatal=[]))
+    status, _ = report_of(tmp_path, capsys, *REAL, "--yes")
+    assert status == 0
+    assert called[-1] == "run_sweep"
+    assert "return delay" in (tmp_path / "report.html").read_text()
+
+
+def test_who_moves_a_servo_again_looks_at_it_again(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"run_sweep": KeyboardInterrupt()})
+    assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 130
+    called = steps_taken(monkeypatch, {"nothing": None})
+    assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 0
+    assert called == ["run_doctor", "run_sweep"]
+
+
+def test_the_plan_moves_nothing(tmp_path, capsys, monkeypatch):
+    nothing_moves(monkeypatch)
+    assert call("commission", *SIMULATED, "--plan", "--json") == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert len(plan["steps"]) == 5 and plan["seconds"] > 60
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
+    """A power cut in a later step loses nothing: the files are there before it begins."""
+
+    def looks(_bench):
+        assert (tmp_path / "config.yaml").exists() and (tmp_path / "identify.json").exists()
+        return delay_data(_bench)
+
+    steps_taken(monkeypatch, {"nothing": None})
+    monkeypatch.setattr(steps, "run_delay", looks)
+    config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
+    store = CommissionStore(tmp_path, fingerprint(config, 0.6), "it", json.dumps, False)
+    assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0

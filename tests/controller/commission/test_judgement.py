@@ -1,0 +1,125 @@
+"""The verdict against the guard itself; agreement where there is, and where there is none."""
+
+import numpy as np
+import pytest
+
+from controller.commission import agreement, words
+from controller.commission.sweep_points import OPTIONS, short_sweep
+from controller.commission.verdict import Question, verdict
+from controller.config_load import load_config
+from controller.experiments.sweep_device import Device
+from controller.experiments.sweep_plan import reach
+
+
+def question(name="simulated", *sets):
+    return Question.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        (),
+        ("delay.steps=4",),
+        ("servo.counts_per_rev=0", "delay.steps=2"),
+        ("wall.side=both", "wall.velocity_samples=4"),
+        ("servo.damping=0", "servo.counts_per_rev=512"),
+    ],
+)
+def test_no_damping_allows_more_than_the_best(sets):
+    asked = question("simulated", *sets)
+    best = verdict(asked, True)["best"]["commanded"]
+    # The guard itself, at many dampings; the best is given in two digits.
+    highest = max(
+        asked.decide(1e6, float(b)).stiffness
+        for b in np.linspace(0.0, 3.0 * best["damping"] + 0.01, 150)
+    )
+    assert best["stiffness"] >= 0.95 * highest
+    assert best["stiffness"] == asked.decide(1e6, best["damping"]).stiffness
+
+
+def test_the_wall_of_the_configuration_is_judged_too():
+    found = verdict(question("simulated", "wall.stiffness=500"), True)
+    assert found["configured"]["binding"] is not None
+    assert found["configured"]["commanded"]["stiffness"] < 500
+
+
+def test_the_measured_age_makes_it_softer():
+    config = load_config("emulated-xm430").config
+    parts = {"parts": {"age": {"guard": 0.0006}}}
+    late = {"parts": {"age": {"guard": 0.003}}}
+    young, old = (
+        verdict(Question.of(config, d), True)["plain"]["commanded"] for d in (parts, late)
+    )
+    assert old["stiffness"] < 0.5 * young["stiffness"]
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 0.001, 0.09])
+@pytest.mark.parametrize("kick", [0.01, 0.1])
+def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick):
+    device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
+    for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
+        columns = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
+        loop = (np.array([damping]), device.period, np.array([delay]), 1)
+        found = agreement.with_friction(*columns, loop, np.array([kick]))
+        if coulomb == 0.0:
+            assert found[0] == pytest.approx(device.exact(damping, delay), rel=1e-9)
+        else:
+            amplitude, _ = device.onset(found, damping, delay)
+            assert amplitude[0] == pytest.approx(kick, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["simulated", "xm430-w350", "xl330-m288"])
+def test_planned_points_can_be_reached(name):
+    config = load_config(name).config
+    device = Device.of(config)
+    settings = short_sweep(config)
+    assert len(settings) == 6 and len({s.delay_steps for s in settings}) == 2
+    count = 2.0 * np.pi / 4096
+    share = config.guard.quantisation_share * device.torque_limit
+    for setting in settings:
+        assert setting.virtual_damping * count / device.period <= share
+        delay = setting.delay_steps * device.period + device.lag
+        planned = reach(device, setting, delay, OPTIONS.kick)
+        assert planned.predicted <= planned.top
+
+
+def swept(measured, **more):
+    point = {
+        "virtual_damping": 0.0,
+        "delay_steps": 3,
+        "delay_s": 0.003,
+        "kick_rad": 0.1,
+        "uncertainty": 0.03,
+        "exact": 3.34,
+        "reason": None,
+    }
+    return {**point, "measured": measured, **more}
+
+
+def test_a_servo_that_oscillates_too_early_is_told_with_a_margin():
+    config = load_config("simulated").config
+    (expected,) = agreement.boundary(config, [swept(13.0)])
+    assert expected["agree"] is True
+    found = agreement.boundary(config, [swept(0.6 * expected["expected"]), swept(13.0)])
+    assert [point["agree"] for point in found] == [False, True]
+    said = " ".join(words._boundary(found, 0.8))
+    assert "1 of 2" in said and "0.60 of the expected" in said and "guard.margin to 0.48" in said
+
+
+def test_a_point_without_a_figure_is_no_disagreement():
+    (found,) = agreement.boundary(
+        load_config("simulated").config, [swept(None, kick_rad=None, reason="out of reach")]
+    )
+    assert found["agree"] is None and found["expected"] is None
+    assert "could be measured" in " ".join(words._boundary([found], 0.8))
+
+
+def test_two_delays_that_differ_are_told_with_the_longer_one():
+    identify = {"delay": {"value": 0.001, "stderr": 1e-5}}
+    device = {"value": 0.0015, "stderr": 2e-5}
+    recovered = {"value": 0.0047, "stderr": 4e-5}
+    points = [{"inserted": 0.0, "recovered": None}, {"inserted": 0.005, "recovered": recovered}]
+    found = agreement.delays(identify, {"parts": {"device": device}, "points": points}, 1e-3)
+    assert not found["device"]["agree"] and not found["inserted"]["points"][0]["agree"]
+    said = " ".join(words._delay(found))
+    assert "do NOT agree" in said and "0.00154 s" in said and "NOT what was inserted" in said
