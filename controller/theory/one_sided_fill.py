@@ -25,6 +25,7 @@ from controller.theory.one_sided_table import (
     SAMPLES,
     UNIT,
     Grid,
+    Point,
     grid_of,
 )
 
@@ -34,6 +35,9 @@ _BATCH = 300  # settings computed by one task
 # Nodes are computed a little beyond what is looked up, for whole cells at the edge.
 _NODE_OF_CEILING, _NODE_DELTA = 0.978, 0.16
 _LOOKS = 5  # places looked at in each cell, its middle among them
+# In a cell at the edge of what is looked up, places beyond the edge say nothing: so many are drawn
+# at most until one counts.
+_DRAWS = 40
 _BELOW = 2e-3  # how far below the computed share the interpolation is brought
 # What makes a cell unusable: the interpolation stays below this part of what is computed; it has
 # to be lowered by more than this part; the least share at a node over the greatest is less than
@@ -43,7 +47,7 @@ _LEAST = 0.03  # share at a node below which a cell is left out: soon no wall wi
 # Near the ceiling a few looks miss the scallops that lie across a cell: from this share of it on,
 # and where the least share at a node is below this part of the greatest, so many more are taken,
 # most of them near the edges, and the interpolation is brought further down, for what they miss.
-_NEAR_CEILING, _SLOPING, _MORE_LOOKS, _FURTHER_BELOW = 0.7, 0.9, 30, 8e-3
+_NEAR_CEILING, _SLOPING, _MORE_LOOKS, _FURTHER_BELOW = 0.7, 0.9, 90, 8e-3
 
 
 def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: int) -> FloatArray:
@@ -146,12 +150,18 @@ def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatAr
     if at_nodes:
         wanted = (p.of_ceiling < _NODE_OF_CEILING) & (p.delta < _NODE_DELTA) & (p.of_ceiling > 0)
     else:
-        wanted = (p.of_ceiling <= MAX_OF_CEILING) & (p.delta <= MAX_DELTA)
-        wanted &= grid_of(p.of_ceiling, p.delay)[name]
+        wanted = _looked_up(name, p)
     result = np.where(at_nodes & (p.of_ceiling <= 0), 1.0, np.nan)
     delta, of_ceiling, delay, ceiling = (a[wanted] for a in p)
     result[wanted] = computed_share(delta, of_ceiling * ceiling, delay, n)
     return result
+
+
+def _looked_up(name: str, p: Point) -> NDArray[np.bool_]:
+    """Which settings are looked up, and in this grid."""
+    wanted = (p.of_ceiling <= MAX_OF_CEILING) & (p.delta <= MAX_DELTA)
+    wanted &= grid_of(p.of_ceiling, p.delay)[name]
+    return wanted
 
 
 def _look(
@@ -163,11 +173,16 @@ def _look(
     at_edges: bool = False,
 ) -> _Look:
     """A place in each good cell, random or the middle; what is not looked up is left out."""
-    cell = np.stack(np.nonzero(good))
-    place = np.full(cell.shape, 0.5) if random is None else random.random(cell.shape)
-    if at_edges:
-        place = 0.5 * (1.0 - np.cos(np.pi * place))
-    share = _shares(name, GRIDS[name].between(cell, place), n, False, executor)
+    grid, cell = GRIDS[name], np.stack(np.nonzero(good))
+    place = np.full(cell.shape, 0.5)
+    if random is not None:
+        left = np.arange(cell.shape[1])
+        for _ in range(_DRAWS):
+            drawn = random.random((3, left.size))
+            place[:, left] = 0.5 * (1.0 - np.cos(np.pi * drawn)) if at_edges else drawn
+            point = grid.settings(grid.between(cell[:, left], place[:, left]), n)
+            left = left[~_looked_up(name, point)]
+    share = _shares(name, grid.between(cell, place), n, False, executor)
     wanted = np.isfinite(share)
     return _Look(cell[:, wanted], place[:, wanted], share[wanted])
 
