@@ -5,6 +5,7 @@ import gc
 import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,7 @@ from controller.experiments.sweep_plan import Setting
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from hw.errors import ServoLostError
 
+ROOT = Path(__file__).parents[3]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
 SWEPT = (Setting(0.0, 3), Setting(0.09, 3), Setting(0.18, 3))
 """Points that are measured in a few trials"""
@@ -385,3 +387,19 @@ def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
     config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
     store = CommissionStore(tmp_path, fingerprint(config, 0.6), "it", json.dumps, False)
     assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
+
+
+def test_the_page_shows_what_is_said(tmp_path, capsys, monkeypatch, thorough):
+    """The whole of it, and its figures to the digits that are the same on every machine."""
+    if not thorough:
+        pytest.skip("a minute; --thorough runs it")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    page = (ROOT / "docs" / "commissioning.md").read_text()
+    shown = re.search(r"^```text\n(.*?)^```", page, re.S | re.M)[1]
+    assert call("commission", *SIMULATED, "--out", "commissioned") == 0
+    said = capsys.readouterr().out
+    number = r"[-+]?\d+\.?\d*(?:e[-+]\d+)?"
+    assert re.sub(number, "#", said).split() == re.sub(number, "#", shown).split()
+    pairs = zip(re.findall(number, said), re.findall(number, shown), strict=True)
+    assert all(float(a) == pytest.approx(float(b), rel=0.3, abs=0.03) for a, b in pairs)
