@@ -179,6 +179,9 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     for step in report["steps"]:
         reason = f": {step['reason']}" if step["reason"] else ""
         lines += _wrapped(f"{step['step']}: {step['state']}{reason}", "  ")
+        if step["step"] == "doctor" and step["state"] == "done":
+            for sentence in words.wrong(report):
+                lines += _wrapped(sentence, "    ")
     following = list(words.following(report))
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]

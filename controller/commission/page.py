@@ -41,7 +41,6 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path) -> str:
         for step in report["steps"]
         if step["state"] == "done" and step["picture"]
     ]
-    checks = (report["doctor"] or {}).get("checks", [])
     return environment.from_string(source).render(
         r=report,
         written=time.strftime("%Y-%m-%d %H:%M"),
@@ -51,8 +50,8 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path) -> str:
         unknown=list(words.unknown(report)),
         following=list(words.following(report)),
         model=list(words.model_rows(report)),
-        wrong=[check for check in checks if not check["ok"]],
-        examined=len(checks),
+        wrong=list(words.wrong(report)),
+        examined=len((report["doctor"] or {}).get("checks", ())),
         allowed=_embedded(allowed),
         pictures=pictures,
     )

@@ -234,6 +234,14 @@ def unknown(report: Report) -> Iterator[str]:
     )
 
 
+def wrong(report: Report) -> Iterator[str]:
+    """What the doctor found wrong, and the fix."""
+    for check in (report["doctor"] or {}).get("checks", ()):
+        if not check["ok"]:
+            fix = f"; {check['fix']}" if check["fix"] else ""
+            yield f"{check['name']}: found {check['found']}, wanted {check['wanted']}{fix}"
+
+
 def following(report: Report) -> Iterator[tuple[str, str]]:
     """What to do next: a command, and what it is for."""
     config = report["config"]
