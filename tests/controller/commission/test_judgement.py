@@ -68,7 +68,7 @@ def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick):
             assert amplitude[0] == pytest.approx(kick, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["simulated", "xm430-w350", "xl330-m288"])
+@pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
 def test_planned_points_can_be_reached(name):
     config = load_config(name).config
     device = Device.of(config)
