@@ -76,18 +76,23 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
                 damping=belief.damping.value / gain,
                 coulomb=belief.coulomb.value / gain,
                 position_step=servo.facts.position_step,
+                torque_limit=servo.facts.torque_limit,
             ),
             answer=answer if law.guarded else "report",
             lag=belief.delay.value,
             inserted=config.delay.steps * config.period_ns * 1e-9,
+            patient=law.guarded and config.wall.passivity_control,
+            side={"above": 1, "below": -1, "both": 0}[config.wall.side],
         )
     )
 
 
-def _passivity(config: Config, servo: Servo, ladder: GuardLadder) -> PassivityControl | None:
-    """What puts damping in where the wall gives energy; None: not asked for."""
-    if not config.wall.passivity_control:
-        return None
+def _most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[float]:
+    """Damping that may be added to each decision's [N·m·s/rad].
+
+    Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
+    what one encoder count may command.
+    """
     situation = _situation(config, servo)
     delays = np.array([decision.delay for decision in ladder.decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
@@ -97,8 +102,8 @@ def _passivity(config: Config, servo: Servo, ladder: GuardLadder) -> PassivityCo
         share = config.guard.quantisation_share * situation.torque_limit
         best = np.minimum(best, share * samples * situation.period / step)
     asked = np.array([decision.damping for decision in ladder.decisions])
-    caps = np.maximum(best - asked, 0.0).tolist()
-    return PassivityControl(situation.period, caps, SLOWEST)
+    most: list[float] = np.maximum(best - asked, 0.0).tolist()
+    return most
 
 
 def _ages_ns(config: Config, servo: Servo) -> list[int]:
@@ -150,7 +155,12 @@ def tick_parts(
             )
         ),
         watch=_watch(config, servo, law),
-        passivity=_passivity(config, servo, ladder) if law.guarded else None,
+        passivity=(
+            PassivityControl(period, SLOWEST)
+            if law.guarded and config.wall.passivity_control
+            else None
+        ),
+        most_injected=_most_injected(config, servo, ladder),
         telemetry=telemetry,
         period_ns=period_ns,
         ramp_ticks=max(1, round(RAMP_S / period)),

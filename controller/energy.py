@@ -18,12 +18,12 @@ from controller.swings import Sums, Swing
 
 _FRICTION_ROOM = 0.3
 """Share by which friction may be larger than believed."""
-_DELAY_ROOM = 0.12
+_DELAY_ROOM = 0.15
 """Share of ``K t_d`` by which damping that balances it may be larger: with a delay that is believed
 a fifth too long, a wall at nine tenths of its limit seems to give out nearly a tenth."""
 _CLEAR = 0.06
 """What must be left then, of the energy in the motion."""
-_COUNTS = 0.5
+_COUNTS = 0.6
 """And of what a count's spring torque works on the way: a motion of less than a count per delay
 seems to be given so much, because each count's torque acts after the count."""
 _LEAST_WAY = 8.0
@@ -43,6 +43,8 @@ class EnergyBalance:
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
         lag: Believed delay from a sample to its torque acting [s].
+        growth: Of the oscillation, from what the wall has last given out too much [1/s]; NaN: it
+            has not.
     """
 
     __slots__ = (
@@ -54,6 +56,7 @@ class EnergyBalance:
         "_period",
         "_step",
         "_stiffness",
+        "growth",
         "lag",
         "side",
         "surface",
@@ -81,6 +84,7 @@ class EnergyBalance:
         self.virtual_damping = 0.0
         self.side = 0
         self.lag = 0.0
+        self.growth = math.nan
 
     @property
     def stiffness(self) -> float:
@@ -138,39 +142,49 @@ class EnergyBalance:
             left -= 0.5 * lent * speed * speed
         # Over a whole swing either term is the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
-        return left > _CLEAR * energy + _COUNTS * self._stiffness * step * way
+        if left <= _CLEAR * energy + _COUNTS * self._stiffness * step * way:
+            return False
+        elapsed = now[1] - since[1]
+        self.growth = 0.5 * (given - lost) / (energy * elapsed) if elapsed > 0.0 else math.nan
+        return True
 
-    def explains(self, swing: Swing, before: Swing | None) -> bool:
-        """Whether torque and friction alone can have made this swing: nobody pushes or holds.
+    def moves_the_servo(self, swing: Swing) -> bool:
+        """Whether the torque's moment is the one that this servo's inertia needs for this swing.
+
+        A steady push shifts the moment where the wall never pulls, and there it says nothing.
+        """
+        if self.side:
+            return True
+        seems = -swing.virial / swing.square
+        inertia = seems if math.isnan(self._inertia) else self._inertia
+        room, fine = 1.0 + _MASS_ROOM, _MASS_COUNTS * self._step / swing.amplitude
+        share = seems / inertia if inertia else 0.0
+        return 1.0 / room - fine < share < room + fine
+
+    def pays(self, swing: Swing, before: Swing | None) -> bool:
+        """Whether the torque's work is what friction takes: nobody else pays, and nobody takes.
 
         Against a wall that never pulls a servo returns only if something pushes it. A steady push
         pays for nothing from one turning point to the next but one, so both swings are judged
-        together there, and inertia is not.
+        together there.
 
         Args:
             swing: The one that has just ended.
             before: The one before it.
         """
         work, square, path = swing.work, swing.square, swing.path
-        fine = self._step / swing.amplitude
-        inertia = self._inertia
         if self.side:
             if before is None:
                 return False
             work, square, path = work + before.work, square + before.square, path + before.path
-        else:
-            seems = -swing.virial / square
-            if math.isnan(inertia):
-                inertia = seems
-            room, share = 1.0 + _MASS_ROOM, seems / inertia if inertia else 0.0
-            if not 1.0 / room - _MASS_COUNTS * fine < share < room + _MASS_COUNTS * fine:
-                return False
         # As dampings, all of them [N·m·s/rad].
         lost = self._damping + self._coulomb * path / square
         left = work / square - lost
         speed = math.pi / swing.duration
-        scale = inertia * speed
+        known = not math.isnan(self._inertia)
+        scale = speed * (self._inertia if known else abs(swing.virial) / swing.square)
         late = scale * speed * self.lag  # K t_d, at the frequency that this is
+        fine = self._step / swing.amplitude
         room = _WRONG * (lost + late) + (_LOSS_ROOM + _LOSS_COUNTS * fine) * scale
-        # What friction takes that is not known is paid for as well.
-        return left > -room and (left < room or math.isnan(self._inertia))
+        # Friction that is not known is paid for as well.
+        return left > -room and (left < room or not known)

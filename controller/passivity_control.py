@@ -13,7 +13,6 @@ Source: Hannaford and Ryu, "Time-domain passivity control of haptic interfaces",
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 _SMOOTH = 0.2
 """Share of a new velocity in the smoothed one: over some five samples."""
@@ -24,42 +23,36 @@ class PassivityControl:
 
     Args:
         period: T [s].
-        caps: Largest damping injected, for each rung of the delay [N·m·s/rad]: beyond the peak of
-            the boundary more would lower the critical stiffness.
         slowest: Below this speed the deficit is taken back as if it moved this fast [rad/s];
             without it a standstill would ask for endless damping.
 
     Attributes:
+        cap: Largest damping injected [N·m·s/rad]: beyond the peak of the boundary more would lower
+            the critical stiffness. May be changed at any time.
         injected: Damping to be added to the wall's now [N·m·s/rad].
         balance: Energy the wall took and did not store or give back [J]; never above 0.
     """
 
     __slots__ = (
-        "_cap",
-        "_caps",
         "_last",
         "_last_penetration",
         "_period",
         "_slowest",
         "_speed",
         "balance",
+        "cap",
         "injected",
     )
 
-    def __init__(self, period: float, caps: Sequence[float], slowest: float) -> None:
+    def __init__(self, period: float, slowest: float) -> None:
         self._period = period
         self._slowest = slowest
         self._speed = 0.0
         self._last = math.nan
         self._last_penetration = 0.0
-        self._caps = caps
-        self._cap = 0.0
+        self.cap = 0.0
         self.injected = 0.0
         self.balance = 0.0
-
-    def allow(self, rung: int) -> None:
-        """Count with the delay of a rung from now on."""
-        self._cap = self._caps[rung]
 
     def update(
         self, position: float, penetration: float, stiffness: float, torque: float, periods: int
@@ -85,5 +78,5 @@ class PassivityControl:
         elapsed = periods * self._period
         self._speed += _SMOOTH * (abs(moved) / elapsed - self._speed)
         speed = max(self._speed, self._slowest)
-        self.injected = min(-balance / (elapsed * speed * speed), self._cap)
+        self.injected = min(-balance / (elapsed * speed * speed), self.cap)
         return self.injected

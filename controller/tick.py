@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from controller.delay import DelayRing
@@ -41,6 +42,8 @@ class TickParts:
     watch: Watch
     passivity: PassivityControl | None
     """Puts damping in where the wall gives energy; None: it does not"""
+    most_injected: Sequence[float]
+    """Damping that may be put in, for each rung of the ladder [N·m·s/rad]"""
     telemetry: Telemetry
     period_ns: int
     ramp_ticks: int
@@ -80,6 +83,7 @@ class Tick:
         self._target = 0.0  # stiffness at the end of the ramp
         self._target_damping = 0.0
         self._share = 1.0  # of the decision, since an oscillation was noticed
+        self._most_injected = 0.0
         self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
@@ -109,8 +113,9 @@ class Tick:
         parts = self._parts
         self._delay_s = parts.ladder.decision.delay
         parts.watch.set_age(parts.ladder.age_ns * 1e-9)
+        self._most_injected = parts.most_injected[parts.ladder.rung]
         if parts.passivity is not None:
-            parts.passivity.allow(parts.ladder.rung)
+            parts.passivity.cap = self._most_injected
 
     @property
     def commanded(self) -> tuple[float, float]:
@@ -239,7 +244,7 @@ class Tick:
         watch.passed(periods)
         if self._outcome != Outcome.OK:
             return
-        watch.sample(position, wall.stiffness, wall.damping, self._measured_torque)
+        watch.sample(position, wall, self._measured_torque)
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
         if parts.passivity is not None:
@@ -247,6 +252,8 @@ class Tick:
             wall.injected = parts.passivity.update(
                 position, penetration, wall.stiffness, watch.acted, watch.spanned
             )
+        if watch.damps:
+            wall.injected = self._most_injected
 
     def _at_surface(self) -> bool:
         """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""

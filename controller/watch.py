@@ -1,9 +1,10 @@
 """Watches the running wall for an oscillation of its own making, and answers it.
 
-``report`` only tells. ``reduce`` lowers the stiffness, step by step until the motion decays, and
-the damping with it where that alone does not help: neither way leads out of what is stable. They
-come back only on request. Where it does not help, and in ``trip``, the run ends. The torque itself
-is never limited in its rate: that would be one more delay.
+``report`` only tells. ``reduce`` puts damping in, as much as does not lower the critical stiffness,
+and lowers the stiffness, step by step until the motion decays; where that does not help, stiffness
+and damping go toward the origin together. What was taken comes back only on request. Where nothing
+helps, and in ``trip``, the run ends. The torque itself is never limited in its rate: that would be
+one more delay.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from typing import Literal
 from controller.acting import ActingTorque
 from controller.oscillation import Detector, DetectorSettings, State
 from controller.retreat import Swing, softer
+from controller.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
 
 LEAST_SHARE = 1.0 / 64.0
 """Of the decision's stiffness. What still oscillates at less is not the wall's doing."""
+_OUTGROWN = 1.25
+"""So much further than before the alarm is more than passivity control can hold [1]"""
 _STIFFNESS_ALONE = 2
-"""Steps that leave the damping as it is"""
+"""Steps in which the damping is not lowered"""
 _LONGEST_S = 0.5
 """The next step is waited for at most so long, however slow the oscillation [s]."""
 
@@ -36,6 +40,10 @@ class WatchSettings:
     """From a torque's being sent to its action, believed [s]"""
     inserted: float = 0.0
     """From a torque's being computed to its being sent [s]"""
+    patient: bool = False
+    """Passivity control acts: an alarm is answered only when the motion outgrows it"""
+    side: int = 0
+    """0: the wall is two-sided; +1 or -1: it fills the positions above or below it"""
 
 
 class Watch:
@@ -44,6 +52,7 @@ class Watch:
     Attributes:
         share: Of the guard's stiffness that may be commanded [1].
         damping_share: Of its damping.
+        damps: As much damping is to be put in as does not lower the critical stiffness.
         steps: Of the reduction, taken so far.
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
         state: The worst seen.
@@ -67,12 +76,15 @@ class Watch:
         "_position",
         "_settings",
         "_since_turn",
+        "_size",
         "_ticks",
+        "_turned_at",
         "_wait",
         "acted",
         "amplitude",
         "current",
         "damping_share",
+        "damps",
         "failed",
         "first_alarm_s",
         "frequency_hz",
@@ -86,6 +98,7 @@ class Watch:
         self._settings = settings
         self._period = settings.detector.period
         self._detector = Detector(settings.detector)
+        self._detector.balance.side = settings.side
         self._acting = ActingTorque(0.0)
         self._mean = 0.0
         self._periods = 0
@@ -95,9 +108,12 @@ class Watch:
         self._position = math.nan
         self._last_move = 0.0
         self._since_turn = 0
+        self._turned_at = 0.0
+        self._size = math.nan
         self.acted = 0.0
         self.spanned = 1
         self.share = self.damping_share = 1.0
+        self.damps = False
         self.steps = 0
         self.failed = False
         self.current = self.state = State.QUIET
@@ -107,7 +123,9 @@ class Watch:
 
     def set_age(self, age_s: float) -> None:
         """Say how old a sample is when its torque is sent [s]."""
-        self._acting.lag = (age_s + self._settings.lag) / self._period
+        lag_s = age_s + self._settings.lag
+        self._acting.lag = lag_s / self._period
+        self._detector.balance.lag = lag_s + self._settings.inserted
 
     def passed(self, periods: int) -> None:
         """A tick has come, ``periods`` after the one before."""
@@ -119,13 +137,12 @@ class Watch:
         """Keep the torque that the tick has sent [N·m]."""
         self._acting.send(torque)
 
-    def sample(self, position: float, stiffness: float, damping: float, measured: float) -> None:
+    def sample(self, position: float, law: Law, measured: float) -> None:
         """Take a new position, in the tick that ``passed`` has told of.
 
         Args:
             position: [rad]
-            stiffness: Commanded [N·m/rad].
-            damping: Commanded [N·m·s/rad].
+            law: What is rendered, for its stiffness, damping and place.
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
@@ -136,20 +153,26 @@ class Watch:
         self._mean = 0.0
         self._periods = 0
         detector = self._detector
-        detector.stiffness = stiffness
-        self._damping = damping
+        detector.stiffness = law.stiffness
+        balance = detector.balance
+        balance.virtual_damping = self._damping = law.damping + law.injected
+        balance.surface = law.position
         self.current = state = detector.update(position, torque, periods)
         if state:
             self._note(state)
-        self._follow(position, periods)
+        self._follow(position, law.position, periods)
         if detector.alarm:
             if math.isnan(self.first_alarm_s):
                 self.first_alarm_s = self._ticks * self._period
-            self._answer()
+            if not self._settings.patient or self._outgrown(position - law.position):
+                self._answer()
+        else:
+            self._size = math.nan
 
     def raise_again(self) -> None:
         """Allow all that the guard allows again, and begin to watch anew."""
         self.share = self.damping_share = 1.0
+        self.damps = False
         self.steps = 0
         self._wait = 0
         self._detector.restart()
@@ -162,21 +185,33 @@ class Watch:
             self.amplitude = amplitude
             self.frequency_hz = self._detector.frequency_hz
 
-    def _follow(self, position: float, periods: int) -> None:
-        """Know when the motion last went another way than before."""
+    def _follow(self, position: float, surface: float, periods: int) -> None:
+        """Know when, and how far from the wall, the motion last went another way than before."""
         moved = position - self._position
-        self._position = position
-        self._since_turn += periods
-        if moved:
+        if math.isnan(moved):
+            self._turned_at = abs(position - surface)
+        elif moved:
             if moved * self._last_move < 0.0:
                 self._since_turn = 0
+                self._turned_at = abs(self._position - surface)
             self._last_move = moved
+        self._position = position
+        self._since_turn += periods
+
+    def _outgrown(self, away: float) -> bool:
+        """Whether the motion goes clearly further than before the alarm."""
+        if math.isnan(self._size):
+            self._size = self._turned_at + 2.0 * self._settings.detector.position_step
+        return abs(away) > _OUTGROWN * self._size
 
     def _answer(self) -> None:
         answer = self._settings.answer
         if answer == "trip":
             self.failed = True
-        if answer != "reduce" or self._ticks < self._wait:
+        if answer != "reduce":
+            return
+        self.damps = self.steps <= _STIFFNESS_ALONE
+        if self._ticks < self._wait:
             return
         if self.share <= LEAST_SHARE:
             self.failed = True
@@ -184,6 +219,8 @@ class Watch:
         detector = self._detector
         hertz = detector.frequency_hz
         delay = self._acting.lag + self._settings.inserted / self._period
+        if self.steps and detector.growth < 0.0:
+            return  # the step before has done enough; it dies slowly
         step = softer(
             Swing(
                 growth=detector.growth,
@@ -192,13 +229,16 @@ class Watch:
                 past_s=(self._since_turn + delay) * self._period,
             ),
             self._settings.detector,
+            detector.stiffness,
             self._damping,
+            delay * self._period,
         )
         if step is None:
             return
         self.share = max(LEAST_SHARE, self.share * step)
         self.steps += 1
         if self.steps > _STIFFNESS_ALONE:
+            self.damps = False
             self.damping_share = max(LEAST_SHARE, self.damping_share * step)
         # A cycle of the softer spring: the first swing after a step is larger by what it changed.
         cycle_s = 1.0 / (hertz * math.sqrt(step)) if hertz > 0.0 else _LONGEST_S

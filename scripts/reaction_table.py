@@ -1,4 +1,4 @@
-"""Measures what reducing the wall and passivity control do to oscillations; writes docs/reaction-table.md.
+"""Measures what is done about oscillations, and writes docs/reaction-table.md.
 
     scripts/reaction_table [--out FILE] [--cases N] [--seed N]
 
@@ -9,7 +9,8 @@ beliefs; the same seed gives the same page.
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -34,6 +35,9 @@ PLANTS = {
     "Table II": (1.0, 0.1, 0.0),
 }
 QUANTISATION_SHARE = 0.1
+TORQUE_LIMITS = {
+    name: 40.0 * coulomb if coulomb else 100.0 for name, (_, _, coulomb) in PLANTS.items()
+}
 WRONG = 0.2
 """How far a belief may be from the truth"""
 CYCLES = 12
@@ -83,7 +87,7 @@ def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, float | str]]
         name = names[i % len(names)]
         m, b, c = PLANTS[name]
         delay = rng.uniform(0.0, 0.010)
-        limit = 100.0 if name == "Table II" else 40.0 * c
+        limit = TORQUE_LIMITS[name]
         ceiling = float(max_virtual_damping(m, b, PERIOD, delay))
         most = min(0.5 * ceiling, QUANTISATION_SHARE * limit * PERIOD / STEP)
         drawn.append(
@@ -132,18 +136,28 @@ def beyond_the_limit(rng: np.random.Generator, count: int) -> list[Case]:
 
 
 def below_and_above_the_peak(rng: np.random.Generator, count: int) -> list[Case]:
-    """Walls above the critical stiffness, up to twice the peak of the boundary."""
-    cases = []
+    """Walls above their critical stiffness, up to twice the peak of the boundary.
+
+    Their ``ratio`` is to the stiffness that damping makes stable at best: at the peak, and negative
+    where the encoder's counts forbid as much damping and what they allow is not enough.
+    """
+    cases: list[Case] = []
     while len(cases) < count:
         for one in _drawn(rng, count):
             m, b, delay = one["inertia"], one["damping"], one["delay"]
             limit = float(critical_stiffness(m, b, one["virtual_damping"], PERIOD, delay))
-            top = float(peak(m, b, PERIOD, delay).stiffness)
-            stiffness = math.exp(rng.uniform(math.log(1.2 * limit), math.log(2.0 * top)))
+            top = peak(m, b, PERIOD, delay)
+            counted = QUANTISATION_SHARE * one["torque_limit"] * PERIOD / STEP
+            damping = min(float(top.virtual_damping), max(counted, one["virtual_damping"]))
+            allowed = float(critical_stiffness(m, b, damping, PERIOD, delay))
+            highest = 2.0 * float(top.stiffness)
+            stiffness = math.exp(rng.uniform(math.log(1.2 * limit), math.log(highest)))
             room = 0.5 * one["torque_limit"] / stiffness
-            share = stiffness / top
+            share = stiffness / float(top.stiffness)
             if room < 10 * STEP or stiffness < 1.2 * limit or 0.9 < share < 1.1:
                 continue
+            if share < 1.0 and stiffness > 0.9 * allowed:
+                share = -share
             kicked = {**one, "kick": min(one["kick"], room)}
             cases.append(Case(**kicked, stiffness=stiffness, ratio=share, belief=_belief(rng)))
     return cases[:count]
@@ -151,6 +165,8 @@ def below_and_above_the_peak(rng: np.random.Generator, count: int) -> list[Case]
 
 def _config(case: Case, *sets: str) -> Config:
     m, b, c, d = case.belief
+    # What a count may command, of the servo's torque limit even where the case has none.
+    share = QUANTISATION_SHARE * TORQUE_LIMITS[case.plant] / case.torque_limit
     values = {
         "loop.clock": "simulated",
         "wall.side": "both",
@@ -169,6 +185,7 @@ def _config(case: Case, *sets: str) -> Config:
         "model.damping": b * case.damping,
         "model.coulomb": c * case.coulomb,
         "model.delay": d * case.delay,
+        "guard.quantisation_share": share,
     }
     texts = [f"{path}={value}" for path, value in values.items()]
     return load_config("simulated", [*texts, *sets]).config
@@ -211,8 +228,6 @@ def _play(config: Config, case: Case) -> Outcome:
 
 
 def _as_asked(decision: Decision, case: Case) -> Decision:
-    from dataclasses import replace
-
     return replace(decision, stiffness=case.stiffness, damping=case.virtual_damping)
 
 
@@ -242,6 +257,18 @@ def page(cases: int, seed: int) -> str:
     return _text(beyond, after_reduce, peaks, after_control, seed)
 
 
+def _held_between(
+    cases: list[Case], outcomes: list[Outcome], low: float, high: float
+) -> tuple[int, int]:
+    """How many of the alarmed cases in a range of ratios were held to 1.5 times, of how many."""
+    of = [
+        outcome
+        for case, outcome in zip(cases, outcomes, strict=True)
+        if low <= case.ratio < high and not math.isnan(outcome.alarm_s)
+    ]
+    return sum(o.largest <= 1.5 * max(o.at_alarm, STEP) for o in of), len(of)
+
+
 def _text(
     beyond: list[Case],
     after_reduce: list[Outcome],
@@ -253,15 +280,15 @@ def _text(
     held = [o for o in alarmed if o.largest <= 1.5 * max(o.at_alarm, STEP)]
     ended = [o for o in alarmed if o.tripped]
     worst = max((o.largest / o.at_alarm for o in alarmed), default=math.nan)
-    below = [(c, o) for c, o in zip(peaks, after_control, strict=True) if c.ratio < 1.0]
+    below = [(c, o) for c, o in zip(peaks, after_control, strict=True) if 0.0 < c.ratio < 1.0]
+    coarse = [(c, o) for c, o in zip(peaks, after_control, strict=True) if c.ratio < 0.0]
     above = [(c, o) for c, o in zip(peaks, after_control, strict=True) if c.ratio > 1.0]
     good = [
-        (c, o)
-        for c, o in below
-        if not o.tripped and not o.saturated and o.late <= 1.5 * c.kick
+        (c, o) for c, o in below if not o.tripped and not o.saturated and o.late <= 1.5 * c.kick
     ]
     small = [(c, o) for c, o in below if o.tripped and o.largest <= 1.5 * c.kick + STEP]
     tripped = [(c, o) for c, o in above if o.tripped]
+    forbidden = [(c, o) for c, o in coarse if o.tripped or o.late <= 1.5 * c.kick]
     quiet = [(c, o) for c, o in above if not o.tripped and o.late <= 1.5 * c.kick]
     lines = [
         "# What is done about an oscillation, measured",
@@ -280,13 +307,21 @@ def _text(
         f"{_share(len(alarmed), len(beyond))} |",
         f"| of these: amplitude never above 1.5 times that at the alarm | "
         f"{_share(len(held), len(alarmed))}; the worst {worst:.2f} times |",
+        *(
+            f"| of these, {low:g} to {high:g} times the limit | "
+            f"{_share(*_held_between(beyond, after_reduce, low, high))} |"
+            for low, high in pairwise((1.2, 1.5, 2.0, 3.0))
+        ),
         f"| of these: ended by a trip, since reducing did not help | "
         f"{_share(len(ended), len(alarmed))} |",
-        f"| passivity control, walls above their limit and below 0.9 of the peak of the boundary: "
-        f"at most 1.5 times the kick after five cycles, no trip, no saturation | "
+        f"| passivity control, walls above their limit and below 0.9 of what damping makes stable"
+        " (the peak of the boundary, or what a count may command): at most 1.5 times the kick after"
+        f" five cycles, no trip, no saturation | "
         f"{_share(len(good), len(below))} |",
         f"| of these walls: tripped though the amplitude stayed below 1.5 times the kick | "
         f"{_share(len(small), len(below))} |",
+        "| walls between that and the peak, where a count would command too much: a trip, or at"
+        f" most 1.5 times the kick | {_share(len(forbidden), len(coarse))} |",
         f"| walls at 1.1 to 2 times the peak: a trip | {_share(len(tripped), len(above))} |",
         f"| of these walls: no trip, at most 1.5 times the kick after five cycles | "
         f"{_share(len(quiet), len(above))} |",

@@ -46,33 +46,42 @@ def test_no_other_step_leaves_much_less_motion(growth, past):
     half_s = 0.5 / hertz
     lag = wall(stiffness, growth)
     swing = Swing(growth, hertz, 1.0, past * half_s)
-    chosen = softer(swing, SERVO, 0.0)
+    chosen = softer(swing, SERVO, stiffness, 0.0, lag - 0.5e-3)
     now = {share: largest(stiffness, lag, share, past * half_s) for share in SHARES}
     turn = {share: largest(stiffness, lag, share, half_s) for share in SHARES}
     least = min(*now.values(), *turn.values())
     left = now[chosen] if chosen is not None else min(turn.values())
     # Growth is counted as if the frequency did not change with it, and to 2 % of the best moment.
-    assert left <= 1.15 * least
+    # A step is never thought to be timed better than to 4 % of the energy.
+    assert left <= 1.2 * least
 
 
 def test_what_is_not_known_is_halved_at_once():
     unknown = DetectorSettings(1e-3)
-    assert softer(Swing(1.0, 5.0, 0.1, 0.05), unknown, 0.0) == UNKNOWN
-    assert softer(Swing(math.nan, 5.0, 0.1, 0.05), SERVO, 0.0) == UNKNOWN
-    assert softer(Swing(-1.0, 5.0, 0.1, 0.05), SERVO, 0.0) == UNKNOWN
+    assert softer(Swing(1.0, 5.0, 0.1, 0.05), unknown, 8.0, 0.0, 0.0) == UNKNOWN
+    stable = (SERVO, 8.0, 0.0, 0.0)
+    assert softer(Swing(math.nan, 5.0, 0.1, 0.05), *stable) == UNKNOWN
+    assert softer(Swing(-1.0, 5.0, 0.1, 0.05), *stable) == UNKNOWN
+
+
+def test_growth_that_is_not_seen_yet_is_what_is_believed():
+    at_turn = Swing(math.nan, 6.0, 0.05, 0.0)
+    believed = (SERVO, 17.0, 0.0, 3e-3)
+    growth = (17.0 * 3.5e-3 - B_SERVO) / (2.0 * M)
+    assert softer(at_turn, *believed) == softer(Swing(growth, 6.0, 0.05, 0.0), *believed)
 
 
 def test_friction_of_any_kind_asks_for_less():
     at_turn = Swing(2.0, 6.0, 0.05, 0.0)
-    bare = softer(at_turn, SERVO, 0.0)
-    assert softer(at_turn, SERVO, 0.05) > bare
+    bare = softer(at_turn, SERVO, 17.0, 0.0, 0.0)
+    assert softer(at_turn, SERVO, 17.0, 0.05, 0.0) > bare
     rough = DetectorSettings(1e-3, inertia=M, damping=B_SERVO, coulomb=0.1)
-    assert softer(at_turn, rough, 0.0) > bare
+    assert softer(at_turn, rough, 17.0, 0.0, 0.0) > bare
 
 
 def test_a_swing_of_any_size_gets_an_answer():
     rng = np.random.default_rng(1)
     for _ in range(1000):
         growth, hertz, amplitude, past = np.exp(rng.uniform(-12.0, 12.0, 4))
-        answer = softer(Swing(growth, hertz, amplitude, past), SERVO, 0.0)
+        answer = softer(Swing(growth, hertz, amplitude, past), SERVO, 20.0, 0.0, 1e-3)
         assert answer is None or 0.0 < answer < 1.0

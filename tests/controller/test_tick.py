@@ -80,6 +80,7 @@ class Rig:
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3)),
                 watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
+                most_injected=[0.0] * len(rungs),
                 telemetry=self.telemetry,
                 period_ns=PERIOD_NS,
                 ramp_ticks=50,

@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from controller.plan import Plan
 from controller.report import exit_status
 from controller.telemetry import Telemetry, Word
 from controller.theory import critical_stiffness, peak
+from controller.wall import Wall
 from controller.watch import LEAST_SHARE, Watch, WatchSettings
 
 BASE = (
@@ -29,6 +31,7 @@ BASE = (
 # Believed 2 ms, in truth 6: the guard allows 0.8 of 4.68, and the truth is stable up to 1.8.
 DECEIVED = ("servo.delay=0.006", "model.delay=0.002", "wall.stiffness=10")
 ALLOWED = 0.8 * 4.6788
+SPRING = Wall(1.0, 0.0, 0.0, "both")
 
 
 def play(folder, *sets, duration=8.0, telemetry=None):
@@ -129,6 +132,7 @@ class Alarmed:
     alarm = True
     frequency_hz, amplitude, growth = 5.0, 0.1, 1.0
     stiffness = math.nan
+    balance = SimpleNamespace()
 
     def update(self, *_sample):
         return self.state
@@ -148,7 +152,7 @@ def step(watch, ticks):
     """Swing at 50 Hz, so that there is a turn in every ten ticks."""
     for tick in range(ticks):
         watch.passed(1)
-        watch.sample(0.1 * math.sin(math.tau * 0.05 * tick), 1.0, 0.0, math.nan)
+        watch.sample(0.1 * math.sin(math.tau * 0.05 * tick), SPRING, math.nan)
         watch.sent(0.0)
 
 
@@ -173,11 +177,11 @@ def test_the_measured_torque_is_believed_before_the_one_sent():
     watch.passed(1)
     watch.sent(1.0)
     watch.passed(1)
-    watch.sample(0.0, 1.0, 0.0, math.nan)
+    watch.sample(0.0, SPRING, math.nan)
     assert watch.acted == pytest.approx(0.5), "two periods, the torque acted in one of them"
     assert watch.spanned == 2
     watch.passed(1)
-    watch.sample(0.0, 1.0, 0.0, -0.3)
+    watch.sample(0.0, SPRING, -0.3)
     assert watch.acted == -0.3
 
 
