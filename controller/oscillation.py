@@ -30,10 +30,10 @@ _OUTWARD = 0.4
 """Growth of the distance from the wall over two explained swings or more that is an alarm."""
 _ON = 0.6
 """Share of the mean growth that the last swing must have."""
-_BOUNCES = 6
-"""Swings from which growth counts at a wall that never pulls."""
 _LONG = ((16, 0.28), (24, 0.28))
-"""The same where the growth must be as regular as no hand's."""
+"""The same where it must be as regular as no hand's."""
+_UNPAID = ((8, 0.65), (24, 0.7))
+"""And where only the inertia fits, because delay or friction are far from what is believed."""
 _REGULAR, _REGULAR_COUNTS = 0.008, 0.2
 """Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
 counts."""
@@ -139,7 +139,7 @@ class Detector:
         self.amplitude = 0.0
         self.growth = math.nan
         self._patience = math.inf
-        self._explained = 0
+        self._explained = self._moved = 0  # swings without a break
         self._grew = (0, 0.0)  # swings outward without a break, and by how much
         self._before = None
         self._sizes.clear()
@@ -179,13 +179,16 @@ class Detector:
         if gives_out:
             self.alarm = True
             self.state = State.GROWING
+            self.growth = self.balance.growth
             if self.frequency_hz != self.frequency_hz:
                 self.frequency_hz = self.balance.natural / (2.0 * math.pi)
 
     def _swung(self, swing: Swing) -> None:
         """Take a swing into account."""
         self._patience = swing.ended + _PATIENCE * swing.duration
-        explained = self._blind or (not self._mixed and self.balance.explains(swing, self._before))
+        balance, usable = self.balance, not self._mixed
+        moved = self._blind or (usable and balance.moves_the_servo(swing))
+        explained = self._blind or (moved and balance.pays(swing, self._before))
         self._before = swing
         size = math.log(swing.amplitude)
         sizes, times = self._sizes, self._times
@@ -193,7 +196,8 @@ class Detector:
         sizes.append(size)
         times.append(swing.ended)
         if abs(change) > _SYMMETRIC:
-            explained = False
+            moved = explained = False
+        self._moved = self._moved + 1 if moved else 0
         self._explained = self._explained + 1 if explained else 0
         outward = self._outward(swing) if explained else 0.0
         self._grew = (self._grew[0] + 1, self._grew[1] + outward) if outward > 0.0 else (0, 0.0)
@@ -208,7 +212,7 @@ class Detector:
         fine = self._step / swing.amplitude
         if self.alarm:
             self._alarmed(fine)
-        elif self._regular(fine) or (not self._blind and self._grown()):
+        elif self._regular(fine) or (not (self._blind or self.balance.side) and self._grown()):
             self.alarm = True
             self._alarmed(fine)
         elif self._explained >= 2 and change < -_STEADY:
@@ -227,15 +231,13 @@ class Detector:
 
     def _grown(self) -> bool:
         swings, growth = self._grew
-        if swings >= 2 and growth > _OUTWARD and not self.balance.side:
+        if swings >= 2 and growth > _OUTWARD:
             return True
         sizes = self._sizes
         for swings, growth in _GROWN:
             if self._explained < swings:
                 return False
             first = sizes[max(-1 - swings, -len(sizes))]
-            if self.balance.side and swings < _BOUNCES:
-                continue
             grown = sizes[-1] - first
             # A motion that grows by itself grows on; a hand's has grown, and then stays.
             last = sizes[-1] - sizes[-2]
@@ -246,16 +248,29 @@ class Detector:
     def _regular(self, fine: float) -> bool:
         """Whether it grows slowly, or goes on, more regularly than a hand can."""
         allowed = _REGULAR + _REGULAR_COUNTS * fine
-        for swings, growth in _LONG:
-            if self._explained < swings:
-                return False
-            slope, scatter, _ = _line(self._sizes, swings)
-            if slope * swings > growth and scatter < allowed:
-                return True
+        if self._grows_evenly(_LONG, self._explained, allowed):
+            return True
+        if not (self._blind or self.balance.side) and (
+            self._grows_evenly(_UNPAID, self._moved, allowed)
+        ):
+            return True
         if self._explained < _KEPT:
             return False
         slope, scatter, error = _line(self._sizes, _KEPT)
         return slope > -2.0 * error - _NONE and scatter < allowed
+
+    def _grows_evenly(
+        self, rules: tuple[tuple[int, float], ...], streak: int, allowed: float
+    ) -> bool:
+        sizes = self._sizes
+        for swings, growth in rules:
+            if streak < swings:
+                return False
+            if sizes[-swings] > self._least:
+                slope, scatter, _ = _line(sizes, swings)
+                if slope * swings > growth and scatter < allowed:
+                    return True
+        return False
 
     def _alarmed(self, fine: float) -> None:
         sizes = self._sizes

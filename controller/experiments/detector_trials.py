@@ -171,17 +171,17 @@ def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTr
 def _kick_trial(
     name: str, share: float, walls: Walls, i: int, kick: float, trace: Trace, alarms: list[int]
 ) -> KickTrial:
-    size = np.abs(trace.position)
+    size, place = np.abs(trace.position), trace.position
     large = np.flatnonzero(size >= max(2.0 * kick, LEAST_KICK))
     cycle = int(2.0 * np.pi * np.sqrt(walls.inertia[i] / walls.stiffness[i]) / PERIOD) + 1
-    end, before = size[-2 * cycle :], size[-14 * cycle : -12 * cycle]
+    end, before = place[-2 * cycle :], place[-14 * cycle : -12 * cycle]
     alarm = bool(alarms)
     return KickTrial(
         name=name,
         share=share,
         undamped=bool(walls.virtual_damping[i] == 0.0),
         kick=kick,
-        lasts=bool(large.size) or bool(before.size and end.max() > 0.93 * before.max()),
+        lasts=bool(large.size) or bool(before.size and np.ptp(end) > 0.93 * np.ptp(before) > 0.0),
         alarm=alarm,
         early=alarm and not (large.size and large[0] <= alarms[0]),
         reached=float(np.max(size[: alarms[0] + 1]) / kick) if alarm else np.nan,
@@ -225,7 +225,7 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
 
 
 def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTrial]:
-    """A hand on walls at nine tenths of their limit for the largest kick; four in ten one-sided.
+    """A hand on walls at nine tenths of their limit without friction; four in ten one-sided.
 
     Args:
         count: Walls drawn; see ``kick_trials``.
@@ -236,8 +236,11 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
     random = np.random.default_rng(seed)
     walls, who = _draw(count, random)
     walls = replace(walls, one_sided=random.random(count) < 0.4)
-    drawn = _at_limit(walls, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
+    # Without Coulomb friction: the limit for the largest motion that a hand may make.
+    slippery = replace(walls, coulomb=np.zeros(count))
+    drawn = _at_limit(slippery, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
     some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
+    some = replace(some, coulomb=np.array(_PLANTS)[drawn.who, 2])
     trials = []
     for i, trace in enumerate(handled(some, hand, round(seconds / PERIOD), random)):
         _, alarms, counts = listen(some, i, trace, drawn.belief[i], once=False)
