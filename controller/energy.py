@@ -142,8 +142,8 @@ class EnergyBalance:
             left -= 0.5 * lent * speed * speed
         # Over a whole swing either term is the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
-        if left <= _CLEAR * energy + _COUNTS * self._stiffness * step * way:
-            return False
+        if not left > _CLEAR * energy + _COUNTS * self._stiffness * step * way:
+            return False  # also where the surface is not known, and so nothing of all this
         elapsed = now[1] - since[1]
         self.growth = 0.5 * (given - lost) / (energy * elapsed) if elapsed > 0.0 else math.nan
         return True

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from controller.energy import EnergyBalance
+from controller.regularity import bounces_grow, goes_on, grows_evenly
 from controller.swings import Swing, Swings
 
 _FILTER = 0.25
@@ -39,7 +40,6 @@ _REGULAR, _REGULAR_COUNTS = 0.008, 0.2
 counts."""
 _STEADY = 0.01
 """Growth per swing that is none, and the most that a sustained oscillation may lose."""
-_NONE = 5e-4
 _SHRINKS = 0.04
 """Loss per swing, over two, that ends an alarm."""
 _SYMMETRIC = 0.9
@@ -180,7 +180,7 @@ class Detector:
             self.alarm = True
             self.state = State.GROWING
             self.growth = self.balance.growth
-            if self.frequency_hz != self.frequency_hz:
+            if math.isnan(self.frequency_hz):
                 self.frequency_hz = self.balance.natural / (2.0 * math.pi)
 
     def _swung(self, swing: Swing) -> None:
@@ -247,30 +247,16 @@ class Detector:
 
     def _regular(self, fine: float) -> bool:
         """Whether it grows slowly, or goes on, more regularly than a hand can."""
+        sizes, least = self._sizes, self._least
         allowed = _REGULAR + _REGULAR_COUNTS * fine
-        if self._grows_evenly(_LONG, self._explained, allowed):
+        if self.balance.side and bounces_grow(sizes, self._explained):
             return True
-        if not (self._blind or self.balance.side) and (
-            self._grows_evenly(_UNPAID, self._moved, allowed)
-        ):
+        if grows_evenly(sizes, _LONG, self._explained, least, allowed):
             return True
-        if self._explained < _KEPT:
-            return False
-        slope, scatter, error = _line(self._sizes, _KEPT)
-        return slope > -2.0 * error - _NONE and scatter < allowed
-
-    def _grows_evenly(
-        self, rules: tuple[tuple[int, float], ...], streak: int, allowed: float
-    ) -> bool:
-        sizes = self._sizes
-        for swings, growth in rules:
-            if streak < swings:
-                return False
-            if sizes[-swings] > self._least:
-                slope, scatter, _ = _line(sizes, swings)
-                if slope * swings > growth and scatter < allowed:
-                    return True
-        return False
+        fits = not (self._blind or self.balance.side or math.isnan(self.settings.inertia))
+        if fits and grows_evenly(sizes, _UNPAID, self._moved, least, allowed):
+            return True
+        return self._explained >= _KEPT and goes_on(sizes, allowed)
 
     def _alarmed(self, fine: float) -> None:
         sizes = self._sizes
@@ -282,16 +268,3 @@ class Detector:
             self._explained = 0
         else:
             self.state = State.GROWING if change > _STEADY + fine else State.SUSTAINED
-
-
-def _line(values: deque[float], n: int) -> tuple[float, float, float]:
-    """Straight line through the last n values: slope from one to the next, scatter, slope's error.
-
-    Only at the end of a long explained streak, so that it costs nothing in most ticks.
-    """
-    last = list(values)[-n:]
-    middle, mean = 0.5 * (n - 1), sum(last) / n
-    spread = n * (n * n - 1.0) / 12.0
-    slope = sum((i - middle) * value for i, value in enumerate(last)) / spread
-    left = sum((value - mean - slope * (i - middle)) ** 2 for i, value in enumerate(last))
-    return slope, math.sqrt(left / n), math.sqrt(left / (n * spread))

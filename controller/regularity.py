@@ -1,0 +1,84 @@
+"""Whether amplitudes grow, or stay, as evenly as a loop makes them and no hand does.
+
+Amplitudes come as natural logarithms, one a swing, the last one at the end. All of it is asked only
+at the end of a streak of swings, so that it costs nothing in most ticks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import islice
+from typing import NamedTuple
+
+_NONE = 5e-4
+"""Loss per swing that is none."""
+_BOUNCES, _BOUNCED, _BACK = 12, 0.25, 0.01
+"""Swings of bouncing, the growth over them, and what a bounce may be smaller than the one before"""
+
+
+class Line(NamedTuple):
+    """A straight line through values one apart."""
+
+    slope: float
+    """From one to the next"""
+    scatter: float
+    """Root mean square of what is left"""
+    error: float
+    """Standard error of the slope"""
+
+
+def line(values: deque[float], n: int) -> Line:
+    """The straight line through the last n >= 3 values."""
+    last = list(islice(values, len(values) - n, None))
+    middle, mean = 0.5 * (n - 1), sum(last) / n
+    spread = n * (n * n - 1.0) / 12.0
+    slope = sum((i - middle) * value for i, value in enumerate(last)) / spread
+    left = sum((value - mean - slope * (i - middle)) ** 2 for i, value in enumerate(last))
+    return Line(slope, math.sqrt(left / n), math.sqrt(left / (n * spread)))
+
+
+def grows_evenly(
+    sizes: deque[float],
+    rules: tuple[tuple[int, float], ...],
+    streak: int,
+    least: float,
+    allowed: float,
+) -> bool:
+    """Whether the amplitude grows along a straight line.
+
+    Args:
+        sizes: Amplitudes.
+        rules: Numbers of swings, ascending, and the growth over so many that is enough.
+        streak: Swings that may be looked at.
+        least: Smallest amplitude from which growth is told.
+        allowed: Largest scatter.
+    """
+    for swings, growth in rules:
+        if streak < swings:
+            return False
+        if sizes[-swings] > least:
+            found = line(sizes, swings)
+            if found.slope * swings > growth and found.scatter < allowed:
+                return True
+    return False
+
+
+def goes_on(sizes: deque[float], allowed: float) -> bool:
+    """Whether all the amplitudes are the same, or grow; ``allowed``: largest scatter."""
+    found = line(sizes, len(sizes))
+    return found.slope > -2.0 * found.error - _NONE and found.scatter < allowed
+
+
+def bounces_grow(sizes: deque[float], streak: int) -> bool:
+    """Whether each bounce off a wall that never pulls is higher than the one before, or as high.
+
+    Every other swing is compared: from the turning point inside of the wall to the one outside it
+    is as far as back. The contact begins at another phase of the period each time, so that the
+    growth is not as even as that of an oscillation.
+    """
+    if streak < _BOUNCES or len(sizes) <= _BOUNCES:
+        return False
+    last = list(islice(sizes, len(sizes) - _BOUNCES - 1, None))
+    pairs = zip(last, last[2:], strict=False)
+    return last[-1] - last[0] > _BOUNCED and all(then - now > -_BACK for now, then in pairs)
