@@ -162,8 +162,8 @@ def fit_boundary(points: BoundaryPoints, loop: Loop) -> BoundaryFit:
     total = damping + helped + points.virtual_damping
     line = total / (0.5 * loop.period + points.delay + late)
     straight = np.abs(exact - line) <= _STRAIGHT * line
-    enough = np.count_nonzero(straight) >= 3
-    enough = enough and np.unique(points.virtual_damping[straight]).size >= 2
+    different = np.unique(points.virtual_damping[straight])
+    enough = np.count_nonzero(straight) >= 3 and different.size >= 2
     line_damping = line_delay = None
     if enough:
         (value, extra), own = _line(points, sigma, helped, loop.period, straight)

@@ -179,10 +179,15 @@ def _fitted(
     linear = model.linear(values, speeds)
     left = linear.left[pieces.held]
     five = [*values.tolist(), *([] if with_play else [0.0])]
+    inertia, damping, coulomb, delay, play = five
     period = float(np.median(np.diff(pieces.motion.sampled)))
     errors = [*standard_errors(linear, period), *([] if with_play else [0.0])]
     fit = Fit(
-        *five,
+        inertia,
+        damping,
+        coulomb,
+        delay,
+        play,
         stderr=tuple(
             float(np.hypot(error, share * value))
             for error, share, value in zip(errors, _SURE, five, strict=True)
