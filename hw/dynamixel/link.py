@@ -18,6 +18,7 @@ A request may ask for a wider block around the sample, of a length that no other
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Final
 
 from hw.dynamixel.codec import BROADCAST, ExpectedReply, Frame, Instruction, Parser, encode
@@ -134,9 +135,12 @@ class Link:
         if self._length:
             self._give_up(Outcome.LOST)
         if stale := self._line.read():
-            for frame in self._parser.feed(stale):
+            cut = self._parser.corrupt
+            frames = self._parser.feed(stale)
+            for frame in frames:
                 self._count_unmatched(frame)
-                self._undecided = False
+            if self._undecided:
+                self._decide(frames, self._parser.corrupt > cut)
         number = self._number
         if not wide or self._free_at.get(wide, 0) > number:
             wide = LENGTHS.start  # found in two steps while nothing goes wrong
@@ -175,10 +179,8 @@ class Link:
             found: Sample | None = None
             cut = parser.corrupt
             frames = parser.feed(data) if expected is None else (expected,)
-            if self._undecided and parser.corrupt > cut:
-                self._undecided = False
-                self.counts.lost -= 1
-                self.counts.corrupt += 1
+            if self._undecided:
+                broken += self._decide(frames, parser.corrupt > cut)
             for frame in frames:
                 sample = self._match(frame)
                 if sample is None:
@@ -247,6 +249,7 @@ class Link:
         line, parser, now_ns = self._line, self._parser, self._now_ns
         if self._length:
             self._quarantine()
+        self._undecided = False
         parser.feed(line.read())
         line.write(encode(self._id, instruction, params))
         in_time = True  # a bus without a servo may never be silent
@@ -290,6 +293,23 @@ class Link:
             counts.lost += 1
         self._quarantine()
         return Sample(outcome, 0, 0, False, self._sent_ns)
+
+    def _decide(self, frames: Sequence[Frame], cut: bool) -> bool:
+        """See what became of a reply that had begun when it was given up.
+
+        Args:
+            frames: What has become whole since: its rest came, so it was late.
+            cut: Whether another frame began instead, so it was cut short.
+
+        Returns:
+            ``cut``, which is no sign that anything else is broken.
+        """
+        if frames or cut:
+            self._undecided = False
+        if cut:
+            self.counts.lost -= 1
+            self.counts.corrupt += 1
+        return cut
 
     def _quarantine(self) -> None:
         """Stop waiting; the answer may still come, so its length is not used for a while."""

@@ -254,6 +254,45 @@ def test_silence_behind_a_reply_cut_short_is_a_loss() -> None:
     assert (bench.link.counts.lost, bench.link.counts.corrupt) == (1, 1)
 
 
+@pytest.mark.parametrize("rest_ms", [0.65, 0.95, 1.0])
+def test_a_reply_whose_rest_was_late_is_not_counted_again_with_a_later_broken_one(
+    rest_ms: float,
+) -> None:
+    """Whether its rest comes before the next request, after it, or along with its answer."""
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number == 5:
+            return [(0, reply[:9]), (round(rest_ms * MS), reply[9:])]
+        return broken(number, reply) if number == 15 else [(0, reply)]
+
+    bench = Bench(fate)
+    samples = [bench.cycle() for _ in range(30)]
+    assert [n for n, s in enumerate(samples) if s.outcome is not Outcome.OK] == [5, 15]
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (1, 1, 1)
+
+
+def test_a_reply_cut_short_is_broken_also_when_another_begins_before_the_next_request() -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, reply[:9]), (700 * US, reply)]))
+    samples = [bench.cycle() for _ in range(20)]
+    assert [n for n, s in enumerate(samples) if s.outcome is not Outcome.OK] == [5]
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (0, 1, 1)
+
+
+def test_a_reply_that_has_begun_behind_one_cut_short_is_not_broken_by_that() -> None:
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number == 5:
+            return [(0, reply[:12])]
+        return [(0, reply[:12]), (600 * US, reply[12:])] if number == 6 else [(0, reply)]
+
+    bench = Bench(fate)
+    samples = [bench.cycle() for _ in range(20)]
+    assert [s.outcome for s in samples[5:8]] == [Outcome.LOST, Outcome.LOST, Outcome.OK]
+    counts = bench.link.counts
+    assert (counts.lost, counts.late, counts.corrupt) == (1, 1, 1)
+
+
 def test_a_reply_in_two_pieces_is_a_reply() -> None:
     bench = Bench(lambda _, reply: [(0, reply[:9]), (100 * US, reply[9:])])
     samples = [bench.cycle() for _ in range(20)]
