@@ -54,6 +54,12 @@ class Knowledge:
     """From a sample to its torque acting [s]"""
     position_step: float = math.nan
     """Encoder count [rad]; 0: none"""
+    virtual_damping: float = 0.0
+    """Commanded [N·m·s/rad]"""
+    surface: float = math.nan
+    """Where the wall stands [rad]"""
+    side: int = 0
+    """0: two-sided; +1 or -1: it fills the positions above or below"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +143,10 @@ def _from_log(path: Path) -> Recording:
         coulomb=belief.coulomb.value / gain,
         lag=age + belief.delay.value,
         position_step=_count(whole.positions),
+        virtual_damping=float(np.median(rows["damping"])),
+        # An experiment's program has walls of its own, one after the other.
+        surface=math.nan if "phases" in metadata else config.wall.position,
+        side=0 if "phases" in metadata else {"above": 1, "below": -1, "both": 0}[config.wall.side],
     )
     return Recording(config.period_s, _parted(whole, config.period_s, notes), known, tuple(notes))
 

@@ -24,6 +24,9 @@ LONGER_SHARE = 1.05
 holds on a grid of its own. A request sent after giving up can then miss each tick by the time that
 it takes itself, for ever. With the one share those are phases of 0.8 to about 0.95 periods, with
 the other of 0.05 to 0.2, so that changing it leaves either."""
+DAMPS = 0.5
+"""Share of the damping that may be put in that an alarm puts in: where the wall oscillates, the
+delay may be believed too short, and then the damping's ceiling is lower than believed."""
 SURFACE = 0.003
 """Penetration at which a two-sided wall counts as untouched [rad]: two counts of 4096."""
 
@@ -247,13 +250,15 @@ class Tick:
         watch.sample(position, wall, self._measured_torque)
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
+        injected = 0.0
         if parts.passivity is not None:
             penetration = position - wall.position if contact else 0.0
-            wall.injected = parts.passivity.update(
+            injected = parts.passivity.update(
                 position, penetration, wall.stiffness, watch.acted, watch.spanned
             )
         if watch.damps:
-            wall.injected = self._most_injected
+            injected = max(injected, DAMPS * self._most_injected)
+        wall.injected = injected
 
     def _at_surface(self) -> bool:
         """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""

@@ -50,7 +50,7 @@ def command(
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
-    from controller.detection import detect
+    from controller.detection import KnownWall, detect
     from controller.oscillation import DetectorSettings
     from controller.recording import read_recording
 
@@ -88,7 +88,12 @@ def command(
             part.torques,
             settings,
             lag=lag,
-            stiffness=math.nan if part.stiffness is None else part.stiffness,
+            wall=KnownWall(
+                math.nan if part.stiffness is None else part.stiffness,
+                recording.known.virtual_damping,
+                recording.known.surface,
+                recording.known.side,
+            ),
         )
         for part in recording.parts
     ]

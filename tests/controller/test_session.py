@@ -66,7 +66,7 @@ def test_the_report_of_a_simulated_run(tmp_path):
     assert report["missed_ticks"] == 0
     assert report["rate_hz"] == pytest.approx(1000.0)
     assert report["bus"] is None
-    assert report["oscillation"] is None
+    assert report["oscillation"]["state"] == "quiet"
     delay = report["delay_s"]
     assert delay["measured"] == 0.0
     assert delay["total"] == delay["inserted"] + delay["device"]
@@ -121,7 +121,8 @@ def test_the_guard_keeps_an_absurd_wall_stable():
 def test_the_guard_can_be_wrong_when_the_belief_is():
     """Truth and belief are apart: believing too much damping commands what is unstable."""
     settings = (*LINEAR, "wall.stiffness=1e9", "servo.damping=0.001", "servo.kick=0.001")
-    _, rows = session("simulated", *settings, "model.damping=0.05", "safety.max_speed=1e6")
+    alone = ("safety.max_speed=1e6", "safety.on_oscillation=report")
+    _, rows = session("simulated", *settings, "model.damping=0.05", *alone)
     first, last = heights(rows)
     assert last > 3.0 * first
 

@@ -55,7 +55,7 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced):
     softer = np.flatnonzero(rows["stiffness"] < rows["stiffness"][0])[0]
     alarm = round(seen["first_alarm_s"] * 1e3)
     frequency = math.sqrt(ALLOWED / 0.011951) / math.tau
-    assert alarm <= softer < alarm + 0.6e3 / frequency, "at the next turn, half a cycle at most"
+    assert alarm - 1 <= softer < alarm + 0.6e3 / frequency, "at the next turn, half a cycle at most"
     assert seen["frequency_hz"] == pytest.approx(frequency, rel=0.05)
     at_alarm = np.abs(rows["position"][max(0, alarm - 250) : alarm]).max()
     assert np.abs(rows["position"]).max() < 1.5 * at_alarm

@@ -1,0 +1,91 @@
+"""``haptic-wall detect`` on logs of ours and on anybody's CSV."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from controller.cli.detect import command
+from controller.cli.main import main
+
+STEP = math.tau / 4096
+DECEIVED = (
+    "loop.clock=simulated",
+    "wall.side=both",
+    "servo.hand=none",
+    "servo.kick=0.05",
+    "servo.coulomb=0",
+    "servo.delay=0.006",
+    "model.delay=0.002",
+    "wall.damping=0",
+    "safety.on_oscillation=report",
+)
+
+
+def found(*arguments):
+    done = CliRunner().invoke(command, [*map(str, arguments), "--json"], catch_exceptions=False)
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("detect")
+    path = folder / "a.hwlog"
+    sets = [word for text in DECEIVED for word in ("--set", text)]
+    places = ["--log", str(path), "--plot", str(folder / "a.png"), "--json"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        with pytest.raises(SystemExit) as ended:
+            main(["run", "simulated", *sets, "--duration", "4", *places])
+    assert ended.value.code == 0
+    return path
+
+
+def test_a_log_says_what_the_run_saw(log, tmp_path):
+    seen = found(log, "--plot", tmp_path / "d.png")
+    assert seen["state"] == "growing"
+    assert seen["frequency_hz"] == pytest.approx(math.sqrt(3.743 / 0.011951) / math.tau, rel=0.03)
+    # K L = b + 2 m s with the true delay of 6 ms and half a period
+    growth = (3.743 * 6.5e-3 - 0.011692) / (2 * 0.011951)
+    assert seen["growth_per_s"] == pytest.approx(growth, rel=0.1)
+    assert 0.0 < seen["first_alarm_s"] < 3.0
+    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_its_csv_says_the_same(log, tmp_path):
+    csv = tmp_path / "a.csv"
+    assert main(["log", str(log), "--csv", str(csv)]) == 0
+    servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
+    seen = found(csv, *servo)
+    assert seen["state"] == "growing"
+    assert seen["frequency_hz"] == pytest.approx(2.817, rel=0.03)
+
+
+def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
+    times = np.arange(0.0, 10.0, 1e-3)
+    positions = np.round(0.1 * np.sin(math.tau * 1.3 * times) / STEP) * STEP
+    rows = [
+        f"{t!r},{x!r},{-8.0 * x!r}" for t, x in zip(times.tolist(), positions.tolist(), strict=True)
+    ]
+    path = tmp_path / "hand.csv"
+    path.write_text("\n".join(["time_s,position_rad,torque_nm", *rows]))
+    seen = found(path, "--inertia", 0.012, "--damping", 0.012, "--coulomb", 0.05)
+    assert seen["state"] == "quiet"
+    assert seen["first_alarm_s"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nofile.csv"], "LOG nofile.csv: cannot be read"),
+        (["{}", "--inertia", "0"], "--inertia: found 0, wanted a number above 0"),
+        (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0 up"),
+        (["{}", "--coulomb", "nan"], "--coulomb: found nan"),
+        (["{}", "--plot", "a.pdf"], "wanted one ending in .png"),
+    ],
+)
+def test_wrong_input_is_told_in_a_sentence(log, capsys, arguments, message):
+    assert main(["detect", *(text.format(log) for text in arguments)]) == 2
+    assert message in capsys.readouterr().err
