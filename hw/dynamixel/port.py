@@ -67,11 +67,12 @@ def open_port(path: str, baud: int) -> int:
             timeout=0,
             exclusive=True,
         )
-    except (ValueError, termios.error) as error:
-        raise BaudRefusedError(
-            f"Port {path} refuses {baud} baud ({error}): "
-            "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has."
-        ) from error
+    except termios.error as error:
+        if error.args[0] != errno.EINVAL:  # it has vanished since it was opened
+            raise _open_error(path, OSError(*error.args)) from error
+        raise _baud_error(path, baud, error) from error
+    except ValueError as error:
+        raise _baud_error(path, baud, error) from error
     except OSError as error:
         raise _open_error(path, error) from error
     try:
@@ -83,6 +84,9 @@ def open_port(path: str, baud: int) -> int:
     try:
         _wait_with_a_read_for_bytes(descriptor)
         _drain(descriptor)
+    except termios.error as error:
+        os.close(descriptor)
+        raise _open_error(path, OSError(*error.args)) from error
     except BaseException:
         os.close(descriptor)
         raise
@@ -192,6 +196,13 @@ def _is_terminal(path: str) -> bool:
         return os.isatty(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
+    return BaudRefusedError(
+        f"Port {path} refuses {baud} baud ({error}): "
+        "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has."
+    )
 
 
 def _open_error(path: str, error: OSError) -> PortError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Final
 
 from hw.dynamixel.cut import torque_off
@@ -70,7 +71,8 @@ class DynamixelServo:
         self._health = HealthWatch(self._link, model.registers, settings.baud, settings.period_s)
         self._now_ns = line.clock.now_ns
         self._watchdog_units = watchdog_units(settings)
-        self._limit = 0
+        self._most = 0.0
+        """The largest torque that is sent [N·m], a whole number of steps"""
         self._goal = 0
         self._heard_ns = 0
         """When the last request that was answered was sent [ns]"""
@@ -135,7 +137,7 @@ class DynamixelServo:
             self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
         self._called_ns = self._now_ns()
         self.facts = self._facts(ready.current_limit)
-        self._limit = self._law.goal(self.facts.torque_limit)
+        self._most = self.facts.torque_limit
         self.counts = self._link.counts = BusCounts()
         # The watchdog counts whole units, so that one of two may trip soon after the first.
         self._silence_ns = round(max(self._watchdog_units - 1, 0.75) * WATCHDOG_UNIT_NS)
@@ -259,9 +261,8 @@ class DynamixelServo:
             raise RuntimeError("a torque was written while torque is off; call start first")
         if not math.isfinite(torque):
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
-        limit = self._limit
-        goal = max(-limit, min(limit, self._law.goal(torque)))
-        self._goal = goal
+        most = self._most
+        goal = self._goal = self._law.goal(max(-most, min(most, torque)))
         return goal
 
     def torque(self, goal: int) -> float:
@@ -294,7 +295,8 @@ class DynamixelServo:
             if self._running:
                 self._running = False
                 self._silence_ns = _NEVER_NS
-                self._link.send_current(0)
+                with suppress(ServoLostError):  # torque off, which comes next, is what counts
+                    self._link.send_current(0)
             self._confirmed_off = torque_off(self._line, self._link)
         except ServoLostError:
             self._confirmed_off = False

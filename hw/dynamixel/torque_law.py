@@ -20,7 +20,7 @@ from hw.dynamixel.tables import Model
 _WHOLE = 1e-9
 """Keeps a torque of exactly so many units from losing one to rounding"""
 _HUGE = 1e9
-"""More than any limit, and still a whole number where the square of a torque is infinite"""
+"""More than any limit, and still a whole number where a ratio or its square is infinite"""
 
 
 class TorqueLaw(Protocol):
@@ -31,7 +31,7 @@ class TorqueLaw(Protocol):
         """The torque of the smallest goal, and the largest difference between neighbours [N·m]."""
 
     def goal(self, torque: float) -> int:
-        """The goal that is sent for a finite torque [N·m]."""
+        """The goal that is sent for a torque within a servo's limit [N·m]."""
 
     def within(self, torque: float) -> int:
         """The largest goal whose torque is not above this one [N·m], >= 0."""
@@ -52,7 +52,7 @@ class Proportional:
 
     def within(self, torque: float) -> int:
         """The largest that makes no more."""
-        return math.floor(torque / self.step + _WHOLE)
+        return math.floor(min(torque / self.step + _WHOLE, _HUGE))
 
     def torque(self, goal: int) -> float:
         """In proportion."""

@@ -145,7 +145,7 @@ def test_published_fast_bulk_reply():
 def test_crc_is_that_of_its_definition_bit_by_bit():
     """For any length, odd or even, and from any start: polynomial x^16 + x^15 + x^2 + 1."""
     source = random.Random(3)
-    for size in (*range(20), 127, 128, 2047):
+    for size in (*range(301), 2047):
         data, start = source.randbytes(size), source.randrange(1 << 16)
         crc = start
         for bit in (byte >> place & 1 for byte in data for place in range(7, -1, -1)):

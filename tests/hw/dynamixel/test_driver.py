@@ -39,7 +39,7 @@ def test_a_torque_acts_as_it_was_returned() -> None:
         assert bench.state.torque == pytest.approx(sent, abs=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [10.0, 1e300])
+@pytest.mark.parametrize("wanted", [10.0, 1e300, 1.7e308])
 def test_a_torque_beyond_the_limit_is_cut_to_it(wanted: float) -> None:
     bench = started(torque_limit=1.0)
     limit = math.floor(1.0 / STEP) * STEP
@@ -245,6 +245,24 @@ def test_a_vanished_port_is_a_lost_servo_and_stopping_says_so() -> None:
     assert bench.servo.stop() is False
     bench.servo.close()
     assert bench.line.closed == 1
+
+
+def test_a_zero_that_cannot_be_sent_does_not_keep_the_torque_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A port that took no byte for a moment may take the next."""
+    bench = started()
+    bench.cycle(0.5)
+    write, failures = bench.line.write, iter([True])
+
+    def failing_once(data: bytes) -> None:
+        if next(failures, False):
+            raise ServoLostError("the port has sent nothing")
+        write(data)
+
+    monkeypatch.setattr(bench.line, "write", failing_once)
+    assert bench.servo.stop() is True
+    assert bench.truth.memory["torque_enable"] == 0
 
 
 def test_a_start_that_cannot_confirm_torque_off_says_so() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import grp
 import os
@@ -22,7 +23,7 @@ from hw.clock import MonotonicClock
 from hw.dynamixel import port
 from hw.dynamixel.port import open_port
 from hw.dynamixel.serial_line import FdLine
-from hw.errors import PortBusyError, PortError, ServoLostError
+from hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
 
 EVERY_BYTE = bytes(range(256))
 
@@ -158,6 +159,28 @@ def test_an_adapter_that_makes_another_rate_is_refused(
     monkeypatch.setattr(fcntl, "ioctl", ioctl)
     with pytest.raises(PortError, match=r"gives 921600 baud where 4000000 was asked"):
         open_port(ends.path, 4_000_000)
+
+
+@pytest.mark.parametrize("step", ["tcgetattr", "tcsetattr", "tcflush"])
+@pytest.mark.parametrize("before", [0, 1, 2])
+def test_a_port_that_vanishes_while_it_is_opened_is_no_refused_rate(
+    step: str, before: int, ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After so many calls that still went well; nothing is left open."""
+    real, calls = getattr(termios, step), iter([True] * before)
+
+    def gone(*arguments: object) -> object:
+        if next(calls, False):
+            return real(*arguments)
+        raise termios.error(errno.EIO, "Input/output error")
+
+    held = len(list(Path("/proc/self/fd").iterdir()))
+    monkeypatch.setattr(termios, step, gone)
+    try:
+        os.close(open_port(ends.path, 1_000_000))
+    except PortError as error:
+        assert not isinstance(error, BaudRefusedError)
+    assert len(list(Path("/proc/self/fd").iterdir())) == held
 
 
 def test_a_missing_port_says_what_there_is() -> None:

@@ -92,6 +92,12 @@ def test_torques_below_the_first_step_are_none() -> None:
     assert rig.servo.write(1.01 * SMALLEST) == pytest.approx(SMALLEST)
 
 
+@pytest.mark.parametrize("model", ["XM430-W350", SMALL])
+def test_a_limit_beyond_all_measure_is_no_limit(model: str) -> None:
+    law = torque_law(MODELS[model], 1.0, VOLTS)
+    assert law.within(1.7e308) > MODELS[model].current_limit
+
+
 def test_a_limit_below_the_smallest_torque_is_refused() -> None:
     with pytest.raises(UnfitServoError, match=r"smallest torque of the XL330-M288 is 0\.014 N·m"):
         bench(TrueServo(inertia=INERTIA), torque_limit=0.01)
