@@ -19,7 +19,7 @@ from hw.dynamixel.codec import (
     crc16,
     decode_fast_status,
 )
-from hw.dynamixel.samples import SAMPLE
+from hw.dynamixel.samples import LENGTHS, SAMPLE
 
 _HEAD: Final = b"\xff\xff\xfd\x00\xfe"
 _HEAD_BYTES: Final = 8
@@ -70,7 +70,7 @@ def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
         size: Bytes asked of each.
     """
     length = 1 + count * (size + 4)
-    at = raw.find(_HEAD + struct.pack("<HB", length, Instruction.STATUS))
+    at = raw.find(_head(count, size))
     if at < 0:
         return Shares([], 0, False)
     reply = bytes(raw[at : at + _PREAMBLE + length])
@@ -80,6 +80,39 @@ def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
         frame = Frame(BROADCAST, Instruction.STATUS, reply[8], reply[9:-2])
         return Shares(decode_fast_status(frame, size), begun, whole)
     return Shares(_in_front(reply, size), begun, whole)
+
+
+def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]:
+    """The good shares among whatever came that nobody waits for: those of late replies, or copies.
+
+    Args:
+        raw: What came.
+        count: How many servos are asked.
+        size: Bytes asked of each, of which the first reply is awaited; 0: none is.
+    """
+    for other in LENGTHS:
+        head = _head(count, other)
+        at = raw.find(head)
+        if other == size and at >= 0:
+            at = raw.find(head, at + 1)
+        while at >= 0:
+            yield from shares(raw[at:], count, other).good
+            at = raw.find(head, at + 1)
+
+
+def joint_bytes(count: int, size: int) -> int:
+    """How long the joint reply of so many servos is, with so many bytes of each."""
+    return _HEAD_BYTES + count * (size + 4)
+
+
+def spoilt(raw: bytes | bytearray, size: int) -> int:
+    """Of how many servos the shares are in a joint reply whose head is not to be recognised."""
+    return max(0, -(-(len(raw) - _HEAD_BYTES) // (size + 4)))
+
+
+def _head(count: int, size: int) -> bytes:
+    length = 1 + count * (size + 4)
+    return _HEAD + struct.pack("<HB", length, Instruction.STATUS)
 
 
 def _in_front(reply: bytes, size: int) -> list[FastReply]:

@@ -5,7 +5,7 @@ its share to one frame, each with a checksum over all before it, so shares in fr
 are whole. Those behind it are never sent: so a servo that has not answered is asked last.
 
 Replies are matched to requests as ``link`` does it: by a length that changes, and by each servo's
-own clock.
+own clock; those that come late, or again, are counted for each whose share is whole.
 
 What a quiet bus repeats is prepared: the requests, what their joint reply must look like, and all
 but the values of the goals.
@@ -19,7 +19,7 @@ from enum import Enum
 from typing import Final
 
 from hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, SyncWrite, encode
-from hw.dynamixel.joint_reply import JointReply, shares
+from hw.dynamixel.joint_reply import JointReply, joint_bytes, shares, spoilt, strays
 from hw.dynamixel.line import Line
 from hw.dynamixel.samples import LENGTHS, QUARANTINE, SAMPLE, SAMPLE_ADDRESS, Sample, ServoClock
 from hw.dynamixel.turns import Turns
@@ -95,8 +95,7 @@ class Together:
         if self._length:
             self._close()
         if stale := self._line.read():
-            for frame in self._parser.feed(stale):
-                self._count_late(frame)
+            self._count_stale(stale)
         self._parser.reset()
         self._corrupt_before = self._parser.corrupt
         self._raw.clear()
@@ -254,10 +253,11 @@ class Together:
         """A reply of one servo."""
         if frame.instruction != Instruction.STATUS or frame.id not in self._clocks:
             return
-        if len(frame.params) == self._length:
+        refused = frame.error & 0x7F != 0  # it does not say of what, and holds nothing
+        if refused or (len(frame.params) == self._length and frame.id not in self._found):
             self._take(frame.id, frame.error, frame.params)
-        else:
-            self._count_late(frame)
+        elif len(frame.params) in LENGTHS:
+            self._count_late(frame.id)
 
     def _take(self, id_: int, error: int, data: bytes) -> None:
         """A servo's answer, if it is one and its clock agrees."""
@@ -275,6 +275,8 @@ class Together:
         """Stop waiting; the samples in the order of ids."""
         samples = []
         whole = True
+        if self._raw:
+            self._sort_out_the_rest()
         cut = bool(self._raw) or self._parser.corrupt > self._corrupt_before
         self._broken_off()
         for id_, counts in zip(self._ids, self.counts, strict=True):
@@ -295,7 +297,27 @@ class Together:
         self._length = 0
         return samples
 
-    def _count_late(self, frame: Frame) -> None:
+    def _sort_out_the_rest(self) -> None:
+        """What came beside the joint reply that was waited for, or in place of it."""
+        raw, size, count = self._raw, self._length, len(self._ids)
+        if len(self._found) == count and len(raw) == joint_bytes(count, size):
+            return
+        late = [share.id for share in strays(raw, count, size)]
+        for id_ in late:
+            self._count_late(id_)
+        if not late and not self._begun:
+            self._begun = self._order[: spoilt(raw, size)]
+
+    def _count_stale(self, data: bytes) -> None:
+        """Count what comes after it was given up."""
+        if self.way is Way.FAST:
+            for share in strays(data, len(self._ids), 0):
+                self._count_late(share.id)
+            return
+        for frame in self._parser.feed(data):
+            if frame.instruction == Instruction.STATUS and len(frame.params) in LENGTHS:
+                self._count_late(frame.id)
+
+    def _count_late(self, whose: int) -> None:
         for id_, counts in zip(self._ids, self.counts, strict=True):
-            if frame.id == id_ and len(frame.params) in LENGTHS:
-                counts.late += 1
+            counts.late += id_ == whose

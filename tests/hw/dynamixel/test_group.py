@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Instruction, Parser
+from hw.dynamixel.codec import Instruction, Parser, encode_status
 from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.memory_line import MemoryLine
 from hw.dynamixel.emulated.servo import EmulatedServo
@@ -20,6 +20,7 @@ from hw.dynamixel.together import Together, Way
 from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome, Reading
 from hw.settings import DynamixelSettings, TrueServo
+from tests.hw.dynamixel.lines import US, Fate, TroubledLine
 
 MODEL = "XM430-W350"
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
@@ -271,6 +272,63 @@ def test_a_truncated_reply_of_one_servo_is_its_own_broken_one(way: Way) -> None:
     wanted = [Outcome.OK, Outcome.CORRUPT, Outcome.OK]
     assert [sample.outcome for sample in samples] == wanted
     assert [counts.corrupt for counts in together.counts] == [0, 1, 0]
+
+
+def struck(way: Way, fate: Fate) -> tuple[list[list[Outcome]], list[tuple[int, int, int]]]:
+    """40 cycles of three servos of which one reply meets a fate, in the sixth.
+
+    Returns:
+        The outcomes of each cycle; what was counted of each servo: lost, late, corrupt.
+    """
+    bench = started(48, 48, 48)
+    struck = 5 if way is Way.FAST else 3 * 5
+    line = TroubledLine(
+        bench.line, lambda n, reply: fate(n, reply) if n == struck else [(0, reply)]
+    )
+    together = Together(line, [1, 2, 3], way)
+    outcomes = []
+    for _ in range(40):
+        begun = bench.clock.now_ns()
+        together.request()
+        outcomes.append([sample.outcome for sample in together.collect(begun + 800 * US)])
+        bench.clock.wait_until(begun + PERIOD_NS)
+    return outcomes, [(one.lost, one.late, one.corrupt) for one in together.counts]
+
+
+@pytest.mark.parametrize("way", list(Way))
+@pytest.mark.parametrize("late_us", [850, 1200, 2500])
+def test_a_late_reply_is_one_loss_and_one_late_of_each_whose_it_was(way: Way, late_us: int) -> None:
+    """Whether it comes before the next request, along with its answer, or later."""
+    outcomes, counted = struck(way, lambda _, reply: [(late_us * US, reply)])
+    hit = 3 if way is Way.FAST else 1
+    assert [sum(map(bool, row)) for row in outcomes] == [0] * 5 + [hit] + [0] * 34
+    assert counted == [(1, 1, 0)] * hit + [(0, 0, 0)] * (3 - hit)
+
+
+@pytest.mark.parametrize("way", list(Way))
+@pytest.mark.parametrize("later_us", [0, 100, 900, 1100, 2500])
+def test_a_copy_of_a_reply_costs_nothing_and_is_counted_as_late(way: Way, later_us: int) -> None:
+    outcomes, counted = struck(way, lambda _, reply: [(0, reply), (later_us * US, reply)])
+    hit = 3 if way is Way.FAST else 1
+    assert not any(any(row) for row in outcomes)
+    assert counted == [(0, 1, 0)] * hit + [(0, 0, 0)] * (3 - hit)
+
+
+@pytest.mark.parametrize("way", [Way.SYNC, Way.PLAIN])
+def test_a_refusal_is_a_broken_reply_also_among_several(way: Way) -> None:
+    outcomes, counted = struck(way, lambda _, reply: [(0, encode_status(reply[4], 3))])
+    assert outcomes[5] == [Outcome.CORRUPT, Outcome.OK, Outcome.OK]
+    assert counted == [(0, 0, 1), (0, 0, 0), (0, 0, 0)]
+
+
+@pytest.mark.parametrize("at", range(8))
+def test_a_joint_reply_with_a_broken_head_is_broken_and_not_lost(at: int) -> None:
+    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [(0, reply[:at] + bytes([reply[at] ^ 0x40]) + reply[at + 1 :])]
+
+    outcomes, counted = struck(Way.FAST, fate)
+    assert [row != [Outcome.OK] * 3 for row in outcomes] == [n == 5 for n in range(40)]
+    assert counted == [(0, 0, 1)] * 3
 
 
 def test_lengths_alternate_between_two_as_long_as_nothing_is_lost() -> None:
