@@ -333,7 +333,7 @@ def _text(
 def main() -> None:
     """Measure, and write the page."""
     parser = page_options("reaction_table", __doc__, "reaction-table.md")
-    parser.add_argument("--cases", type=int, default=1000, help="walls of each kind")
+    parser.add_argument("--cases", type=int, default=300, help="walls of each kind")
     parser.add_argument("--seed", type=int, default=1, help="of what is drawn")
     given = parser.parse_args()
     say_time(given.cases * 2 * CASE_S / (os.cpu_count() or 1) + 60)
