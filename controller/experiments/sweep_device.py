@@ -10,7 +10,11 @@ from controller.config import Config
 from controller.errors import UserError
 from controller.theory import critical_stiffness, linear_limit, max_virtual_damping
 from controller.theory.checks import FloatArray
+from controller.theory.exact import critical_point
 from controller.theory.friction import onset_amplitude
+
+_DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
+"""What friction may act as, in shares of the damping that the limit without it stands for"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,3 +108,30 @@ class Device:
         exact = self.exact(virtual_damping, delay)
         softer = np.sqrt(np.minimum(stiffness / max(exact, 1e-300), 1.0))
         return np.asarray(found.amplitude), np.asarray(found.frequency) * softer
+
+    def onsets(
+        self, virtual_damping: float, delay: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Stiffness from the limit without friction upward, onset amplitude, frequency.
+
+        The same as ``onset``, the other way round and much quicker: what friction acts as at an
+        amplitude is a damping, and each damping has its limit, so that nothing is solved for.
+
+        Args:
+            virtual_damping: One at which some stiffness is stable [N·m·s/rad].
+            delay: Believed total [s].
+
+        Returns:
+            Three arrays of one shape [N·m/rad], [rad], [Hz]; the first amplitude is inf.
+
+        Source: describing function of Coulomb friction, 4 c/(pi A w).
+        """
+        scale = self.exact(virtual_damping, delay) * (0.5 * self.period + delay)
+        extra = scale * _DAMPINGS
+        damping = self.damping + extra
+        loop = (self.inertia, damping, virtual_damping, self.period, delay)
+        found = critical_point(*loop, self.velocity_samples)
+        frequency = np.asarray(found.frequency)
+        amplitude = np.full(extra.size, np.inf)
+        amplitude[1:] = 2.0 * self.coulomb / (np.pi**2 * extra[1:] * frequency[1:])
+        return np.asarray(found.stiffness), amplitude, frequency

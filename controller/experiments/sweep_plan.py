@@ -87,10 +87,7 @@ def reach(device: Device, setting: Setting, delay: float, kick: float | None) ->
         kick: Asked for [rad]; None: the largest up to ``KICK`` that leaves the torque room.
     """
     damping = setting.virtual_damping
-    exact = device.exact(damping, delay)
-    stiffness = exact * np.geomspace(1.0, 1000.0, 400)
-    amplitude, frequency = device.onset(stiffness, damping, delay)
-    amplitude[0] = np.inf
+    stiffness, amplitude, frequency = device.onsets(damping, delay)
     speed_share = 2.0 * np.pi * frequency
     torque = np.hypot(stiffness, damping * speed_share)
     if kick is None:
@@ -104,9 +101,10 @@ def reach(device: Device, setting: Setting, delay: float, kick: float | None) ->
         )
         kick = float(kicks[room[0]] if room.size else kicks[-1])
     predicted = _balanced(stiffness, amplitude, kick)
-    softer = np.concatenate([exact * np.geomspace(1e-3, 1.0, 200, endpoint=False), stiffness])
-    _, frequency = device.onset(softer, damping, delay)
-    speed_share = 2.0 * np.pi * frequency
+    below = np.geomspace(1e-3, 1.0, 200, endpoint=False)
+    softer = np.concatenate([stiffness[0] * below, stiffness])
+    # Below the limit a spring and a mass, about.
+    speed_share = np.concatenate([speed_share[0] * np.sqrt(below), speed_share])
     torque = np.hypot(softer, damping * speed_share) * kick * _ROOM
     by_torque = torque <= device.torque_limit
     by_speed = speed_share * kick * _ROOM <= device.max_speed

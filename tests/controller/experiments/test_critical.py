@@ -93,6 +93,18 @@ def test_three_trips_give_a_point_up(tmp_path):
     assert found.reason.startswith("given up after 3 trips: trip:overspeed at ")
 
 
+@pytest.mark.parametrize("damping", [-0.005, 0.02, 3.0])
+def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping):
+    device = Device.of(config())
+    stiffness, amplitude, frequency = device.onsets(damping, 2e-3)
+    some = slice(1, None, 60)
+    solved, at = device.onset(stiffness[some], damping, 2e-3)
+    assert amplitude[some] == pytest.approx(solved, rel=1e-6)
+    assert frequency[some] == pytest.approx(at, rel=1e-6)
+    assert stiffness[0] == pytest.approx(device.exact(damping, 2e-3))
+    assert stiffness[-1] > 1000.0 * stiffness[0]
+
+
 def test_the_soft_spring_is_stable_in_the_worst_corner():
     effective = config(
         "model.inertia={value: 0.012, low: 0.008, high: 0.018}",
