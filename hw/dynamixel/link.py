@@ -60,7 +60,7 @@ class Link:
         self._now_ns = line.clock.now_ns
         self._id = servo_id
         self._baud = baud
-        self._parser = Parser()
+        self._parser = Parser(joint=False)
         self._requests = {
             length: encode(servo_id, Instruction.READ, struct.pack("<HH", SAMPLE_ADDRESS, length))
             for length in LENGTHS

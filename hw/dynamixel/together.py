@@ -60,7 +60,7 @@ class Together:
         self._line = line
         self._now_ns = line.clock.now_ns
         self._ids = tuple(ids)
-        self._parser = Parser()
+        self._parser = Parser(joint=False)
         self._clocks = {id_: ServoClock() for id_ in ids}
         self._turns = Turns(ids)
         self._order = self._ids

@@ -23,9 +23,11 @@ class Parser:
     headers may be data, as soon as a frame behind it is whole.
     """
 
-    __slots__ = ("_buffer", "_report_crc", "_skipping", "_unstuffed", "corrupt")
+    __slots__ = ("_buffer", "_joint", "_report_crc", "_skipping", "_unstuffed", "corrupt")
 
-    def __init__(self, *, report_crc: bool = False, unstuffed: bool = False) -> None:
+    def __init__(
+        self, *, report_crc: bool = False, unstuffed: bool = False, joint: bool = True
+    ) -> None:
         """Start with nothing received.
 
         Args:
@@ -33,10 +35,13 @@ class Parser:
                 and no parameters (a servo answers those).
             unstuffed: Take a header inside of a frame for data if that makes the frame's CRC right
                 (a servo counts bytes; some hosts do not stuff).
+            joint: Wait for the rest of a fast read's reply although it holds a header. Where nobody
+                asks for such, only noise begins like one, and would swallow the replies behind it.
         """
         self._buffer = bytearray()
         self._report_crc = report_crc
         self._unstuffed = unstuffed
+        self._joint = joint
         self._skipping = False
         self.corrupt = 0
         """Frames with a wrong CRC, frames cut short, and runs of bytes that belong to none."""
@@ -118,11 +123,13 @@ class Parser:
         buffer = self._buffer
         if self._unstuffed:
             return self._whole_frame_behind(start, seen)
-        if len(buffer) > start + PREAMBLE and (
-            buffer[start + 4] == BROADCAST and buffer[start + 7] == Instruction.STATUS
-        ):
-            return False
-        return buffer.find(HEADER, start + len(HEADER)) >= 0
+        joint = (
+            self._joint
+            and len(buffer) > start + PREAMBLE
+            and buffer[start + 4] == BROADCAST
+            and buffer[start + 7] == Instruction.STATUS
+        )
+        return not joint and buffer.find(HEADER, start + len(HEADER)) >= 0
 
     def _whole_frame_behind(self, start: int, seen: int) -> bool:
         buffer = self._buffer

@@ -305,6 +305,17 @@ def test_noise_between_replies_is_passed_over() -> None:
     assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
 
 
+@pytest.mark.parametrize("noise", ["fffffd00fe000755", "fffffd0001000755", "fffffd0001140055"])
+@pytest.mark.parametrize("behind", [False, True])
+def test_noise_that_begins_like_a_frame_costs_one_period_at_most(noise: str, behind: bool) -> None:
+    """Also where it begins like a joint reply, which may hold headers, of 1800 bytes."""
+    made = bytes.fromhex(noise)
+    bench = Bench(only({5}, lambda _, reply: [(0, reply + made if behind else made + reply)]))
+    samples = [bench.cycle() for _ in range(20)]
+    assert [n for n, s in enumerate(samples) if s.outcome is not Outcome.OK] in ([], [5], [6])
+    assert all(is_its_own(sample) for sample in samples if sample.outcome is Outcome.OK)
+
+
 def test_a_refusal_is_no_position() -> None:
     bench = Bench(only({5}, lambda *_: [(0, encode_status(1, 3))]))
     samples = [bench.cycle() for _ in range(10)]
