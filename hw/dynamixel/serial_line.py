@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import time
@@ -71,13 +72,19 @@ class FdLine:
 
         Sleeps while the kernel can wake it in time and spins for the rest, so that it neither
         oversleeps the deadline nor keeps a core busy.
+
+        Raises:
+            ServoLostError: The line was closed.
         """
         now_ns = self.clock.now_ns
         while True:
             remaining = deadline_ns - now_ns()
             pause = max(0, remaining - _SPIN_NS) * 1e-9
-            if select.select(self._only, (), (), pause)[0]:
-                return True
+            try:
+                if select.select(self._only, (), (), pause)[0]:
+                    return True
+            except (OSError, ValueError) as error:
+                raise _lost(OSError(errno.EBADF, os.strerror(errno.EBADF))) from error
             if remaining <= 0:
                 return False
 
@@ -86,6 +93,7 @@ class FdLine:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+            self._only = (-1,)  # the number may soon be another file's
 
     def _write_rest(self, data: bytes) -> None:
         end = time.monotonic() + _WRITE_PATIENCE_S

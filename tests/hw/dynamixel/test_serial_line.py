@@ -109,6 +109,18 @@ def test_a_port_that_hangs_up_is_a_lost_servo(ends: Ends, line: FdLine) -> None:
         line.write(b"x")
 
 
+def test_a_closed_line_is_lost_and_touches_nobody_elses_file(line: FdLine) -> None:
+    line.close()
+    readable, writable = os.pipe()  # one of them has the line's old number
+    os.write(writable, b"somebody else's")
+    for use in (lambda: line.wait(0), line.read, lambda: line.write(b"x")):
+        with pytest.raises(ServoLostError):
+            use()
+    assert os.read(readable, 100) == b"somebody else's"
+    os.close(readable)
+    os.close(writable)
+
+
 def test_a_port_that_stops_sending_is_a_lost_servo(line: FdLine) -> None:
     with pytest.raises(ServoLostError, match="sent nothing"):
         line.write(bytes(1_000_000))  # nobody reads at the far end
