@@ -97,7 +97,7 @@ def command(
         stem = _stem(loaded.name)
         logs = stem if logs is None else logs
         plot_path = stem.with_suffix(".png") if plot_path is None else plot_path
-        _check_places(out, plot_path, config)
+        _check_places(out, plot_path, logs, config)
         _say(f"{loaded.name}: {about}")
         found = _moved(loaded, logs, reach)
         result |= report(found)
@@ -123,10 +123,12 @@ def _stem(name: str) -> Path:
     return stem
 
 
-def _check_places(out: Path | None, plot: Path, config: str) -> None:
+def _check_places(out: Path | None, plot: Path, logs: Path, config: str) -> None:
     """Refuse what could not be written before anything moves."""
     refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": Path(config), "--out": out, "--plot": plot})
+    if logs.exists() and not logs.is_dir():
+        raise UserError(f"--logs {logs}: found a file, wanted a folder; name another place")
     for option, path in (("--out", out), ("--plot", plot)):
         if path is None:
             continue

@@ -175,7 +175,8 @@ def _announce(
         hint = ""
         if config.servo.kind == "simulated":
             hint = "; --set loop.clock=simulated does the same in seconds"
-        _say(f"{len(left)} points, {_span(expected_s(config, left, options))} in real time{hint}")
+        points = "1 point" if len(left) == 1 else f"{len(left)} points"
+        _say(f"{points}, {_span(expected_s(config, left, options))} in real time{hint}")
     if config.servo.kind == "hardware":
         far = excursion(config, left, options)
         _say(

@@ -137,7 +137,8 @@ def identify(
     raw = config.model_dump(mode="json")
     if config.servo.kind != "hardware":
         raw["servo"]["hand"] = "none"
-    bench = Bench(Testbed(Config.model_validate(raw), folder, tell), bounds, tell)
+    bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
+    bench = Bench(bed, bounds, tell)
     guess = bench.find_moving_torque(_believed(config))
     played, fit = bench.fitted("gentle", guess, GENTLE * reach)
     _unlike(played, fit, bounds)

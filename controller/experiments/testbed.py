@@ -68,6 +68,7 @@ class Testbed:
         folder: Where the logs go; made if need be.
         tell: Called with what a person should know meanwhile.
         witness: The emulated bus keeps its record of each run beside the log.
+        option: Which names the folder, for the message where it cannot be made.
 
     Attributes:
         config: As it is run.
@@ -85,6 +86,7 @@ class Testbed:
         folder: Path,
         tell: Callable[[str], None] = lambda _text: None,
         witness: bool = False,
+        option: str = "--out",
     ) -> None:
         raw = config.model_dump(mode="json")
         raw["guard"]["mode"] = "off"
@@ -97,7 +99,8 @@ class Testbed:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(
-                f"--out {folder}: the folder cannot be made ({error.strerror}); name another place"
+                f"{option} {folder}: the folder cannot be made ({error.strerror}); name another"
+                " place"
             ) from error
 
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:

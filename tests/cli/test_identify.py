@@ -89,6 +89,7 @@ def test_a_blocked_servo_is_unfit(capsys):
         (["--plot=x.pdf"], "--plot x.pdf"),
         (["--from-sweep=nothing.json", "--no-motion"], "--from-sweep nothing.json"),
         (["--out=."], "--out: . is a folder"),
+        (["--logs=/dev/null"], "--logs /dev/null: found a file"),
     ],
 )
 def test_wrong_input_is_told_before_anything_moves(words, said, capsys, folder):

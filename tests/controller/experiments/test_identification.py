@@ -46,10 +46,22 @@ def far_off(found, config):
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
 
 
-def test_a_servo_with_another_truth_than_believed_is_found(tmp_path):
+def only_thorough(thorough):
+    if not thorough:
+        pytest.skip("seconds; --thorough runs it")
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory):
+    """A servo, and what is found of it."""
+    sets = ("servo.delay=0.0037", "servo.kick=0.0003", "wall.stiffness=3", "servo.hand=push")
+    config = config_of(*sets)
+    return config, identify(config, tmp_path_factory.mktemp("usual"))
+
+
+def test_a_servo_with_another_truth_than_believed_is_found(usual):
     """Two seeds of scripts/identify_check have the rest."""
-    config = config_of("servo.delay=0.0037", "servo.kick=0.0003")
-    found = identify(config, tmp_path)
+    config, found = usual
     for name, true in zip(NAMES[:3], truth(config)[:3], strict=True):
         assert getattr(found, name).value == pytest.approx(true, rel=0.05)
     assert found.delay.value == pytest.approx(0.0037, abs=1e-4)
@@ -64,8 +76,10 @@ def test_a_servo_with_another_truth_than_believed_is_found(tmp_path):
 
 
 @pytest.mark.parametrize("play", [0.0005, 0.01])
-def test_play_is_seen_and_measured(tmp_path, play):
+def test_play_is_seen_and_measured(tmp_path, play, thorough):
     """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
+    if play > 0.001:
+        only_thorough(thorough)
     config = config_of("servo.delay=0.001", f"servo.backlash={play}")
     found = identify(config, tmp_path)
     assert found.backlash.value == pytest.approx(play, rel=0.2)
@@ -123,7 +137,10 @@ def test_a_reversed_torque_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("stiffness", "said"), [(0.3, "spring of 0"), (2.0, "spring|reach")])
-def test_a_spring_on_the_shaft_is_told(tmp_path, monkeypatch, stiffness, said):
+def test_a_spring_on_the_shaft_is_told(tmp_path, monkeypatch, stiffness, said, thorough):
+    if stiffness < 1.0:
+        only_thorough(thorough)
+
     def on_a_spring(state, parameters, torque, duration, pull=None, *, turns=None):
         assert pull is None
         spring = Pull(stiffness, 0.0, 0.0, 0.0)
@@ -157,9 +174,8 @@ def test_a_bus_without_a_torque_limit_is_refused():
         bounds_of(config, 0.6)
 
 
-def test_the_configuration_holds_the_truth_and_little_else(tmp_path):
-    config = config_of("servo.delay=0.0012", "wall.stiffness=3", "servo.hand=push")
-    found = identify(config, tmp_path)
+def test_the_configuration_holds_the_truth_and_little_else(usual, tmp_path):
+    config, found = usual
     path = tmp_path / "mine.yaml"
     path.write_text(identified_config(config, found, "simulated"))
     loaded = load_config(str(path)).config

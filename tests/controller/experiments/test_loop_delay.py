@@ -81,6 +81,8 @@ def test_without_friction_and_encoder_it_is_exact(tmp_path):
 
 @pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
 def test_the_standard_error_is_honest(servo, tmp_path, thorough):
+    if servo and not thorough:
+        pytest.skip("seconds; --thorough runs it")
     count = 100 if thorough else 8
     off = []
     for seed in range(count):

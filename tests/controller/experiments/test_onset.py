@@ -42,7 +42,7 @@ def test_every_cell_of_the_papers_table_within_a_thousandth():
 
 
 def test_random_two_sided_walls_are_on_the_exact_boundary(thorough):
-    *loop, samples = random_loops(3, 400 if thorough else 40)
+    *loop, samples = random_loops(3, 400 if thorough else 15)
     found = simulated_critical_stiffness(*loop, velocity_samples=samples)
     # Turning points are taken from the speeds at the samples, which is not exact under friction.
     np.testing.assert_allclose(found, critical_stiffness(*loop, samples), rtol=2e-4)
