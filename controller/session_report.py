@@ -34,8 +34,8 @@ def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict
         reasons.append(
             f"an oscillation of {watch.frequency_hz:.3g} Hz was noticed after "
             f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to {100 * watch.share:.3g} % "
-            f"and the damping to {100 * watch.damping_share:.3g} % of what the guard allows, until "
-            "it is asked to raise them"
+            f"and the damping to {100 * watch.damping_share:.3g} % of what the guard allows, "
+            f"{law.injected:.3g} N·m·s/rad are put in, until it is asked to raise them"
         )
     elif stiffness < decision.stiffness:
         reasons.append(

@@ -18,7 +18,11 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from controller.loop_process import Orders
+from controller.oscillation import State as Oscillation
 from controller.plan import Ended, Plan, Tell
 from controller.processes import Child, first_line
 from controller.realtime import pick_cores
@@ -57,6 +61,7 @@ class Supervisor:
         self._tell = tell
         self._statistics = RunStatistics()
         self._counted = 0
+        self._oscillates = False
         self._warnings: list[str] = []
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
@@ -247,6 +252,24 @@ class Supervisor:
     def _count(self) -> None:
         rows, self._counted = self._telemetry.read(self._counted)
         self._statistics.add(rows)
+        if rows.size:
+            self._tell_of_oscillation(rows)
+
+    def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
+        """Say once when an oscillation is noticed, and once when it is over."""
+        oscillates = bool(np.any(rows["oscillation"] >= Oscillation.SUSTAINED))
+        if oscillates and not self._oscillates:
+            softer = (
+                f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
+                " full wall again"
+                if self._plan.config.safety.on_oscillation == "reduce" and not self._plan.program
+                else ""
+            )
+            self._tell(f"the wall oscillates by itself{softer}")
+        elif self._oscillates and not oscillates:
+            stiffness = float(rows["stiffness"][-1])
+            self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
+        self._oscillates = oscillates
 
     def _end_recorder(self, recorder: Child) -> None:
         recorder.wait(5.0)
