@@ -28,6 +28,7 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect():
         "parent": os.getpid(),
         "core": min(os.sched_getaffinity(0)),
         "duration_s": 1.0,
+        "program": [],
     }
     done = subprocess.run(
         [sys.executable, "-c", BROKEN],

@@ -90,7 +90,13 @@ def test_every_key_of_the_report_is_explained(capsys):
     assert call(words) == 0
     report = json.loads(capsys.readouterr().out)
     explained = report_keys_named()
-    groups = {"guard.requested", "guard.commanded", "guard.limit", "torque"}
+    groups = {
+        "guard.requested",
+        "guard.commanded",
+        "guard.limit",
+        "oscillation.reduced_to",
+        "torque",
+    }
     assert keys(report) - groups == explained
     page = text_of("docs/report.md")
     for name in ("name", "ok", "found", "wanted", *Setting.__slots__):
