@@ -44,6 +44,7 @@ def commissioned(tmp_path_factory):
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
         whole = steps.sweep
         patch.setattr(steps, "sweep", lambda *a, **k: whole(*a, **k, workers=1))
+        patch.setattr(steps, "BURSTS", 3)
         assert call("commission", *SIMULATED, "--out", folder) == 0
     return folder
 
