@@ -312,7 +312,7 @@ def _middle(values: Sequence[float]) -> float:
 
 def _rows_of(log: Path) -> NDArray[np.void]:
     """What a run recorded before it tripped."""
-    _, rows = read_log(log)
+    rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
     if rows.size == 0:
         return rows
     on: NDArray[np.void] = rows[(rows["flags"] & FLAG_WARM_UP) == 0]

@@ -143,8 +143,12 @@ class Testbed:
             raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
         if ended.stop_reason != "duration":
             raise ExperimentTrippedError(ended.stop_reason, explanation(ended) or "")
-        if not log.exists():
-            raise UserError(f"the log {log} could not be kept: {'; '.join(ended.warnings)}")
-        _, rows = read_log(log)
+        # Half a motion would be fitted as if it were the whole.
+        lost = [warning for warning in ended.warnings if str(log) in warning]
+        usable = log.exists() and not lost
+        rows = read_log(log)[1] if usable else np.empty(0, np.dtype([]))
+        if rows.size == 0:
+            said = "; ".join(lost or ended.warnings) or f"the log {log} holds no rows"
+            raise UserError(f"{said}, so nothing is measured from it; make room, or name a place")
         on = (rows["flags"] & FLAG_WARM_UP) == 0
         return Played(rows[on], tuple(phases), ended, log)

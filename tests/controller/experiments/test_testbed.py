@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from controller.config_load import load_config
+from controller.errors import UserError
+from controller.experiments import testbed
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from controller.program import Phase
+from controller.run import run
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
 
@@ -41,3 +46,16 @@ def test_a_trip_ends_it_by_name(tmp_path):
 def test_it_ends_with_its_last_phase(tmp_path):
     played = bed(tmp_path).play("short", [Phase(0.01), Phase(0.005)])
     assert 15 <= len(played.rows) <= 17
+
+
+def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch):
+    def full(plan, tell):
+        ended = run(plan, tell)
+        warning = f"the log {plan.log} is incomplete: No space left on device"
+        return replace(ended, warnings=(*ended.warnings, warning))
+
+    monkeypatch.setattr(testbed, "run", full)
+    config = load_config("simulated", ["loop.clock=simulated"]).config
+    with pytest.raises(UserError, match="No space left on device, so nothing is measured"):
+        Testbed(config, tmp_path).play("it", [Phase(0.05)])
+    assert (tmp_path / "it.hwlog").exists()
