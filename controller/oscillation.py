@@ -33,7 +33,7 @@ _ON = 0.6
 """Share of the mean growth that the last swing must have."""
 _LONG = ((16, 0.28), (24, 0.28))
 """The same where it must be as regular as no hand's."""
-_UNPAID = ((8, 0.65), (24, 0.7))
+_UNPAID = ((6, 0.5), (24, 0.7))
 """And where only the inertia fits, because delay or friction are far from what is believed."""
 _REGULAR, _REGULAR_COUNTS = 0.008, 0.2
 """Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
