@@ -429,7 +429,9 @@ def test_a_lifted_fault_strikes_no_more():
 
 def test_a_servo_that_is_not_there_cannot_fail():
     client = Client((X, 1), (X, 2))
-    with pytest.raises(ValueError, match="no servo on this bus has the id 7; the ids here are 1, 2"):
+    with pytest.raises(
+        ValueError, match="no servo on this bus has the id 7; the ids here are 1, 2"
+    ):
         client.inject("stuck:id=7")
     with pytest.raises(ValueError, match="id 7"):
         Client(faults=Faults(["unplug:id=7"]))
