@@ -39,6 +39,7 @@ def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) 
                 "servo.torque_limit=6",
             )
         ),
+        may_oscillate=True,
     )
     samples, torques, motion = read_witness(record)
     following = np.searchsorted(torques, samples)
@@ -85,9 +86,10 @@ def read_witness(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, 
     # The cycles begin with the first torque that is followed by others every period.
     first = torques[np.argmax(np.diff(torques, append=np.inf) < 3 * PERIOD)]
     samples = samples[(samples > first) & (samples < torques[-1])]
+    under_wall = [row for row in states if row.time_s < samples[-1]]
     motion = (
-        np.array([row.time_s for row in states]),
-        np.array([row.position_rad for row in states]),
+        np.array([row.time_s for row in under_wall]),
+        np.array([row.position_rad for row in under_wall]),
     )
     return samples, torques, motion
 
