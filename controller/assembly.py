@@ -19,7 +19,7 @@ from controller.telemetry import Telemetry
 from controller.theory import peak
 from controller.tick import TickParts
 from controller.velocity import velocity_estimator
-from controller.wall import Law, Wall
+from controller.wall import SIGNS, Law, Wall
 from controller.watch import Answer, Watch, WatchSettings
 from hw.clock import Clock
 from hw.servo import Servo
@@ -82,12 +82,12 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
             lag=belief.delay.value,
             inserted=config.delay.steps * config.period_ns * 1e-9,
             patient=law.guarded and config.wall.passivity_control,
-            side={"above": 1, "below": -1, "both": 0}[config.wall.side],
+            side=SIGNS[config.wall.side],
         )
     )
 
 
-def _most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[float]:
+def most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[float]:
     """Damping that may be added to each decision's [N·m·s/rad].
 
     Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
@@ -124,6 +124,7 @@ def tick_parts(
     telemetry: Telemetry,
     ladder: GuardLadder,
     law: Law,
+    injected: Sequence[float],
 ) -> TickParts:
     """All parts of a tick.
 
@@ -134,6 +135,7 @@ def tick_parts(
         telemetry: Where rows go.
         ladder: The guard's decisions.
         law: What is rendered.
+        injected: ``most_injected`` of the ladder.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -160,7 +162,7 @@ def tick_parts(
             if law.guarded and config.wall.passivity_control
             else None
         ),
-        most_injected=_most_injected(config, servo, ladder),
+        most_injected=injected,
         telemetry=telemetry,
         period_ns=period_ns,
         ramp_ticks=max(1, round(RAMP_S / period)),

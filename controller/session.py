@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from controller.assembly import guard_ladder, rendered, tick_parts
+from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
 from controller.config import Config
 from controller.loop import Waiter, next_deadline, waiter_for
 from controller.program import Phase
@@ -88,7 +88,9 @@ def run_session(
         # All that takes long comes before the start: a started servo wants to hear something
         # within every period of its Bus Watchdog.
         limit = servo.facts.torque_limit
-        ladder = guard_ladder(config, servo, isinstance(clock, SimulatedClock))
+        simulated = isinstance(clock, SimulatedClock)
+        ladder = guard_ladder(config, servo, simulated)
+        injected = most_injected(config, servo, ladder)
         freeze_garbage()
         prepare()
         waiter = waiter_for(clock, _spin_ns(config))
@@ -97,11 +99,12 @@ def run_session(
             checks = servo.start()
             # The servo's own Current Limit is another, or replies come later than was thought.
             if servo.facts.torque_limit != limit or servo.facts.reply_s:
-                ladder = guard_ladder(config, servo, isinstance(clock, SimulatedClock))
+                ladder = guard_ladder(config, servo, simulated)
+                injected = most_injected(config, servo, ladder)
             passed = f", {len(checks)} start-up checks passed" if checks else ""
             tell(f"{servo.facts.name}: torque is on{passed}")
         law = rendered(config, servo, program)
-        parts = tick_parts(config, clock, servo, telemetry, ladder, law)
+        parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
         watch = parts.watch
         tick = Tick(parts)
         grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)

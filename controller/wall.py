@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
+SIGNS: dict[Side, int] = {"above": 1, "below": -1, "both": 0}
+"""Into which direction the wall goes on from its surface; 0: it has none"""
 
 
 class Law(Protocol):
@@ -69,7 +71,7 @@ class Wall:
         self.damping = damping
         self.injected = 0.0
         self.position = position
-        self._sign = {"above": 1, "below": -1, "both": 0}[side]
+        self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
         self.guarded, self.phase, self.done = True, 0, False
 

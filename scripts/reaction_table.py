@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from controller.assembly import guard_ladder, rendered, tick_parts
+from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
 from controller.config import Config
 from controller.config_load import load_config
 from controller.experiments.onset import simulated_critical_stiffness
@@ -199,7 +199,8 @@ def _play(config: Config, case: Case) -> Outcome:
     allowed = guard_ladder(config, servo, simulated=True)
     decision: Decision = _as_asked(allowed.decision, case)
     ladder = GuardLadder([decision], [0], 90.0, 1000)
-    parts = tick_parts(config, clock, servo, telemetry, ladder, rendered(config, servo, ()))
+    law, injected = rendered(config, servo, ()), most_injected(config, servo, ladder)
+    parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
     tick = Tick(parts)
     tick.wall_on()
     cycle = math.tau * math.sqrt(case.inertia / case.stiffness) / PERIOD
