@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from controller.config_servo import TRUTH_FIELDS
+from controller.wall import SIGNS
 from hw.wire import cycle_s
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
 
 @_reads(*_KIND, "servo.kick", "wall.side")
 def _emulated_starts_outside(config: Config) -> Iterator[Problem]:
-    inward = {"above": 1, "below": -1, "both": 0}[config.wall.side]
+    inward = SIGNS[config.wall.side]
     kick = config.servo.kick
     if config.servo.kind == "emulated" and kick is not None and inward * kick > 0:
         yield Problem(

@@ -22,6 +22,7 @@ from controller.config import Config
 from controller.errors import LogFormatError, UserError
 from controller.logfile import SUFFIX, read_log
 from controller.telemetry import FLAG_WARM_UP
+from controller.wall import SIGNS
 from hw.servo import Outcome
 
 Floats = NDArray[np.float64]
@@ -146,7 +147,7 @@ def _from_log(path: Path) -> Recording:
         virtual_damping=float(np.median(rows["damping"])),
         # An experiment's program has walls of its own, one after the other.
         surface=math.nan if "phases" in metadata else config.wall.position,
-        side=0 if "phases" in metadata else {"above": 1, "below": -1, "both": 0}[config.wall.side],
+        side=0 if "phases" in metadata else SIGNS[config.wall.side],
     )
     return Recording(config.period_s, _parted(whole, config.period_s, notes), known, tuple(notes))
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import click
 
+from controller.cli.interrupt import INTERRUPTED
 from controller.errors import UserError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 
-TRIPPED, INTERRUPTED = 3, 130
+TRIPPED = 3
 
 
 def say(text: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
     answer,
     as_json,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from controller.experiments.boundary_fit import BoundaryPoints
     from controller.experiments.identification import Identified
 
-_INTERRUPTED = 130
 _REACH = 0.6
 
 
@@ -148,7 +148,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
         return identify(loaded.config, logs, reach, _say)
     except ExperimentInterruptedError as error:
         _say(f"{error}; nothing is identified")
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
     except ExperimentTrippedError as error:
         _say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
         sys.exit(exit_status(error.stop_reason))

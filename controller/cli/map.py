@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers
 from controller.cli.options import (
     answer,
@@ -32,7 +33,6 @@ _KICK = 0.01
 """Of a servo without friction, encoder and play, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
 _FILES = ("map.csv", "map.json", "map.png")
-_INTERRUPTED = 130
 
 
 @click.command()
@@ -108,13 +108,13 @@ def command(
             found, interrupted = stopped.partial, True
     if interrupted and not found.begun:
         click.echo("interrupted before anything was computed: nothing is written", err=True)
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
     files = _write(found, loaded.name, out)
     report = {**_report(found, loaded.name), "files": files}
     answer(as_json(report) if as_json_wanted else _text(found, files))
     if interrupted:
         click.echo("interrupted: what was done until then is kept, the rest is empty", err=True)
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
 
 
 def _prepare(out: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers
 from controller.cli.options import (
     answer,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from controller.experiments.sweep_plan import Options, Setting
     from controller.experiments.sweep_result import PointResult
 
-_INTERRUPTED = 130
 _MOST_STEPS = 1000
 
 
@@ -134,7 +134,7 @@ def command(
             f"interrupted: {len(points)} of {len(settings)} points are kept; the same command with"
             f" --out {folder} goes on"
         )
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
 
 
 def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
