@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -21,12 +21,24 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
+class Histogram:
+    """Samples to be drawn over each other."""
+
+    name: str
+    """What was measured"""
+    unit: str
+    series: Mapping[str, Sequence[float]]
+    """The samples of each that is compared, by name; at most some ten thousand"""
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """What one section found."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
     """What could not be measured, and why"""
+    histograms: tuple[Histogram, ...] = ()
 
 
 def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
