@@ -7,6 +7,7 @@ regression on smoothed data, which takes nothing on trust but the model's form.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,8 @@ from controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
 """Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""
+_STALL = 4.5
+"""Periods without a sample at which a piece ends [1]; fewer are lost replies"""
 _SMOOTH_S = 0.021
 """Window of the smoothing for the start [s]"""
 _LATEST_S = 0.03
@@ -122,8 +125,12 @@ def _cuts(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int
         if high > low:
             begins.append(int(low + np.argmax(fast[low:high])))
         at += PIECE_S
+    # What a stall has left unrecorded may have reached the servo at other times than it was sent.
+    gaps = np.diff(sampled)
+    stalls = np.flatnonzero(gaps > _STALL * np.median(gaps)) + 1
+    edges = np.unique([*begins, *stalls.tolist(), sampled.size]).tolist()
     cuts = []
-    for begin, after in zip(begins, [*begins[1:], sampled.size], strict=True):
+    for begin, after in itertools.pairwise(edges):
         moved = motion.position[begin:after]
         if after - begin >= 20 and np.ptp(moved) >= 8 * step:
             cuts.append((begin, after))

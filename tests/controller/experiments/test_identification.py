@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import yaml
 from controller.config_load import load_config
 from controller.errors import UserError
 from controller.experiments import identification
+from controller.experiments.fitting import fit_motion
 from controller.experiments.identification import (
     Estimated,
     UnidentifiableError,
@@ -14,6 +16,7 @@ from controller.experiments.identification import (
     identify,
 )
 from controller.experiments.identified_config import identified_config
+from controller.experiments.motion_model import motion_of
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from hw.mechanism import Mechanism
 from hw.plant import Pull, step
@@ -73,6 +76,19 @@ def test_a_servo_with_another_truth_than_believed_is_found(usual):
     assert all(log.exists() for log in found.logs)
     position = found.played.rows["position"]
     assert np.max(np.abs(position - position[0])) <= 0.6
+
+
+def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual):
+    """The servo went on under torques that the log does not hold, or not at their time."""
+    config, found = usual
+    rows = found.played.rows
+    stalled = np.zeros(rows.size, dtype=bool)
+    for begin in range(700, rows.size, 900):
+        stalled[begin : begin + 14] = True
+    fit = fit_motion(motion_of(rows[~stalled]), math.tau / 4096)
+    assert fit.residual == pytest.approx(found.rounding, rel=0.1)
+    for name, true, error in zip(NAMES, truth(config), fit.stderr, strict=False):
+        assert abs(getattr(fit, name) - true) < 3.5 * error + 1e-12
 
 
 @pytest.mark.parametrize("play", [0.0005, 0.01])
