@@ -252,7 +252,7 @@ class Supervisor:
     def _count(self) -> None:
         rows, self._counted = self._telemetry.read(self._counted)
         self._statistics.add(rows)
-        if rows.size:
+        if rows.size and not self._plan.program:  # an experiment makes its own of it
             self._tell_of_oscillation(rows)
 
     def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
@@ -262,7 +262,7 @@ class Supervisor:
             softer = (
                 f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
                 " full wall again"
-                if self._plan.config.safety.on_oscillation == "reduce" and not self._plan.program
+                if self._plan.config.safety.on_oscillation == "reduce"
                 else ""
             )
             self._tell(f"the wall oscillates by itself{softer}")
