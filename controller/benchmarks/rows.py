@@ -18,6 +18,10 @@ class Row:
     unit: str
     shows_not: str
     """What this figure must not be taken for"""
+    low: float | None = None
+    """Lower quartile of the rounds; None: not told"""
+    high: float | None = None
+    """Upper quartile of the rounds"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,34 @@ class Section:
     notes: tuple[str, ...] = ()
     """What could not be measured, and why"""
     histograms: tuple[Histogram, ...] = ()
+
+
+def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Row:
+    """A row of one value a round: the median, and the quartiles.
+
+    Args:
+        name: What was measured.
+        values: At least one.
+        unit: Of the values; ``1``: a ratio.
+        shows_not: What it must not be taken for.
+    """
+    if len(values) == 1:
+        return Row(name, values[0], unit, shows_not, values[0], values[0])
+    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+    return Row(name, middle, unit, shows_not, low, high)
+
+
+def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Row:
+    """Ours over theirs, round by round: what the machine does falls on both alike.
+
+    Args:
+        name: What is compared.
+        ours: A value each round.
+        theirs: Of the same rounds, not zero.
+        shows_not: What it must not be taken for.
+    """
+    each = [one / other for one, other in zip(ours, theirs, strict=True)]
+    return over_rounds(name, each, "1", shows_not)
 
 
 def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
