@@ -154,3 +154,29 @@ def test_a_log_of_a_later_version_is_refused(tmp_path):
     path.write_bytes(path.read_bytes().replace(b'"version": 1', b'"version": 9'))
     with pytest.raises(LogFormatError, match="version 9"):
         read_log(path)
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_another_writer_goes_on_where_one_was_killed(tmp_path_factory, data):
+    path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
+    begun = path.stat().st_size
+    write(path, rows(3), rows(4, 3))
+    path.write_bytes(path.read_bytes()[: data.draw(st.integers(begun, path.stat().st_size))])
+    with LogWriter.resume(path, ROW) as log:
+        assert log.rows in (0, 3, 7)
+        assert (log.last is None) == (log.rows == 0)
+        assert log.last is None or log.last["seq"] == log.rows - 1
+        log.append(rows(9 - log.rows, log.rows))
+        assert log.rows == 9
+    np.testing.assert_array_equal(read_log(path)[1], rows(9))
+
+
+def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3))
+    with pytest.raises(LogFormatError, match="other rows"):
+        LogWriter.resume(path, np.dtype([("seq", "<i8")]))
+    assert len(read_log(path)[1]) == 3, "and it is left as it was"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(LogFormatError, match="metadata"):
+        LogWriter.resume(path, ROW)
