@@ -1,0 +1,241 @@
+"""Lets a user run the wall on hardware: adapter, real-time limits, group; and takes it back.
+
+    scripts/setup-testbed [--user NAME] [--undo] [--dry-run] [--yes]
+
+Says what it will change, asks, and then does it; nothing else on the system is touched. Needs root
+for the changes (sudo), and nothing but Python's own library.
+"""
+
+import argparse
+import getpass
+import grp
+import os
+import pwd
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+GROUP = "haptic-wall"
+SERIAL_GROUPS = ("dialout", "uucp")
+"""Who may open serial ports: Debian, Ubuntu and Fedora; Arch"""
+RULES = Path("etc/udev/rules.d/99-haptic-wall.rules")
+LIMITS = Path("etc/security/limits.d/haptic-wall.conf")
+MARK = "# Written by haptic-wall's scripts/setup-testbed; --undo removes it."
+JOINED = "# joined: "
+"""Before the user and the group that this script has put the user into"""
+RULES_TEXT = f"""\
+{MARK}
+# FTDI adapters (U2D2 and most others): replies are handed on after 1 ms, not after 16.
+ACTION=="add|change", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{{latency_timer}}="1"
+# A modem manager must not talk to them: to a servo its questions are noise.
+ACTION=="add|change", SUBSYSTEM=="usb", ATTR{{idVendor}}=="0403", ENV{{ID_MM_DEVICE_IGNORE}}="1"
+# The processor may be kept from deep sleep, whose end costs tens of microseconds and more.
+KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"
+"""
+LIMITS_TEXT = f"""\
+{MARK}
+# Real-time scheduling, and memory that is never paged out, for members of the group.
+@{GROUP} - rtprio 95
+@{GROUP} - memlock unlimited
+"""
+
+
+class Refused(Exception):  # noqa: N818 - a refusal is what it is
+    """The set-up cannot be made or undone; the message says why, and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One change, in words and in deed."""
+
+    text: str
+    make: Callable[[], None]
+
+
+def command(*words: str) -> None:
+    """Run a program of the system.
+
+    Raises:
+        Refused: It is not there, or failed.
+    """
+    if shutil.which(words[0]) is None:
+        raise Refused(f"{words[0]} is not installed: wanted it for '{' '.join(words)}'")
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise Refused(f"'{' '.join(words)}' failed: {(done.stderr or done.stdout).strip()}")
+
+
+def changes(user: str, root: Path) -> list[Change]:
+    """What is missing of the set-up; who joins which group is written down before it is done."""
+    groups = _groups()
+    serial = next((name for name in SERIAL_GROUPS if name in groups), None)
+    joins = [name for name in (GROUP, serial) if name and user not in groups.get(name, ())]
+    found: list[Change] = []
+    if GROUP not in groups:
+        found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
+    earlier = [line for line in _ours(root / LIMITS) if line.startswith(JOINED)]
+    joined = [f"{JOINED}{user} {name}" for name in joins]
+    limits = "\n".join([*LIMITS_TEXT.splitlines(), *dict.fromkeys([*earlier, *joined]), ""])
+    if _ours(root / LIMITS) != limits.splitlines():
+        found.append(_writing(root / LIMITS, limits, f"rtprio 95, memlock unlimited for {GROUP}"))
+    if _ours(root / RULES) != RULES_TEXT.splitlines():
+        why = "FTDI adapters at 1 ms and left alone, the processor kept awake on request"
+        found += [_writing(root / RULES, RULES_TEXT, why), _REREAD]
+    return found + [_joining(user, name) for name in joins]
+
+
+def undoing(root: Path) -> list[Change]:
+    """What takes the set-up back; whoever was in a group before stays in it."""
+    groups = _groups()
+    found: list[Change] = []
+    for line in _ours(root / LIMITS):
+        if line.startswith(JOINED):
+            user, group = line.removeprefix(JOINED).split()
+            if user in groups.get(group, ()):
+                found.append(_leaving(user, group))
+    if GROUP in groups:
+        found.append(Change(f"remove the group {GROUP}", lambda: command("groupdel", GROUP)))
+    if _ours(root / RULES):
+        found += [_removing(root / RULES), _REREAD]
+    if _ours(root / LIMITS):  # the last, since it knows what else is to be undone
+        found.append(_removing(root / LIMITS))
+    return found
+
+
+def _groups() -> dict[str, list[str]]:
+    return {entry.gr_name: list(entry.gr_mem) for entry in grp.getgrall()}
+
+
+def _joining(user: str, group: str) -> Change:
+    return Change(
+        f"put {user} into the group {group}", lambda: command("usermod", "-aG", group, user)
+    )
+
+
+def _leaving(user: str, group: str) -> Change:
+    return Change(
+        f"take {user} out of the group {group}", lambda: command("gpasswd", "-d", user, group)
+    )
+
+
+def _writing(path: Path, text: str, why: str) -> Change:
+    def write() -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+    return Change(f"write {path}: {why}", write)
+
+
+def _removing(path: Path) -> Change:
+    return Change(f"remove {path}", path.unlink)
+
+
+def reread_rules() -> None:
+    """Apply the rules to what is plugged in; where nobody minds devices they wait for a start."""
+    if shutil.which("udevadm") is None or not Path("/run/udev/control").exists():
+        print("  udev does not run here: its rules count from its next start on")
+        return
+    command("udevadm", "control", "--reload")
+    command("udevadm", "trigger", "--subsystem-match=usb-serial", "--subsystem-match=misc")
+
+
+_REREAD = Change("have udev read its rules again", reread_rules)
+
+
+def _ours(path: Path) -> list[str]:
+    """The lines of a file that this script has written; none where there is none.
+
+    Raises:
+        Refused: It is somebody else's.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        raise Refused(f"{path} cannot be read ({error}): see to it first") from None
+    if MARK not in lines:
+        raise Refused(f"{path} is there and was not written by this script: move it away first")
+    return lines
+
+
+def _user(name: str | None) -> str:
+    """For whom: the one who called sudo, unless another is named."""
+    name = name or os.environ.get("SUDO_USER") or getpass.getuser()
+    try:
+        pwd.getpwnam(name)
+    except KeyError:
+        raise Refused(f"--user: found {name}, wanted a user of this system") from None
+    return name
+
+
+def _agreed() -> bool:
+    if not sys.stdin.isatty():
+        raise Refused("nobody is there to be asked: look with --dry-run, then call it with --yes")
+    return input("make these changes? [y/N] ").strip().lower() in ("y", "yes")
+
+
+def run(wanted: argparse.Namespace) -> None:
+    """Say, ask, do.
+
+    Raises:
+        Refused: Something is in the way.
+    """
+    planned = undoing(wanted.root) if wanted.undo else changes(_user(wanted.user), wanted.root)
+    if not planned:
+        print("nothing to undo" if wanted.undo else "nothing to do: all of it is there")
+        return
+    print("will:")
+    for change in planned:
+        print(f"  {change.text}")
+    if wanted.dry_run:
+        return
+    if os.geteuid() != 0:
+        raise Refused("only root may change this: use sudo, with the same options")
+    if not wanted.yes and not _agreed():
+        print("nothing was changed")
+        return
+    for change in planned:
+        try:
+            change.make()
+        except OSError as error:
+            raise Refused(f"could not {change.text}: {error.strerror}; call it again") from None
+        print(f"done: {change.text}")
+    if wanted.undo:
+        print("a session that is open keeps its rights until its user logs out")
+        return
+    print(
+        "log out and in again, and plug the adapter in again; then\n"
+        "  haptic-wall run simulated --set realtime.profile=strict   shows what is granted\n"
+        "  haptic-wall doctor CONFIG                                  looks at the adapter\n"
+        "  scripts/setup-testbed --undo                               takes it all back"
+    )
+
+
+def main() -> None:
+    """Read the options; one sentence where it cannot be done."""
+    parser = argparse.ArgumentParser(
+        prog="setup-testbed",
+        description="Let a user run the wall on hardware: a udev rule for the adapter's latency"
+        " timer, limits for real-time scheduling and locked memory, and the groups for both. Says"
+        " what it will change, and asks.",
+    )
+    parser.add_argument("--user", help="for whom (default: you, also under sudo)")
+    parser.add_argument("--undo", action="store_true", help="take back what it has changed")
+    parser.add_argument("--dry-run", action="store_true", help="only say what it would change")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.add_argument("--root", type=Path, default=Path("/"), help=argparse.SUPPRESS)
+    try:
+        run(parser.parse_args())
+    except Refused as refusal:
+        sys.exit(f"setup-testbed: {refusal}")
+    except (KeyboardInterrupt, EOFError):
+        print("\ninterrupted: nothing more was changed", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

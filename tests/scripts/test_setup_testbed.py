@@ -1,0 +1,120 @@
+"""The set-up of a testbed says what it will do, does just that, and takes just that back."""
+
+import getpass
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from scripts import setup_testbed
+from scripts.setup_testbed import GROUP, LIMITS, RULES
+
+ME = getpass.getuser()
+
+
+@pytest.fixture
+def system(monkeypatch, tmp_path):
+    """A system of its own: folders, groups, and programs that only change those groups."""
+    groups = {"dialout": ["somebody"]}
+    done = []
+
+    def command(*words):
+        done.append(" ".join(words))
+        match words:
+            case ("groupadd", "-r", name):
+                groups[name] = []
+            case ("groupdel", name):
+                del groups[name]
+            case ("usermod", "-aG", name, user):
+                groups[name].append(user)
+            case ("gpasswd", "-d", user, name):
+                groups[name].remove(user)
+
+    monkeypatch.setattr(setup_testbed, "command", command)
+    monkeypatch.setattr(
+        setup_testbed.grp,
+        "getgrall",
+        lambda: [SimpleNamespace(gr_name=n, gr_mem=m) for n, m in groups.items()],
+    )
+    monkeypatch.setattr("os.geteuid", lambda: 0)
+
+    def call(*options):
+        monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
+        setup_testbed.main()
+
+    return SimpleNamespace(call=call, groups=groups, done=done, root=tmp_path)
+
+
+def test_it_says_what_it_will_do_and_does_it_once(system, capsys):
+    system.call("--dry-run", f"--user={ME}")
+    said = capsys.readouterr().out
+    assert not system.done and not list(system.root.iterdir())
+    for word in (GROUP, "dialout", ME, str(RULES), str(LIMITS), "rtprio 95", "udev"):
+        assert word in said
+    system.call("--yes", f"--user={ME}")
+    assert 'ATTR{latency_timer}="1"' in (system.root / RULES).read_text()
+    limits = (system.root / LIMITS).read_text()
+    assert f"@{GROUP} - rtprio 95\n" in limits and f"@{GROUP} - memlock unlimited\n" in limits
+    assert system.groups == {"dialout": ["somebody", ME], GROUP: [ME]}
+    capsys.readouterr()
+    system.call("--yes", f"--user={ME}")
+    assert "nothing to do" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("was_in_dialout", [False, True])
+def test_undoing_leaves_what_was_there_before(system, was_in_dialout, capsys):
+    if was_in_dialout:
+        system.groups["dialout"].append(ME)
+    before = {name: list(members) for name, members in system.groups.items()}
+    system.call("--yes", f"--user={ME}")
+    system.call("--undo", "--yes")
+    assert system.groups == before
+    assert not [path for path in system.root.rglob("*") if path.is_file()]
+    capsys.readouterr()
+    system.call("--undo", "--yes")
+    assert "nothing to undo" in capsys.readouterr().out
+
+
+def test_one_that_was_broken_off_can_be_undone(system, monkeypatch):
+    """Who joins is written down before it is done."""
+    usual = setup_testbed.command
+
+    def broken(*words):
+        usual(*words)
+        if words[0] == "usermod":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(setup_testbed, "command", broken)
+    with pytest.raises(SystemExit) as ended:
+        system.call("--yes", f"--user={ME}")
+    assert ended.value.code == 130
+    monkeypatch.setattr(setup_testbed, "command", usual)
+    system.call("--undo", "--yes")
+    assert system.groups == {"dialout": ["somebody"]}
+
+
+def test_files_of_others_are_not_touched(system):
+    (system.root / RULES).parent.mkdir(parents=True)
+    (system.root / RULES).write_text("# mine\n")
+    for options in (("--yes", f"--user={ME}"), ("--undo", "--yes")):
+        with pytest.raises(SystemExit, match="not written by this script"):
+            system.call(*options)
+    assert (system.root / RULES).read_text() == "# mine\n" and not system.done
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(("--user=no-such-user",), "wanted a user"), (("--undo",), "nobody is there to be asked")],
+)
+def test_what_cannot_be_done_is_one_sentence(system, monkeypatch, options, said):
+    system.call("--yes", f"--user={ME}")
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
+    with pytest.raises(SystemExit, match=said):
+        system.call(*options)
+
+
+def test_only_root_changes_anything(system, monkeypatch):
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    with pytest.raises(SystemExit, match="sudo"):
+        system.call("--yes", f"--user={ME}")
+    assert not system.done
