@@ -33,7 +33,7 @@ class Loop(Section):
     """The fixed grid of ticks."""
 
     rate_hz: float = Field(
-        1000.0, ge=50, le=2000, description="Ticks per second", json_schema_extra={"unit": "Hz"}
+        1000.0, ge=50, le=10_000, description="Ticks per second", json_schema_extra={"unit": "Hz"}
     )
     clock: Literal["monotonic", "simulated"] = Field(
         "monotonic",

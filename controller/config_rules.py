@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from controller.config_servo import TRUTH_FIELDS
+from controller.loop import SPIN_SHARE
 from controller.wall import SIGNS
 from hw.wire import cycle_s
 
@@ -287,18 +288,15 @@ def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
 
 WARM_UP_AGES = 20
 """Readings over a bus from which its delay is known well enough to begin"""
-_SPIN_SHARE = 0.6
-"""Of a period: Linux halts a real-time process that holds its core for more than 0.95 of a second,
-and the tick's own work comes on top; the largest margin that is measured, 300 µs, fits 2 kHz"""
 
 
 @_reads("realtime.spin_us", "loop.rate_hz")
 def _spinning_leaves_time_to_sleep(config: Config) -> Iterator[Problem]:
-    spin_us, most_us = config.realtime.spin_us, _SPIN_SHARE * config.period_s * 1e6
+    spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * config.period_s * 1e6
     if spin_us is not None and spin_us > most_us * (1 + 1e-9):
         yield Problem(
             "realtime.spin_us",
-            f"found {spin_us:g} µs, wanted at most {_SPIN_SHARE:g} of a period ({most_us:g} µs at "
+            f"found {spin_us:g} µs, wanted at most {SPIN_SHARE:g} of a period ({most_us:g} µs at "
             f"loop.rate_hz {config.loop.rate_hz:g}): Linux halts a real-time process that never "
             "sleeps for 50 ms of every second",
         )

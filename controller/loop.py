@@ -9,6 +9,9 @@ from hw.clock import Clock, SimulatedClock
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
+SPIN_SHARE = 0.6
+"""Of a period, at most: Linux halts a real-time process that holds its core for more than 0.95 of
+a second, and the tick's own work comes on top."""
 
 
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, int]:
@@ -96,13 +99,16 @@ def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
 
 
-def waiter_for(clock: Clock, spin_ns: int | None) -> Waiter:
+def waiter_for(clock: Clock, spin_ns: int | None, period_ns: int) -> Waiter:
     """The waiter that suits a clock.
 
     Args:
         clock: Simulated or monotonic.
         spin_ns: Spin margin [ns]; None: measured now.
+        period_ns: Between deadlines [ns]; of it a measured margin leaves time to sleep.
     """
     if isinstance(clock, SimulatedClock):
         return ClockWaiter(clock)
-    return SpinWaiter(measured_spin_margin_ns() if spin_ns is None else spin_ns)
+    if spin_ns is None:
+        spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
+    return SpinWaiter(spin_ns)

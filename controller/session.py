@@ -93,7 +93,7 @@ def run_session(
         injected = most_injected(config, servo, ladder)
         freeze_garbage()
         prepare()
-        waiter = waiter_for(clock, _spin_ns(config))
+        waiter = waiter_for(clock, _spin_ns(config), config.period_ns)
         checks: list[Check] = []
         if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
             checks = servo.start()

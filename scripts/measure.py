@@ -3,7 +3,8 @@
     scripts/measure [--seconds S] [--rounds N] [--out FILE]
 
 Everything over the emulated bus is judged by the witness (the emulator's own record) or side by
-side with the bare loop of scripts/bare_loop.py on the same emulator, in alternating rounds.
+side with the bare loop (controller/benchmarks/bare_loop.py) on the same emulator, in alternating
+rounds.
 """
 
 import json
@@ -22,7 +23,6 @@ from hw.dynamixel.codec import Instruction
 from scripts.whole_program import (
     FORGIVING,
     PROGRAM,
-    ROOT,
     emulated_bus,
     measured_on,
     page_options,
@@ -32,7 +32,6 @@ from scripts.whole_program import (
 )
 from scripts.witnessed import witnessed
 
-BARE_LOOP = ROOT / "scripts" / "bare_loop.py"
 ON_THE_WALL = ("wall.side=both", f"wall.position={math.pi}")
 START_S, SIMULATED_S, STOPPED_S = 4, 3, 8
 """What a run takes beside its length; one on the simulated clock; one that is stopped"""
@@ -78,7 +77,7 @@ def beside_bare_loop(folder: Path, rounds: int, seconds: float) -> list[str]:
     with emulated_bus("--set", "servo.coulomb=0") as bus:
         for _ in range(rounds):
             done = subprocess.run(
-                [sys.executable, BARE_LOOP, bus.port, str(seconds)],
+                [sys.executable, "-m", "controller.benchmarks.bare_loop", bus.port, str(seconds)],
                 check=True,
                 capture_output=True,
                 text=True,

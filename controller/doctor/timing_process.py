@@ -60,7 +60,7 @@ def main() -> None:
     realtime.freeze_garbage()
     settings = realtime.apply(orders.profile, orders.priority, {orders.core})
     clock = MonotonicClock()
-    waiter = waiter_for(clock, orders.spin_ns)
+    waiter = waiter_for(clock, orders.spin_ns, orders.period_ns)
     answer: dict[str, Any] = {
         "realtime": [asdict(setting) for setting in settings],
         "lateness_ns": _wakes(waiter, orders),

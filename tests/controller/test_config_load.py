@@ -151,7 +151,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields():
     starts = [
         "--set nonsense: wanted PATH=VALUE",
         "wall.stifness (from --set): unknown; did you mean wall.stiffness?",
-        "loop.rate_hz (from --set): found 1000000.0, wanted a number from 50 to 2000 [Hz]",
+        "loop.rate_hz (from --set): found 1000000.0, wanted a number from 50 to 10000 [Hz]",
         "loop.clock (from --set): found simulated, wanted monotonic",
         "wall.side (from --set): found 'abov', wanted one of above, below, both; did you mean "
         "above?",

@@ -61,7 +61,13 @@ def test_the_margin_is_measured_within_its_bounds():
 
 
 def test_the_waiter_suits_the_clock():
-    assert isinstance(waiter_for(SimulatedClock(), None), ClockWaiter)
-    waiter = waiter_for(MonotonicClock(), 70_000)
+    assert isinstance(waiter_for(SimulatedClock(), None, 1_000_000), ClockWaiter)
+    waiter = waiter_for(MonotonicClock(), 70_000, 1_000_000)
     assert isinstance(waiter, SpinWaiter)
     assert waiter.margin_ns == 70_000
+
+
+def test_a_measured_margin_leaves_most_of_a_short_period_to_sleep():
+    waiter = waiter_for(MonotonicClock(), None, 50_000)
+    assert isinstance(waiter, SpinWaiter)
+    assert waiter.margin_ns == 30_000

@@ -1,10 +1,10 @@
-"""The yardstick: a bare, hand-written 1 kHz loop on a Dynamixel bus, with nothing of this project.
+"""The yardstick: a bare, hand-written loop on a Dynamixel bus, with nothing of this project.
 
 It reads the 16 bytes from Realtime Tick to Present Position, writes a goal current of zero, and
 counts what it missed. No wall, no guard, no checks, no log: what a loop of this kind costs at the
 least on the machine and bus it runs on. Torque stays off: goal currents have no effect.
 
-    .venv/bin/python scripts/bare_loop.py PORT [SECONDS]     one JSON object on standard output
+    python -m controller.benchmarks.bare_loop PORT [SECONDS]     one JSON object on standard output
 """
 
 import argparse
@@ -13,6 +13,7 @@ import gc
 import json
 import os
 import select
+import sys
 import time
 
 import serial
@@ -21,18 +22,18 @@ READ_16_AT_120 = bytes.fromhex("FF FF FD 00 01 07 00 02 78 00 10 00 35 5D")
 RETURN_DELAY_0 = bytes.fromhex("FF FF FD 00 01 06 00 03 09 00 00 69 63")
 GOAL_CURRENT_0 = bytes.fromhex("FF FF FD 00 FE 0A 00 83 66 00 02 00 01 00 00 15 1D")
 REPLY_BYTES = 27
-PERIOD_NS = 1_000_000
-SPIN_NS = 150_000
+SPIN_SHARE, PATIENCE_SHARE = 0.15, 0.8
+"""Of a period: before the deadline it spins instead of sleeping; so long it waits for a reply"""
 
 
 def main() -> None:
     """Run the loop and print what happened."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("port")
     parser.add_argument("seconds", type=float, nargs="?", default=10.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="ticks per second")
     wanted = parser.parse_args()
-    port, seconds = serial.Serial(wanted.port, 4_000_000, timeout=0, exclusive=True), wanted.seconds
-    descriptor = port.fileno()
+    port = serial.Serial(wanted.port, 4_000_000, timeout=0, exclusive=True)
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -40,13 +41,20 @@ def main() -> None:
     port.write(RETURN_DELAY_0)
     time.sleep(0.1)
     port.reset_input_buffer()
+    figures = loop(port.fileno(), wanted.seconds, round(1e9 / wanted.rate))
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, object]:
+    """Read and write once a period [ns], for so long [s]; counts and times of it."""
+    spin_ns, patience_ns = round(SPIN_SHARE * period_ns), round(PATIENCE_SHARE * period_ns)
     now = time.monotonic_ns
     lateness, bus, work = [], [], []
     ticks = missed = lost = late = 0
-    deadline = now() + PERIOD_NS
+    deadline = now() + period_ns
     end = deadline + int(seconds * 1e9)
     while deadline < end:
-        sleep = deadline - SPIN_NS - now()
+        sleep = deadline - spin_ns - now()
         if sleep > 0:
             time.sleep(sleep * 1e-9)
         while (woke := now()) < deadline:
@@ -56,7 +64,7 @@ def main() -> None:
         os.write(descriptor, READ_16_AT_120)
         asked = now()
         reply = b""
-        while len(reply) < REPLY_BYTES and (left := woke + 800_000 - now()) > 0:
+        while len(reply) < REPLY_BYTES and (left := woke + patience_ns - now()) > 0:
             # Sleeping, not spinning: bytes reach us through a kernel thread, which a spinning
             # real-time process on the same core would lock out.
             if select.select([descriptor], [], [], left * 1e-9)[0]:
@@ -69,17 +77,22 @@ def main() -> None:
         lateness.append(woke - deadline)
         bus.append(answered - asked)
         work.append(done - woke - (answered - asked))
-        skipped = max(0, (done - deadline) // PERIOD_NS - 1)
+        skipped = max(0, (done - deadline) // period_ns - 1)
         missed += skipped
-        deadline += (skipped + 1) * PERIOD_NS
-    figures = {"ticks": ticks, "missed_ticks": missed, "lost": lost, "late": late}
+        deadline += (skipped + 1) * period_ns
+    figures: dict[str, object] = {
+        "ticks": ticks,
+        "missed_ticks": missed,
+        "lost": lost,
+        "late": late,
+    }
     for name, values in (("lateness_us", lateness), ("bus_us", bus), ("work_us", work)):
         values.sort()
         figures[name] = {
             f"p{p}": values[min(len(values) - 1, int(len(values) * p / 100))] / 1000
             for p in (50, 99)
         }
-    print(json.dumps(figures))
+    return figures
 
 
 if __name__ == "__main__":

@@ -1,0 +1,143 @@
+"""The loops that are compared on an emulated bus: the whole program and the bare loop.
+
+Both take their turns on the one bus, on the same core and with the same scheduling; the emulated
+bus has another core where there are two.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.benchmarks.bare_loop import SPIN_SHARE
+from controller.config_load import load_config
+from controller.errors import PlatformError
+from controller.plan import Ended, Plan
+from controller.processes import Child, first_line
+from controller.realtime import pick_cores
+from controller.run import run
+
+BAUD: Final = 4_000_000
+START_S: Final = 20.0
+"""How long a child may take to start, and to end [s]"""
+FORGIVING: Final = (
+    "realtime.profile=best-effort",
+    "servo.watchdog_s=0.5",
+    "safety.heartbeat_s=2",
+    "safety.max_losses_in_row=1000",
+    "safety.max_loss=1",
+)
+"""What the machine's own stalls must not end; none of it changes what is measured"""
+AT_REST: Final = ("wall.side=both", f"wall.position={math.pi}")
+"""A two-sided wall around the place where an emulated servo stands: always in contact, and still"""
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """What one loop did."""
+
+    ticks: int
+    missed: int
+    """Whole periods skipped"""
+    lost: int
+    """Ticks without a reply in time"""
+
+
+Loop = Callable[[str, float, float], Ran]
+"""Runs on the bus at a path, for so long [s], at a rate [Hz]"""
+
+
+@contextmanager
+def emulated_bus(
+    *options: str, ids: Sequence[int] = (1,), cores: set[int] | None = None
+) -> Iterator[str]:
+    """An emulated bus in a process of its own; the path of its pseudo-terminal.
+
+    Args:
+        options: More of ``haptic-wall emulate``.
+        ids: Of its servos.
+        cores: Where it runs; None: on those that a loop leaves it.
+
+    Raises:
+        PlatformError: It did not start.
+    """
+    arguments = ["controller.cli.main", "emulate", "--die-with-parent", "--baud", str(BAUD)]
+    for i in ids:
+        arguments += ["--servo", f"XM430-W350:{i}"]
+    apart = pick_cores()[1] if cores is None else cores
+    emulator = Child("the emulated bus", [*arguments, *options], None, cores=apart)
+    try:
+        path = first_line(emulator, START_S)
+        if path is None:
+            raise PlatformError(f"{emulator.name} did not start: it {emulator.exit_text()}")
+        yield path
+    finally:
+        emulator.dismiss(START_S)
+
+
+def bare(path: str, seconds: float, rate_hz: float) -> Ran:
+    """The bare loop.
+
+    Raises:
+        PlatformError: It came to no end of its own.
+    """
+    arguments = ["controller.benchmarks.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
+    loop = Child("the bare loop", arguments, None, cores=os.sched_getaffinity(0))
+    try:
+        told = first_line(loop, seconds + START_S)
+    finally:
+        loop.dismiss(START_S)
+    if told is None:
+        raise PlatformError(f"{loop.name} told nothing: it {loop.exit_text()}")
+    figures = json.loads(told)
+    return Ran(figures["ticks"], figures["missed_ticks"], figures["lost"])
+
+
+def ours(path: str, seconds: float, rate_hz: float) -> Ran:
+    """The whole program: supervisor, loop with guard and watch, recorder.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The run ended before its time.
+    """
+    ended = wall_run(
+        "xm430-w350",
+        seconds,
+        f"servo.port={path}",
+        f"loop.rate_hz={rate_hz!r}",
+        f"realtime.spin_us={1e6 * SPIN_SHARE / rate_hz!r}",
+        *AT_REST,
+    )
+    assert ended.result is not None
+    counts = ended.result["bus"]
+    return Ran(ended.ticks, ended.missed, counts["lost"] + counts["corrupt"])
+
+
+LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
+
+
+def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
+    """One ``haptic-wall run``, its log thrown away.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The run ended before its time.
+        KeyboardInterrupt: It was interrupted.
+    """
+    loaded = load_config(preset, (*FORGIVING, *sets))
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.hwlog"
+        plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
+        ended = run(plan, lambda _text: None)
+    if ended.stop_reason == "interrupted":  # the run has taken the signal, and meant was all
+        raise KeyboardInterrupt
+    if ended.stop_reason != "duration" or ended.result is None:
+        raise PlatformError(f"a run on {preset} ended by itself ({ended.stop_reason})")
+    return ended
