@@ -1,7 +1,7 @@
 """The recorder: copies rows from shared memory into the log file, in a process of its own.
 
-It may be slow, die, or find the disk full: the loop does not notice. What could not be written
-is said when it ends.
+It may be slow, die, or find the disk full: the loop does not notice. Rows wait in the ring until
+they can be written, and another recorder goes on where a dead one ended.
 """
 
 from __future__ import annotations
@@ -12,50 +12,103 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from controller.errors import LogFormatError
 from controller.logfile import LogWriter
 from controller.realtime import die_with_parent
 from controller.telemetry import ROW, Telemetry, Word
 
 PAUSE_S = 0.25
 """How long rows gather between two blocks [s]; a power cut loses no more than that."""
+BLOCK = 4096
+"""Rows in a block at most: what has gathered while the disk was full comes in parts that fit."""
 
 
 class Recorder:
-    """Moves rows from the ring into a log.
+    """Moves rows from the ring into a log, from the log's last row on.
 
     Args:
         telemetry: Where rows come from.
         log: Where they go.
-
-    Attributes:
-        rows: Rows written.
-        unread: Rows that were overwritten before they were read.
     """
 
     def __init__(self, telemetry: Telemetry, log: LogWriter) -> None:
         self._telemetry = telemetry
         self._log = log
-        self._tail = 0
-        self.rows = 0
-        self.unread = 0
+        self._tail = 0 if log.last is None else int(log.last["seq"][0]) + 1
 
-    def drain(self) -> None:
-        """Write all rows that are there as one block.
+    def drain(self) -> bool:
+        """Write all rows that are there; whether there were any.
 
         Raises:
-            OSError: The log cannot be written; the rows stay unread.
+            OSError: The log cannot be written; what is not in it stays unread.
         """
-        rows, tail = self._telemetry.read(self._tail)
-        if rows.size == 0:
+        rows, _ = self._telemetry.read(self._tail)
+        words = self._telemetry.words
+        for start in range(0, rows.size, BLOCK):
+            block = rows[start : start + BLOCK]
+            self._log.append(block)
+            self._tail = int(block["seq"][-1]) + 1
+            words[Word.RECORDED] = self._log.rows
+            words[Word.TAIL] = self._tail
+        return rows.size > 0
+
+    def close(self) -> None:
+        """Close the log.
+
+        Raises:
+            OSError: The file system has lost something written earlier.
+        """
+        self._log.close()
+
+
+class _Attempts:
+    """Writes whenever it can, and says on standard output when it cannot, and when it can again."""
+
+    def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:
+        self._telemetry = telemetry
+        self._orders = orders
+        self._recorder: Recorder | None = None
+        self._trouble: str | None = None
+
+    def write(self) -> bool:
+        """Write what is there; whether anything was written."""
+        wrote = False
+        try:
+            if self._recorder is None:
+                self._recorder = Recorder(self._telemetry, _open(self._orders))
+            wrote = self._recorder.drain()
+            self._say(None)
+        except OSError as error:
+            self._say(error)
+        return wrote
+
+    def close(self) -> None:
+        """Close the log, if it was ever open."""
+        try:
+            if self._recorder is not None:
+                self._recorder.close()
+        except OSError as error:
+            self._say(error)
+
+    def _say(self, error: OSError | None) -> None:
+        trouble = None if error is None else f"{self._orders['log']}: {error.strerror or error}"
+        if trouble == self._trouble:
             return
-        self._log.append(rows)
-        self.rows += rows.size
-        self.unread += tail - self._tail - rows.size
-        self._tail = tail
-        self._telemetry.words[Word.TAIL] = tail
+        self._trouble = trouble
+        with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
+            os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+
+
+def _open(orders: Mapping[str, Any]) -> LogWriter:
+    path = Path(orders["log"])
+    if orders["resume"]:
+        with contextlib.suppress(LogFormatError, FileNotFoundError):  # nothing was written yet
+            return LogWriter.resume(path, ROW)
+    return LogWriter(path, orders["metadata"], ROW)
 
 
 def main() -> None:
@@ -66,28 +119,23 @@ def main() -> None:
     # Behind everything else: the kernel threads that carry the loop's bytes want this core too.
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     telemetry = Telemetry(orders["telemetry"])
+    orphaned = False
 
-    def finish(_signal: int, _frame: object) -> None:
-        telemetry.words[Word.FINISHED] = 1
+    def be_orphaned(_signal: int, _frame: object) -> None:
+        nonlocal orphaned
+        orphaned = True
 
-    signal.signal(signal.SIGUSR1, finish)
+    signal.signal(signal.SIGUSR1, be_orphaned)
     die_with_parent(orders["parent"], signal.SIGUSR1)
-    result: dict[str, Any] = {"error": None}
-    recorder = None
-    try:
-        log = LogWriter(Path(orders["log"]), orders["metadata"], ROW)
-        recorder = Recorder(telemetry, log)
-        while not telemetry.words[Word.FINISHED]:
-            time.sleep(PAUSE_S)
-            recorder.drain()
-        recorder.drain()
-        log.close()
-    except OSError as error:
-        result["error"] = f"{orders['log']}: {error.strerror or error}"
-    if recorder is not None:
-        result |= {"rows": recorder.rows, "unread": recorder.unread}
-    with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
-        os.write(sys.stdout.fileno(), (json.dumps(result) + "\n").encode())
+    attempts = _Attempts(telemetry, orders)
+    while True:
+        finished = telemetry.words[Word.FINISHED]  # looked at first: no row comes after it
+        wrote = attempts.write()
+        # Without a supervisor the loop is about to stop: until no more rows come.
+        if finished or (orphaned and not wrote):
+            break
+        time.sleep(PAUSE_S)
+    attempts.close()
 
 
 if __name__ == "__main__":

@@ -134,6 +134,7 @@ class Supervisor:
             "parent": os.getpid(),
             "log": str(self._plan.log),
             "metadata": self._plan.metadata,
+            "resume": False,
         }
         recorder = Child(
             "recorder",
@@ -274,17 +275,12 @@ class Supervisor:
     def _end_recorder(self, recorder: Child) -> None:
         recorder.wait(5.0)
         lines = recorder.lines()
-        told = json.loads(lines[-1]) if lines else {"error": f"the recorder {recorder.exit_text()}"}
-        if told.get("unread"):
+        trouble = json.loads(lines[-1])["trouble"] if lines else None
+        missing = self._words[Word.HEAD] - self._words[Word.RECORDED]
+        if missing:
+            why = trouble or f"the recorder {recorder.exit_text()}"
             self._warnings.append(
-                f"the log lacks {told['unread']} rows: the recorder did not come to read them in"
-                " time; the run was not disturbed"
-            )
-        error = told["error"]
-        if error is not None:
-            recorded = self._words[Word.TAIL]
-            self._warnings.append(
-                f"the log is incomplete ({error}): it holds the first {recorded} of"
+                f"the log is incomplete ({why}): it lacks {missing} of"
                 f" {self._words[Word.HEAD]} rows; the run was not disturbed"
             )
 

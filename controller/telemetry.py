@@ -73,7 +73,7 @@ class Word(IntEnum):
     CUT = 4
     """Not 0: the supervisor has taken the bus; never write again (supervisor)."""
     TAIL = 5
-    """Rows recorded (recorder)."""
+    """The row after the last that was recorded (recorder)."""
     FINISHED = 6
     """Not 0: no more rows will come (supervisor)."""
     TICKS = 7
@@ -82,6 +82,8 @@ class Word(IntEnum):
     """Whole periods skipped (loop)."""
     RAISE = 9
     """How often it was asked to go back to the full wall (supervisor)."""
+    RECORDED = 10
+    """Rows that the log holds (recorder)."""
 
 
 class State(IntEnum):
