@@ -99,7 +99,7 @@ def command(
 def _store(
     loaded: Loaded, config: str, out: Path | None, reach: float, fresh: bool
 ) -> CommissionStore:
-    from controller.commission.store import CONFIG, CommissionStore, fingerprint
+    from controller.commission.store import CONFIG, CommissionStore, settings_of
 
     if out is None:
         raise UserError(
@@ -107,7 +107,7 @@ def _store(
             " for example --out my-testbed"
         )
     refuse_same_file({"CONFIG": Path(config), f"--out (its {CONFIG})": out / CONFIG})
-    return CommissionStore(out, fingerprint(loaded.config, reach), loaded.name, as_json, fresh)
+    return CommissionStore(out, settings_of(loaded.config, reach), loaded.name, as_json, fresh)
 
 
 def _answer_plan(loaded: Loaded, announcement: Announcement, as_json_wanted: bool) -> None:

@@ -11,7 +11,7 @@ from controller.commission import steps
 from controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
 from controller.commission.plan import has_doctor
 from controller.commission.steps import Bench, identified
-from controller.commission.store import fingerprint
+from controller.commission.store import settings_of
 from controller.config import Config
 from controller.errors import HapticWallError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
@@ -55,7 +55,7 @@ def run_steps(bench: Bench) -> Ended:
     outcomes: dict[Step, Outcome] = {}
     config = bench.config
     for step in STEPS:
-        basis = fingerprint(config, bench.reach)
+        basis = settings_of(config, bench.reach)
         outcome = bench.store.outcomes.get(step)
         if outcome is not None and outcome.basis == basis and _is_kept(outcome, bench):
             if outcome.state == "done":

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +12,7 @@ from controller import __version__
 from controller.commission.outcome import STEPS, Outcome, Step
 from controller.config import Config
 from controller.errors import UserError
+from controller.experiments.kept_folder import fingerprint, made, replaced
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
 _FORMAT = "haptic-wall commission 1"
@@ -22,20 +21,14 @@ Encode = Callable[[Mapping[str, Any]], str]
 """One JSON object as text; what is not finite is null"""
 
 
-def fingerprint(config: Config, reach: float) -> str:
-    """Differs when anything does that the figures depend on, the program's version too.
+def settings_of(config: Config, reach: float) -> str:
+    """Fingerprint of everything that the figures depend on.
 
     Args:
         config: The effective configuration.
         reach: How far the shaft may come while it is identified [rad].
     """
-    described = {
-        "program": __version__,
-        "config": config.model_dump(mode="json"),
-        "reach": reach,
-    }
-    text = json.dumps(described, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return fingerprint({"config": config.model_dump(mode="json"), "reach": reach})
 
 
 class CommissionStore:
@@ -43,7 +36,7 @@ class CommissionStore:
 
     Args:
         folder: Made if need be.
-        asked: ``fingerprint`` of what is asked for.
+        asked: ``settings_of`` what is asked for.
         name: Of the configuration, for people.
         encode: Turns results into JSON.
         fresh: Forget what an earlier commissioning left here.
@@ -68,18 +61,9 @@ class CommissionStore:
                 f"--out {folder}: it holds a {CONFIG} that no commissioning wrote; name another"
                 " folder, so that it is not lost"
             )
-        try:
-            (folder / LOGS).mkdir(parents=True, exist_ok=True)
-            if fresh:
-                self._forget()
-        except OSError as error:
-            raise UserError(
-                f"--out {folder}: the folder cannot be used ({error.strerror}); name another place"
-            ) from error
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise UserError(
-                f"--out {folder}: found a folder without leave to write; name another place"
-            )
+        made(folder, LOGS)
+        if fresh:
+            self._forget()
         if ours and not fresh:
             self._resume()
         head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
@@ -165,6 +149,7 @@ class CommissionStore:
         return self._replace(PAGE, text)
 
     def _replace(self, name: str, text: str) -> Path:
-        part = self.folder / f"{name}.part"
-        part.write_text(text if text.endswith("\n") else f"{text}\n", encoding="utf-8")
-        return part.replace(self.folder / name)
+        path = self.folder / name
+        with replaced(path) as stream:
+            stream.write(text if text.endswith("\n") else f"{text}\n")
+        return path

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import Any
 from controller import __version__
 from controller.config import Config
 from controller.errors import UserError
+from controller.experiments.kept_folder import fingerprint, made, replaced
 from controller.experiments.sweep_plan import Options, Setting
 from controller.experiments.sweep_result import PointResult
 
@@ -32,14 +31,13 @@ class Asked:
     @property
     def fingerprint(self) -> str:
         """Differs when anything does, the program's version too."""
-        described = {
-            "program": __version__,
-            "config": self.config.model_dump(mode="json"),
-            "settings": [asdict(setting) for setting in self.settings],
-            "options": asdict(self.options),
-        }
-        text = json.dumps(described, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return fingerprint(
+            {
+                "config": self.config.model_dump(mode="json"),
+                "settings": [asdict(setting) for setting in self.settings],
+                "options": asdict(self.options),
+            }
+        )
 
 
 class SweepStore:
@@ -61,16 +59,7 @@ class SweepStore:
         self.folder = folder
         self._asked = asked
         self.done: dict[Setting, PointResult] = {}
-        try:
-            (folder / LOGS).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(
-                f"--out {folder}: the folder cannot be made ({error.strerror}); name another place"
-            ) from error
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise UserError(
-                f"--out {folder}: found a folder without leave to write; name another place"
-            )
+        made(folder, LOGS)
         path = folder / JSON
         if path.exists() and not fresh:
             self._resume(path)
@@ -152,13 +141,12 @@ class SweepStore:
             "config": self._asked.config.model_dump(mode="json"),
             "points": points,
         }
-        _replace(self.folder / JSON, json.dumps(held, indent=2, allow_nan=False) + "\n")
-        part = self.folder / f"{CSV}.part"
-        with part.open("w", newline="", encoding="utf-8") as stream:
+        with replaced(self.folder / JSON) as stream:
+            stream.write(json.dumps(held, indent=2, allow_nan=False) + "\n")
+        with replaced(self.folder / CSV) as stream:
             writer = csv.DictWriter(stream, [part.name for part in fields(PointResult)])
             writer.writeheader()
             writer.writerows({key: _cell(value) for key, value in row.items()} for row in points)
-        part.replace(self.folder / CSV)
 
 
 def _summary(asked: Asked) -> str:
@@ -171,9 +159,3 @@ def _cell(value: object) -> object:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "; ".join(map(str, value))
     return value
-
-
-def _replace(path: Path, text: str) -> None:
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)

@@ -13,7 +13,7 @@ from controller.cli.main import main
 from controller.commission import picture, plan, steps
 from controller.commission.sequence import run_steps
 from controller.commission.steps import Bench
-from controller.commission.store import CommissionStore, fingerprint
+from controller.commission.store import CommissionStore, settings_of
 from controller.config_load import load_config
 from controller.experiments.identification import UnidentifiableError
 from controller.experiments.sweep_plan import Setting
@@ -386,7 +386,7 @@ def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
     steps_taken(monkeypatch, {"nothing": None})
     monkeypatch.setattr(steps, "run_delay", looks)
     config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
-    store = CommissionStore(tmp_path, fingerprint(config, 0.6), "it", json.dumps, False)
+    store = CommissionStore(tmp_path, settings_of(config, 0.6), "it", json.dumps, False)
     assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
 
 
