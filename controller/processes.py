@@ -105,10 +105,11 @@ def first_line(child: Child, timeout_s: float) -> str | None:
     """The first line a child says, waited for up to ``timeout_s`` [s]; None: it said nothing."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
+        ended = child.ended()  # asked first: it may say something and end between two looks
         lines = child.lines()
         if lines:
             return lines[0]
-        if child.ended():
+        if ended:
             return None
         time.sleep(0.005)
     return None
