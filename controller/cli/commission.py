@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import say
+from controller.cli.experiment import ask_to_move, say, yes_option
 from controller.cli.options import (
     answer,
     as_json,
@@ -44,7 +44,7 @@ _REACH = 0.6
     " commissioning of the same settings that was interrupted there goes on.",
 )
 @click.option("--fresh", is_flag=True, help="Replace what an earlier commissioning left in DIR.")
-@click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
+@yes_option
 @click.option("--plan", "only_plan", is_flag=True, help="Only say what would move, and how far.")
 @click.option(
     "--reach",
@@ -137,15 +137,12 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
     for line in _plan_lines(loaded, announcement):
         say(line)
     servo = loaded.config.servo
-    if servo.kind != "hardware" or yes:
-        return
-    if not sys.stdin.isatty():
+    if servo.kind == "hardware" and not yes and not sys.stdin.isatty():
         raise UserError(
             f"the servo at {servo.port} is a real one and standard input is no terminal to ask"
             " at; give --yes when its way is free"
         )
-    say("keep its way free and the power switch at hand; Ctrl-C ends it at any time, torque off")
-    click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
+    ask_to_move(servo, yes)
 
 
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import endings, folder_for, say
+from controller.cli.experiment import ask_to_move, endings, folder_for, say, yes_option
 from controller.cli.numbers import numbers
 from controller.cli.options import (
     answer,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Where delay.json, delay.png and the logs go; default: a folder in ./runs/.",
 )
+@yes_option
 @json_option
 def command(
     config: str,
@@ -56,6 +57,7 @@ def command(
     bursts: int | None,
     seed: int,
     out: Path | None,
+    yes: bool,
     as_json_wanted: bool,
 ) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and what it is made of.
@@ -69,6 +71,7 @@ def command(
     effective = loaded.config
     chosen = _whole([0.0, effective.delay.steps + CHECK_STEPS] if steps is None else steps)
     folder = folder_for(out, "delay")
+    ask_to_move(effective.servo, yes)
     with endings():
         found = measure_delay(effective, folder, chosen, bursts or BURSTS, seed, say)
     from controller.delay_plot import plot_delay

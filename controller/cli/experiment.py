@@ -1,4 +1,4 @@
-"""What the commands that experiment share: where their files go, and how an experiment may end."""
+"""What the commands that experiment share: leave to move, where files go, how one may end."""
 
 from __future__ import annotations
 
@@ -11,15 +11,34 @@ from pathlib import Path
 import click
 
 from controller.cli.interrupt import INTERRUPTED
+from controller.config_servo import Servo
 from controller.errors import UserError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 
 TRIPPED = 3
 
+yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
+
 
 def say(text: str) -> None:
     """Tell a person on standard error."""
     click.echo(text, err=True)
+
+
+def ask_to_move(servo: Servo, yes: bool) -> None:
+    """Before a real servo moves by itself, wait for somebody's leave, where somebody is.
+
+    Args:
+        servo: Of the configuration.
+        yes: It is given already.
+
+    Raises:
+        click.Abort: It is not given.
+    """
+    if servo.kind != "hardware" or yes or not sys.stdin.isatty():
+        return
+    say("keep its way free and the power switch at hand; Ctrl-C ends it at any time, torque off")
+    click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 
 def folder_for(out: Path | None, what: str) -> Path:

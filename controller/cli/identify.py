@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from controller.cli.experiment import ask_to_move, say, yes_option
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
     answer,
@@ -62,6 +63,7 @@ _REACH = 0.6
     help="With --from-sweep: move nothing, compare with what CONFIG believes.",
 )
 @set_option
+@yes_option
 @json_option
 def command(
     config: str,
@@ -72,6 +74,7 @@ def command(
     sweep: Path | None,
     no_motion: bool,
     sets: tuple[str, ...],
+    yes: bool,
     as_json_wanted: bool,
 ) -> None:
     """Find inertia, friction and delay of CONFIG's servo from motions of its own.
@@ -98,7 +101,8 @@ def command(
         logs = stem if logs is None else logs
         plot_path = stem.with_suffix(".png") if plot_path is None else plot_path
         _check_places(out, plot_path, logs, config)
-        _say(f"{loaded.name}: {about}")
+        say(f"{loaded.name}: {about}")
+        ask_to_move(loaded.config.servo, yes)
         found = _moved(loaded, logs, reach)
         result |= report(found)
         result["plot"] = _draw(found, loaded.name, plot_path)
@@ -145,12 +149,12 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     from controller.report import exit_status
 
     try:
-        return identify(loaded.config, logs, reach, _say)
+        return identify(loaded.config, logs, reach, say)
     except ExperimentInterruptedError as error:
-        _say(f"{error}; nothing is identified")
+        say(f"{error}; nothing is identified")
         sys.exit(INTERRUPTED)
     except ExperimentTrippedError as error:
-        _say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
+        say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
         sys.exit(exit_status(error.stop_reason))
 
 
@@ -210,7 +214,3 @@ def _write(out: Path, loaded: Loaded, found: Identified) -> None:
     text = identified_config(loaded.config, found, loaded.name)
     with writing("--out", out):
         out.write_text(text, encoding="utf-8")
-
-
-def _say(text: str) -> None:
-    click.echo(text, err=True)

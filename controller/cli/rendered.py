@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import endings, folder_for, say
+from controller.cli.experiment import ask_to_move, endings, folder_for, say, yes_option
 from controller.cli.options import (
     answer,
     as_json,
@@ -32,9 +32,15 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/.",
 )
+@yes_option
 @json_option
 def command(
-    config: str, sets: tuple[str, ...], seed: int, out: Path | None, as_json_wanted: bool
+    config: str,
+    sets: tuple[str, ...],
+    seed: int,
+    out: Path | None,
+    yes: bool,
+    as_json_wanted: bool,
 ) -> None:
     """Measure what CONFIG's servo renders: is the commanded stiffness that of the wall?
 
@@ -45,6 +51,7 @@ def command(
 
     loaded = load_config(config, sets)
     folder = folder_for(out, "rendered")
+    ask_to_move(loaded.config.servo, yes)
     with endings():
         found = measure_rendering(loaded.config, folder, seed, say)
     from controller.rendered_plot import plot_rendering

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from controller.cli.experiment import ask_to_move, say, yes_option
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers
 from controller.cli.options import (
@@ -82,6 +83,7 @@ _MOST_STEPS = 1000
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
               help="Processes on the simulated clock (all cores).")  # fmt: skip
 @set_option
+@yes_option
 @json_option
 def command(
     config: str,
@@ -94,6 +96,7 @@ def command(
     tolerance: float,
     workers: int | None,
     sets: tuple[str, ...],
+    yes: bool,
     as_json_wanted: bool,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at every B and delay.
@@ -116,9 +119,11 @@ def command(
     folder = _folder(loaded.name) if out is None else out
     store = SweepStore(folder, Asked(effective, settings, options), fresh)
     _announce(effective, settings, options, store.done)
+    if not store.complete:
+        ask_to_move(effective.servo, yes)
     progress = _Progress(len(settings), len(store.done))
     finished = sweep(
-        effective, store, settings, options, tell=_say, progress=progress.point, workers=workers
+        effective, store, settings, options, tell=say, progress=progress.point, workers=workers
     )
     points = store.points()
     if points:
@@ -130,7 +135,7 @@ def command(
     report = {**store.report(loaded.name), "out": folder}
     answer(as_json(report) if as_json_wanted else _text(points, folder))
     if not finished:
-        _say(
+        say(
             f"interrupted: {len(points)} of {len(settings)} points are kept; the same command with"
             f" --out {folder} goes on"
         )
@@ -167,23 +172,22 @@ def _announce(
 
     left = tuple(setting for setting in settings if setting not in done)
     if done:
-        _say(f"{len(done)} of {len(settings)} points were measured before and are kept")
+        say(f"{len(done)} of {len(settings)} points were measured before and are kept")
     if not left:
-        _say("nothing is left to measure; --fresh measures anew")
+        say("nothing is left to measure; --fresh measures anew")
         return
     if config.loop.clock == "monotonic":
         hint = ""
         if config.servo.kind == "simulated":
             hint = "; --set loop.clock=simulated does the same in seconds"
         points = "1 point" if len(left) == 1 else f"{len(left)} points"
-        _say(f"{points}, {_span(expected_s(config, left, options))} in real time{hint}")
+        say(f"{points}, {_span(expected_s(config, left, options))} in real time{hint}")
     if config.servo.kind == "hardware":
         far = excursion(config, left, options)
-        _say(
+        say(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
             f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
-            f" to {config.servo.torque_limit:g} N·m, at more and more stiffness: keep its way free"
-            " and the power switch at hand; Ctrl-C ends it"
+            f" to {config.servo.torque_limit:g} N·m, at more and more stiffness; Ctrl-C ends it"
         )
 
 
@@ -200,7 +204,7 @@ class _Progress:
         left = self._total - self._done
         pace = (time.monotonic() - self._began) / (self._done - self._before)
         rest = f", {_span(pace * left)} left" if left else ""
-        _say(f"{self._done}/{self._total}  {_line(result)}{rest}")
+        say(f"{self._done}/{self._total}  {_line(result)}{rest}")
 
 
 def _line(point: PointResult) -> str:
@@ -240,7 +244,3 @@ def _text(points: list[PointResult], folder: Path) -> str:
 
 def _cell(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
-
-
-def _say(text: str) -> None:
-    click.echo(text, err=True)

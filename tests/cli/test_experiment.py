@@ -1,0 +1,54 @@
+"""Before a real servo moves by itself, a person at a terminal is asked."""
+
+import sys
+from types import SimpleNamespace
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from controller.cli import delay, experiment, identify, rendered, sweep
+from controller.config_load import load_config
+
+REAL = load_config("xm430-w350").config.servo
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What was asked; the answer is no."""
+    questions = []
+
+    def confirm(question, **_options):
+        questions.append(question)
+        raise click.Abort
+
+    monkeypatch.setattr(click, "confirm", confirm)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    return questions
+
+
+def test_who_sits_before_a_real_servo_is_asked(asked):
+    with pytest.raises(click.Abort):
+        experiment.ask_to_move(REAL, yes=False)
+    assert len(asked) == 1 and REAL.port in asked[0]
+
+
+def test_nobody_else_is(asked, monkeypatch):
+    experiment.ask_to_move(REAL, yes=True)
+    experiment.ask_to_move(load_config("emulated-xm430").config.servo, yes=False)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    experiment.ask_to_move(REAL, yes=False)
+    assert not asked
+
+
+@pytest.mark.parametrize("module", [delay, identify, rendered, sweep])
+def test_every_experiment_that_moves_asks_before_it_opens_the_port(module, monkeypatch, tmp_path):
+    def stop(servo, yes):
+        assert servo.kind == "hardware" and not yes
+        raise click.Abort
+
+    monkeypatch.setattr(module, "ask_to_move", stop)
+    monkeypatch.chdir(tmp_path)
+    options = ["--virtual-damping=0.02", "--delay-steps=0"] if module is sweep else []
+    result = CliRunner().invoke(module.command, ["xm430-w350", *options])
+    assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
