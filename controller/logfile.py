@@ -1,40 +1,36 @@
-"""Log files: one stream of arrays, each complete by itself, so that a cut-off end costs one block.
+"""Log files: one stream of arrays, each complete by itself, so that damage costs what it hit.
 
 A file is a sequence of ``.npy`` arrays with nothing between them: first the metadata, JSON as
-bytes, then blocks of rows of one structured dtype. ``numpy.load`` on an open file reads them one
-after the other.
+bytes, then blocks of rows of one structured dtype, and last how the run ended, JSON again.
+``numpy.load`` on an open file reads them one after the other; each carries checksums, see
+``logblocks``.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import json
-import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
+from controller.logblocks import encoded
+from controller.logreader import FORMAT, SUFFIX, Damage, LogReader
 
-SUFFIX = ".hwlog"
-FORMAT = {"format": "haptic-wall log", "version": 1}
-"""What the metadata of every log begins with."""
-
-_logger = logging.getLogger(__name__)
+__all__ = ["SUFFIX", "LogWriter", "append_end", "read_log"]
 
 
 class LogWriter:
     """Writes one log; the same rows in the same blocks give the same bytes.
 
     Nothing is held back: what ``append`` has taken is with the operating system, and stays
-    readable whatever becomes of this process.
+    readable whatever becomes of this process; after ``sync`` also whatever becomes of the machine.
 
     Args:
         path: Where to; a file that is there is replaced.
@@ -51,16 +47,23 @@ class LogWriter:
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any], dtype: np.dtype[np.void]) -> None:
-        self._dtype = dtype
-        self.rows = 0
-        self.last: NDArray[np.void] | None = None
-        text = json.dumps({**FORMAT, **metadata}, ensure_ascii=False, allow_nan=False)
-        self._file = path.open("wb", buffering=0)
+        # FORMAT first, and what it says holds for this file, wherever the metadata come from.
+        head = _json({**FORMAT, **metadata, **FORMAT})
+        self._begin(path, dtype, "wb")
         try:
-            self._write(np.frombuffer(text.encode(), np.uint8))
+            self._write(head)
         except OSError:
             self._file.close()
             raise
+
+    def _begin(self, path: Path, dtype: np.dtype[np.void], mode: str) -> None:
+        self._path = path
+        self._dtype = dtype
+        self.rows = 0
+        self.last: NDArray[np.void] | None = None
+        self._unsynced = True
+        self._placed = False
+        self._file = cast(BinaryIO, path.open(mode, buffering=0))
 
     @classmethod
     def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:
@@ -74,19 +77,19 @@ class LogWriter:
             LogFormatError: The file is not a log of such rows, or its metadata was cut off.
             OSError: It cannot be read or written.
         """
+        reader = LogReader(path)
         log = cls.__new__(cls)
-        log._dtype, log.rows, log.last = dtype, 0, None
-        log._file = path.open("r+b", buffering=0)
+        log._begin(path, dtype, "r+b")
         with contextlib.ExitStack() as undo:
             undo.callback(log._file.close)
-            size = os.fstat(log._file.fileno()).st_size
-            _read_metadata(log._file, size, path)
-            end = log._file.tell()
-            for block in _blocks(log._file, size):
-                if block.dtype != dtype:
-                    raise LogFormatError(f"{path} is a log of other rows: name another file")
-                log._count(block)
-                end = log._file.tell()
+            end = os.fstat(log._file.fileno()).st_size
+            for piece in reader.pieces():
+                if isinstance(piece, np.ndarray):
+                    if piece.dtype != dtype:
+                        raise LogFormatError(f"{path} is a log of other rows: name another file")
+                    log._count(piece)
+                elif isinstance(piece, Damage) and piece.last:
+                    end = piece.start
             log._file.truncate(end)
             log._file.seek(end)
             undo.pop_all()
@@ -102,6 +105,36 @@ class LogWriter:
         if len(rows):
             self._write(rows.astype(self._dtype, copy=False))
             self._count(rows)
+
+    def end(self, ended: Mapping[str, Any]) -> None:
+        """Write how the run ended, the last of a log, as JSON can hold it.
+
+        Raises:
+            OSError: As ``append``.
+        """
+        self._write(_json(ended))
+
+    def sync(self) -> None:
+        """Have the disk keep what was written until now; waits for it.
+
+        Raises:
+            OSError: The disk has lost something.
+        """
+        if not self._unsynced:
+            return
+        self._unsynced = False
+        try:
+            os.fdatasync(self._file.fileno())
+            if not self._placed:  # a file whose folder does not know it yet is lost with its rows
+                folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
+                self._placed = True
+        except OSError:
+            if self._path.is_file():  # a device (/dev/null) has nothing to keep
+                raise
 
     def close(self) -> None:
         """Let go of the file; safe to call twice.
@@ -127,23 +160,42 @@ class LogWriter:
         self.last = rows[-1:].copy()
 
     def _write(self, array: NDArray[Any]) -> None:
-        block = io.BytesIO()
-        npy.write_array(block, array, version=(1, 0), allow_pickle=False)
         start = self._file.tell()
-        rest = memoryview(block.getvalue())
+        rest = memoryview(encoded(array))
         try:
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError:
-            # Half a block would hide every later one from the reader.
+            # Half a block would be noticed, but it is better not there.
             with contextlib.suppress(OSError):  # a device has no end to cut
                 self._file.truncate(start)
                 self._file.seek(start)
             raise
+        self._unsynced = True
+
+
+def append_end(path: Path, ended: Mapping[str, Any]) -> None:
+    """Write how a run ended behind what its recorder has left, whatever that is.
+
+    Raises:
+        OSError: It cannot be written; what is in the log stays readable.
+    """
+    if not path.is_file():
+        return
+    size = path.stat().st_size
+    with path.open("ab", buffering=0) as file:
+        try:
+            rest = memoryview(encoded(_json(ended)))
+            while rest:
+                rest = rest[file.write(rest) :]
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.truncate(size)
+            raise
 
 
 def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
-    """Read a log; an end that was cut off is skipped with a warning in the program's log.
+    """Read a log whole; what is damaged is skipped with a warning in the program's log.
 
     Args:
         path: A file written by ``LogWriter``.
@@ -155,75 +207,16 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
         LogFormatError: The file is not a log of ours.
         OSError: It cannot be read.
     """
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        metadata = _read_metadata(file, size, path)
-        end = file.tell()
-        blocks: list[NDArray[np.void]] = []
-        for block in _blocks(file, size):
-            blocks.append(block)
-            end = file.tell()
-    if end < size:
-        _logger.warning(
-            "%s: the last %d bytes are not a complete block and were skipped; the run "
-            "that wrote them was cut off",
-            path,
-            size - end,
-        )
-    return metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
+    log = LogReader(path)
+    blocks: list[NDArray[np.void]] = []
+    for piece in log.pieces():
+        if isinstance(piece, Damage):
+            log.warn(piece)
+        elif isinstance(piece, np.ndarray):
+            blocks.append(piece)
+    return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
 
 
-def _read_metadata(file: BinaryIO, size: int, path: Path) -> dict[str, Any]:
-    """The metadata that a log begins with.
-
-    Raises:
-        LogFormatError: It does not, or is of another version.
-    """
-    try:
-        head = _read_array(file, size)
-        metadata = json.loads(head.tobytes()) if head is not None else None
-    except (ValueError, RecursionError):
-        metadata = None
-    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT["format"]:
-        raise LogFormatError(
-            f"{path} is not a log of haptic-wall: it does not begin with one's metadata; "
-            f"wanted a {SUFFIX} file"
-        )
-    if metadata.get("version") != FORMAT["version"]:
-        raise LogFormatError(
-            f"{path} is a log of format version {metadata.get('version')}, this program reads "
-            f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
-        )
-    return metadata
-
-
-def _blocks(file: BinaryIO, size: int) -> Iterator[NDArray[np.void]]:
-    """The blocks of rows up to the first that is not whole, or not of the type of the others."""
-    first: NDArray[np.void] | None = None
-    while file.tell() < size:
-        try:
-            block = _read_array(file, size)
-        except ValueError:
-            return
-        if block is None or (first is not None and block.dtype != first.dtype):
-            return
-        first = block
-        yield block
-
-
-def _read_array(file: BinaryIO, size: int) -> NDArray[Any] | None:
-    """The next array, one-dimensional; None when the file of ``size`` bytes ends before it does.
-
-    Raises:
-        ValueError: What is there is not such an array.
-    """
-    version = npy.read_magic(file)
-    if version != (1, 0):
-        raise ValueError(f"array format {version}")
-    shape, _, dtype = npy.read_array_header_1_0(file)
-    if dtype.hasobject or len(shape) != 1:
-        raise ValueError(f"array of shape {shape} and type {dtype}")
-    needed = shape[0] * dtype.itemsize
-    if needed > size - file.tell():
-        return None
-    return np.frombuffer(file.read(needed), dtype)
+def _json(content: Mapping[str, Any]) -> NDArray[np.uint8]:
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+    return np.frombuffer(text.encode(), np.uint8)

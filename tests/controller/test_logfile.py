@@ -3,6 +3,7 @@
 import errno
 import io
 import logging
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import LogFormatError
-from controller.logfile import LogWriter, read_log
+from controller.logfile import LogWriter, append_end, read_log
+from controller.logreader import Damage, End, LogReader
 
 ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
 METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}
@@ -88,6 +90,151 @@ def test_a_cut_off_end_is_warned_about(tmp_path, caplog):
     assert not caplog.records
 
 
+def pieces(path):
+    """The rows' numbers, the damage, and the ends that a log gives."""
+    numbers, damage, ends = [], [], []
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Damage):
+            damage.append(piece)
+        elif isinstance(piece, End):
+            ends.append(piece.ended)
+        else:
+            np.testing.assert_array_equal(piece["position"], 0.1 * piece["seq"])
+            numbers += piece["seq"].tolist()
+    return numbers, damage, ends
+
+
+@pytest.fixture(scope="module")
+def blocks(tmp_path_factory):
+    """A log's bytes, and for each of its blocks the row numbers, the first byte and the end."""
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    table, start = [], 0
+    with LogWriter(path, METADATA, ROW) as log:
+        begin = path.stat().st_size
+        for count in (40, 3, 300, 1, 90, 256, 17):
+            log.append(rows(count, start))
+            end = path.stat().st_size
+            table.append((range(start, start + count), begin, end))
+            start, begin = start + count, end
+    return path.read_bytes(), table
+
+
+def damaged(data, content):
+    """The content as a failing disk or a power cut may leave it, and the bytes that were hit."""
+    size = len(content)
+    kind = data.draw(st.sampled_from(["bytes", "zeros", "page", "noise", "cut", "tail"]))
+    start = data.draw(st.integers(0, size - 1))
+    if kind == "cut":
+        return content[:start], [(start, size)]
+    if kind == "tail":  # the file's length was kept, not what is in it
+        return content[:start] + bytes(size - start), [(start, size)]
+    if kind == "page":
+        start -= start % 4096
+    length = {"bytes": 1, "page": 4096}.get(kind) or data.draw(st.integers(1, 6000))
+    end = min(size, start + length)
+    hit = np.frombuffer(content[start:end], np.uint8)
+    if kind in ("zeros", "page"):
+        other = np.zeros_like(hit)
+    else:
+        other = hit ^ np.random.default_rng(data.draw(st.integers(0, 9))).integers(1, 256, hit.size)
+    changed = np.flatnonzero(other != hit) + start
+    spans = [(int(changed[0]), int(changed[-1]) + 1)] if changed.size else []
+    return content[:start] + other.astype(np.uint8).tobytes() + content[end:], spans
+
+
+def touched(begin, end, content, now):
+    return content[begin:end] != now[begin:end]
+
+
+def test_every_intact_block_is_given_back_and_nothing_false(blocks, tmp_path, thorough):
+    content, table = blocks
+    path = tmp_path / "a.hwlog"
+    metadata_end = table[0][1]
+
+    @settings(deadline=None, max_examples=10_000 if thorough else 100)
+    @given(st.data())
+    def check(data):
+        now, hits = content, []
+        for _ in range(data.draw(st.integers(1, 3))):
+            if len(now) > 1:
+                now, spans = damaged(data, now)
+                hits += spans
+        path.write_bytes(now)
+        intact = [numbers for numbers, begin, end in table if not touched(begin, end, content, now)]
+        if not intact and touched(0, metadata_end, content, now):
+            with pytest.raises(LogFormatError):
+                LogReader(path)
+            return
+        numbers, damage, _ = pieces(path)
+        assert numbers == [n for block in intact for n in block]
+        skipped = sum(piece.size for piece in damage)
+        lost = sum(end - begin for n, begin, end in table if n not in intact)
+        lost -= len(content) - len(now)
+        if not touched(0, metadata_end, content, now):
+            assert LogReader(path).metadata["unit"] == "N·m"
+            assert skipped == max(0, lost)
+        else:
+            assert LogReader(path).metadata == {}
+
+    check()
+
+
+def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path):
+    content, _ = blocks
+    path = tmp_path / "a.hwlog"
+    path.write_bytes(bytes(4096) + content[4096:])
+    assert LogReader(path).metadata == {}
+    numbers, damage, _ = pieces(path)
+    assert damage[0].start == 0
+    assert numbers[-1] == 706
+
+
+def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path):
+    path = tmp_path / "old.hwlog"
+    head = b'{"format": "haptic-wall log", "version": 1, "name": "old"}'
+    with path.open("wb") as file:
+        np.save(file, np.frombuffer(head, np.uint8))
+        ends = []
+        for start in (0, 50, 100):
+            np.save(file, rows(50, start))
+            ends.append(file.tell())
+    assert pieces(path) == (list(range(150)), [], [])
+    content = path.read_bytes()
+    path.write_bytes(content[: ends[0]] + bytes(20) + content[ends[0] + 20 :])
+    numbers, (hole,), _ = pieces(path)
+    assert numbers == [*range(50), *range(100, 150)]
+    assert (hole.start, hole.start + hole.size) == tuple(ends[:2])
+    assert read_log(path)[0]["name"] == "old"
+
+
+def test_a_log_ends_with_how_the_run_ended(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3))
+    append_end(path, {"stop_reason": "trip:overspeed"})
+    assert pieces(path) == ([0, 1, 2], [], [{"stop_reason": "trip:overspeed"}])
+    assert len(read_log(path)[1]) == 3
+    append_end(tmp_path / "none.hwlog", {"stop_reason": "duration"})
+    assert not (tmp_path / "none.hwlog").exists()
+
+
+def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
+    path.write_bytes(path.read_bytes()[:-10])
+    append_end(path, {"stop_reason": "duration"})
+    numbers, damage, ends = pieces(path)
+    assert (numbers, ends) == ([0, 1, 2], [{"stop_reason": "duration"}])
+    assert [piece.last for piece in damage] == [False]
+
+
+def test_a_log_is_synced_without_harm_to_a_device(tmp_path):
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+        log.sync()
+    with LogWriter(Path("/dev/null"), METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+
+
 class _FullDisk(io.FileIO):
     """A disk that takes ``room`` more bytes, a few at a time."""
 
@@ -151,7 +298,9 @@ def test_pickled_objects_are_never_loaded(tmp_path):
 
 def test_a_log_of_a_later_version_is_refused(tmp_path):
     path = write(tmp_path / "a.hwlog", rows(2))
-    path.write_bytes(path.read_bytes().replace(b'"version": 1', b'"version": 9'))
+    content = np.frombuffer(b'{"format": "haptic-wall log", "version": 9}', np.uint8)
+    with path.open("wb") as file:
+        np.save(file, content)
     with pytest.raises(LogFormatError, match="version 9"):
         read_log(path)
 

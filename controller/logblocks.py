@@ -1,0 +1,122 @@
+"""Blocks of a log: ``.npy`` arrays whose header also holds checksums, found again after damage.
+
+The header of a ``.npy`` array is a Python literal, and what follows a ``#`` in it is a comment to
+every reader: there stand the checksum of the header itself and that of the data. So a reader that
+knows of them tells an intact block from a damaged one, and ``numpy.load`` reads the same bytes.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import warnings
+import zlib
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+MAGIC = b"\x93NUMPY\x01\x00"
+"""What every block begins with: a ``.npy`` array of format 1.0."""
+
+_ALIGNED = 64
+"""Bytes that a header is padded to a multiple of, as the format asks for."""
+_HEADER = re.compile(
+    rb"(?P<head>\{'descr': (?P<descr>.+), 'fortran_order': False, 'shape': \((?P<count>\d+),\), \})"
+    rb"(?P<sums>  # crc32 (?P<own>[0-9a-f]{8}) (?P<data>[0-9a-f]{8}))? *\n"
+)
+_PIECE = 1 << 20
+"""Bytes looked through at a time for the next block."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """An intact array, and where the next one begins."""
+
+    array: NDArray[Any]
+    end: int
+
+
+def encoded(array: NDArray[Any]) -> bytes:
+    """The block of a one-dimensional array, little-endian, as bytes."""
+    data = array.tobytes()
+    head = (
+        f"{{'descr': {npy.dtype_to_descr(array.dtype)!r}, 'fortran_order': False,"
+        f" 'shape': ({array.size},), }}"
+    )
+    sums = "  # crc32 {:08x} {:08x}"
+    length = len(MAGIC) + 2 + len(head) + len(sums.format(0, 0)) + 1
+    padding = " " * (-length % _ALIGNED) + "\n"
+
+    def header(own: int, of_data: int) -> bytes:
+        text = (head + sums.format(own, of_data) + padding).encode("ascii")
+        return MAGIC + len(text).to_bytes(2, "little") + text
+
+    of_data = zlib.crc32(data)
+    return header(zlib.crc32(header(0, of_data)), of_data) + data
+
+
+def block_at(file: BinaryIO, start: int, end: int, checked: bool) -> Block | None:
+    """The block that begins at ``start``, if a whole and intact one does.
+
+    Args:
+        file: Open for reading; its position is moved.
+        start: Where it should begin [bytes].
+        end: Where the file ends [bytes].
+        checked: Whether a block without checksums counts as damaged; logs of before had none.
+    """
+    file.seek(start)
+    begin = file.read(len(MAGIC) + 2)
+    if len(begin) < len(MAGIC) + 2 or not begin.startswith(MAGIC):
+        return None
+    header = file.read(int.from_bytes(begin[-2:], "little"))
+    found = _HEADER.fullmatch(header)
+    if found is None:
+        return None
+    if found["sums"] is not None:
+        zeroed = header[: found.start("own")] + b"0" * 8 + header[found.end("own") :]
+        if zlib.crc32(begin + zeroed) != int(found["own"], 16):
+            return None
+    elif checked:
+        return None
+    dtype = _dtype(found["descr"])
+    if dtype is None:
+        return None
+    data_start = start + len(begin) + len(header)
+    needed = int(found["count"]) * dtype.itemsize
+    if needed > end - data_start:
+        return None
+    data = file.read(needed)
+    if len(data) < needed or (
+        found["sums"] is not None and zlib.crc32(data) != int(found["data"], 16)
+    ):
+        return None
+    return Block(np.frombuffer(data, dtype), data_start + needed)
+
+
+def _dtype(descr: bytes) -> np.dtype[Any] | None:
+    """The type that a header names; None: none, or one that holds Python objects."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what a damaged header looks like as Python
+            dtype = npy.descr_to_dtype(ast.literal_eval(descr.decode("ascii")))
+    except (ValueError, TypeError, SyntaxError, IndexError, MemoryError, RecursionError):
+        return None
+    return None if dtype.hasobject or dtype.itemsize == 0 else dtype
+
+
+def next_magic(file: BinaryIO, start: int, end: int) -> int:
+    """Where a block may begin next, from ``start`` on; ``end``, if none does [bytes]."""
+    overlap = len(MAGIC) - 1
+    while start < end:
+        file.seek(start)
+        piece = file.read(min(_PIECE, end - start))
+        place = piece.find(MAGIC)
+        if place >= 0:
+            return start + place
+        if len(piece) <= overlap:
+            return end
+        start += len(piece) - overlap
+    return end
