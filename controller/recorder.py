@@ -22,7 +22,10 @@ from controller.realtime import die_with_parent
 from controller.telemetry import ROW, Telemetry, Word
 
 PAUSE_S = 0.25
-"""How long rows gather between two blocks [s]; a power cut loses no more than that."""
+"""How long rows gather between two blocks [s]; a killed recorder loses no more than that."""
+SYNC_S = 0.75
+"""How long blocks gather until the disk is made to keep them [s]; a power cut loses no more than
+both, and what the disk itself takes."""
 BLOCK = 4096
 """Rows in a block at most: what has gathered while the disk was full comes in parts that fit."""
 
@@ -56,6 +59,14 @@ class Recorder:
             words[Word.TAIL] = self._tail
         return rows.size > 0
 
+    def sync(self) -> None:
+        """Have the disk keep what was written; waits for it, while rows wait in the ring.
+
+        Raises:
+            OSError: The disk has lost something.
+        """
+        self._log.sync()
+
     def close(self) -> None:
         """Close the log.
 
@@ -73,6 +84,7 @@ class _Attempts:
         self._orders = orders
         self._recorder: Recorder | None = None
         self._trouble: str | None = None
+        self._synced_s = 0.0
 
     def write(self) -> bool:
         """Write what is there; whether anything was written."""
@@ -81,6 +93,9 @@ class _Attempts:
             if self._recorder is None:
                 self._recorder = Recorder(self._telemetry, _open(self._orders))
             wrote = self._recorder.drain()
+            if time.monotonic() - self._synced_s >= SYNC_S:
+                self._recorder.sync()
+                self._synced_s = time.monotonic()
             self._say(None)
         except OSError as error:
             self._say(error)
@@ -90,6 +105,7 @@ class _Attempts:
         """Close the log, if it was ever open."""
         try:
             if self._recorder is not None:
+                self._recorder.sync()
                 self._recorder.close()
         except OSError as error:
             self._say(error)
