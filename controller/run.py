@@ -6,15 +6,18 @@ import signal
 from types import FrameType
 
 from controller.inline import run_inline
+from controller.logfile import append_end
 from controller.plan import Ended, Plan, Tell
 from controller.signals import on_signals
 from controller.supervisor import Supervisor
 from controller.telemetry import Telemetry, Word
+from controller.teller import Teller
 
 
 def run(plan: Plan, tell: Tell) -> Ended:
     """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
 
+    In real time Ctrl-Z does the same.
     SIGUSR1 asks to go back to the full wall after an oscillation has made it softer.
 
     Args:
@@ -35,4 +38,9 @@ def run(plan: Plan, tell: Tell) -> Ended:
     with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)):
         if plan.config.loop.clock == "simulated":
             return run_inline(plan, telemetry)
-        return Supervisor(plan, telemetry, tell).run()
+        with (
+            on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
+            on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
+            Teller(tell) as teller,
+        ):
+            return Supervisor(plan, telemetry, teller).run()
