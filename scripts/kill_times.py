@@ -7,7 +7,6 @@ Watchdog at 40 ms as for hardware. From the signal to zero torque by the witness
 that acts, recorded every millisecond. What killed it, and who ended the torque, is in the table.
 """
 
-import contextlib
 import os
 import random
 import signal
@@ -24,6 +23,7 @@ from controller.telemetry import ROW
 from hw.dynamixel.codec import Instruction
 from scripts.whole_program import (
     PROGRAM,
+    child_of,
     emulated_bus,
     measured_on,
     page_options,
@@ -61,16 +61,6 @@ ATTEMPTS = 5
 """A run that a stall of the machine has ended before the signal came is begun again"""
 
 
-def loop_of(pid: int) -> int | None:
-    """The loop's process among the children of a run."""
-    with contextlib.suppress(OSError):
-        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-            with contextlib.suppress(OSError):
-                if "controller.loop_process" in Path(f"/proc/{child}/cmdline").read_text():
-                    return int(child)
-    return None
-
-
 def one_kill(kills: tuple[tuple[str, signal.Signals], ...], folder: Path) -> tuple | None:
     """One run, ended so; None: it ended by itself before.
 
@@ -94,7 +84,7 @@ def one_kill(kills: tuple[tuple[str, signal.Signals], ...], folder: Path) -> tup
             while run.poll() is None and not (log.exists() and log.stat().st_size > enough):
                 time.sleep(0.02)
             time.sleep(random.random() * 0.05)
-            pids = {"supervisor": run.pid, "loop_process": loop_of(run.pid)}
+            pids = {"supervisor": run.pid, "loop_process": child_of(run.pid, "loop_process")}
             if run.poll() is None and all(pids.values()):
                 asked = time.monotonic()
                 for name, number in kills:

@@ -54,6 +54,16 @@ def emulated_bus(*options: str | Path) -> Iterator[Bus]:
         process.communicate()
 
 
+def child_of(pid: int, module: str) -> int | None:
+    """The process that runs a module of the program among the children of a run, or None."""
+    with contextlib.suppress(OSError):
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            with contextlib.suppress(OSError):
+                if f"controller.{module}" in Path(f"/proc/{child}/cmdline").read_text():
+                    return int(child)
+    return None
+
+
 def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict:
     """The report of one ``haptic-wall run``; its log and picture go to a folder.
 

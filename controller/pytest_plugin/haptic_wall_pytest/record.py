@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -39,9 +39,15 @@ class BusRow:
 
 def read_rows(record: Path) -> list[BusRow]:
     """All rows that have been written as yet."""
-    text = record.read_text(encoding="utf-8")
-    lines = text[: text.rfind("\n") + 1].splitlines()
-    return [_row(cells) for cells in csv.reader(lines[1:])]
+    return list(rows_of(record))
+
+
+def rows_of(record: Path) -> Iterator[BusRow]:
+    """The same one by one, for records that are too long to be held."""
+    with record.open(encoding="utf-8", newline="") as file:
+        next(file, None)
+        for cells in csv.reader(line for line in file if line.endswith("\n")):
+            yield _row(cells)
 
 
 def written_until(record: Path) -> float:

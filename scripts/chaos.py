@@ -1,0 +1,192 @@
+"""Throws everything at the whole program for an hour, and writes docs/chaos.md.
+
+    scripts/chaos [--minutes M] [--seed N] [--step-clock] [--keep FOLDER] [--out FILE]
+
+One run after the other on an emulated bus, a hand leaning on the wall, and a seeded schedule of
+faults, loads, kills and stops. The bus's own record says what the torque did, an observer on each
+core when the machine itself stood still. As root everything can be thrown; otherwise what is not
+permitted is left out, and the page says so. The system's clock is only touched with --step-clock.
+The status is 1 where a promise did not hold.
+"""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from random import Random
+from types import FrameType
+
+from controller.realtime import pick_cores
+from scripts.chaos_judge import Stall
+from scripts.chaos_loads import own_mounts
+from scripts.chaos_page import Hour, page
+from scripts.chaos_run import Course, Run, judge, perform
+from scripts.chaos_shots import GENTLE, HARD, Shot, end
+from scripts.whole_program import page_options
+
+HARD_SHARE = 0.35
+"""Of the shots at a short run"""
+LONG_SHARE, LONG_RUNS = 0.4, 2
+"""Of the time, for long runs under gentle fire, in which memory is watched"""
+SHORTEST_S, LONGEST_S = 10.0, 40.0
+"""Of the other runs, unless something ends them"""
+STARTING_S = 8.0
+"""What a run takes to begin and to be judged"""
+ROOM = "256m"
+"""Size of the file system that the log lies on: 25 minutes"""
+
+
+def decks(random: Random, *shots: Sequence[Shot]) -> tuple[Iterator[Shot], ...]:
+    """Each kind of shot in turn, in ever another order."""
+
+    def deck(kinds: Sequence[Shot]) -> Iterator[Shot]:
+        while True:
+            yield from random.sample(kinds, len(kinds))
+
+    return tuple(deck(kinds) for kinds in shots)
+
+
+def mixed(random: Random, gentle: Iterator[Shot], hard: Iterator[Shot]) -> Iterator[Shot]:
+    """Gentle shots with hard ones among them."""
+    while True:
+        yield next(hard if random.random() < HARD_SHARE else gentle)
+
+
+@contextlib.contextmanager
+def small_room(folder: Path) -> Iterator[Path | None]:
+    """A small file system of our own, where that is permitted; it ends with this process."""
+    if not own_mounts():
+        yield None
+        return
+    folder.mkdir()
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={ROOM}", "chaos", folder],
+        check=False,
+        capture_output=True,
+    )
+    try:
+        yield None if done.returncode else folder
+    finally:
+        if not done.returncode:
+            subprocess.run(["umount", "--lazy", folder], check=False)
+
+
+@contextlib.contextmanager
+def observers(folder: Path, cores: Sequence[int]) -> Iterator[list[Path]]:
+    """A watch on each core, and where it writes when the core stood still."""
+    with contextlib.ExitStack() as stack:
+        files = []
+        for core in cores:
+            files.append(folder / f"stalls-{core}.txt")
+            file = stack.enter_context(files[-1].open("wb"))
+            process = subprocess.Popen(
+                [sys.executable, "-m", "scripts.chaos_loads", "watch", str(core)], stdout=file
+            )
+            stack.callback(end, process)
+        yield files
+
+
+def stalls_in(files: Sequence[Path], from_s: float) -> list[Stall]:
+    """What the observers have seen since an instant [s]."""
+    lines = [line.split() for file in files for line in file.read_text().splitlines()]
+    stalls = [Stall(float(line[0]), float(line[1])) for line in lines if len(line) == 2]
+    return [stall for stall in stalls if stall.until_s >= from_s]
+
+
+def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: Hour) -> None:
+    """One run after the other, until the time is over; ``found`` is filled as they end."""
+    random = Random(seed)
+    permitted = [shot for shot in (*GENTLE, *HARD) if shot.allowed()]
+    permitted = [shot for shot in permitted if step_clock or not shot.name.startswith("clock")]
+    found.left_out = [s.name for s in (*GENTLE, *HARD) if s not in permitted]
+    gentle, hard = decks(
+        random, [s for s in permitted if s in GENTLE], [s for s in permitted if s in HARD]
+    )
+    core, others = pick_cores()
+    until = time.monotonic() + 60.0 * minutes
+    long_s = 60.0 * minutes * LONG_SHARE / LONG_RUNS
+    long_at = [until - long_s - STARTING_S, time.monotonic() + 0.25 * 60.0 * minutes]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with (
+            small_room(folder / "room") as place,
+            observers(folder, sorted({core} | others)) as files,
+        ):
+            found.room = place is not None
+            while (now := time.monotonic()) < until - STARTING_S:
+                patient = bool(long_at) and now >= long_at[-1]
+                if patient:
+                    long_at.pop()
+                seconds = long_s if patient else random.uniform(SHORTEST_S, LONGEST_S)
+                seconds = min(seconds, until - now - STARTING_S)
+                shots = gentle if patient else mixed(random, gentle, hard)
+                course = Course(seconds, shots, patient)
+                here = folder / "run"
+                here.mkdir(exist_ok=True)
+                run = perform(course, here, place, core, random)
+                stalls = stalls_in(files, run.began_s)
+                judge(run, course, here, place, stalls)
+                found.add(run, stalls)
+                _tell(found, run, until)
+                if keep is not None and (run.problems or run.cause is None):
+                    _keep(keep / f"run-{len(found.runs)}", here, place)
+                for file in [*here.iterdir(), *(place or here).iterdir()]:
+                    file.unlink(missing_ok=True)
+
+
+def _tell(found: Hour, run: Run, until: float) -> None:
+    left = max(0.0, until - time.monotonic())
+    print(
+        f"run {len(found.runs)}: {run.ended_s - run.began_s:.0f} s, {len(run.thrown)} shots,"
+        f" {run.reason} ({run.cause or 'UNEXPLAINED'})"
+        + "".join(f"; {problem}" for problem in run.problems)
+        + f"; {left / 60:.1f} min left",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _keep(place: Path, *folders: Path | None) -> None:
+    place.mkdir(parents=True, exist_ok=True)
+    for folder in folders:
+        for file in folder.iterdir() if folder else ():
+            (place / file.name).write_bytes(file.read_bytes())
+
+
+def main() -> None:
+    """Throw, judge, write the page, also when it is broken off."""
+    parser = page_options("chaos", __doc__, "chaos.md")
+    parser.add_argument("--minutes", type=float, default=60.0, help="how long")
+    parser.add_argument("--seed", type=int, default=1, help="of the schedule")
+    parser.add_argument(
+        "--step-clock",
+        action="store_true",
+        help="also set the system's clock wrong by up to a minute, for a second at a time",
+    )
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="files of runs that went wrong")
+    wanted = parser.parse_args()
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    found = Hour(wanted.minutes, wanted.seed)
+    print(f"this takes {wanted.minutes:g} min", file=sys.stderr, flush=True)
+    try:
+        hour(wanted.minutes, wanted.seed, wanted.step_clock, wanted.keep, found)
+        found.whole = True
+    except KeyboardInterrupt:
+        print("broken off; the page holds what there was", file=sys.stderr)
+    text = page(found)
+    wanted.out.write_text(text)
+    print(text)
+    sys.exit(0 if found.whole and not found.broken else 1)
+
+
+if __name__ == "__main__":
+    main()

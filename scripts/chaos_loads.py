@@ -1,0 +1,129 @@
+"""What chaos runs beside a run, each in a process of its own that dies with its parent.
+
+busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; watch CORE
+"""
+
+import contextlib
+import ctypes
+import ctypes.util
+import mmap
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from controller import realtime
+
+HOG_PRIORITY, WATCH_PRIORITY = 85, 99
+"""Above the loop's; above everything"""
+WATCH_S = 0.005
+"""How often the machine is asked for a sign of life [s]"""
+LEAST_S = 0.005
+"""Shorter stalls are not written down [s]"""
+
+
+def busy(core: int) -> None:
+    """An ordinary process that never rests, until it is ended."""
+    os.sched_setaffinity(0, {core})
+    while True:
+        pass
+
+
+def hog(core: int, seconds: float) -> None:
+    """Hold a core at real-time priority, so that nothing below it runs there."""
+    os.sched_setaffinity(0, {core})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(HOG_PRIORITY))
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+
+
+def memory(megabytes: int, seconds: float) -> None:
+    """Touch every page of so much memory, keep it for a while, give it back."""
+    Path("/proc/self/oom_score_adj").write_text("1000")  # rather this than anybody else
+    end = time.monotonic() + seconds
+    with mmap.mmap(-1, megabytes << 20) as pages:
+        for at in range(0, len(pages), mmap.PAGESIZE):
+            pages[at] = 1
+        while time.monotonic() < end:
+            time.sleep(0.05)
+
+
+def clock(step_s: float, seconds: float) -> None:
+    """Set the system's clock wrong for a while, then right again, whatever happens meanwhile.
+
+    Right is what the monotonic clock says of the time that has passed.
+    """
+    stopped = False
+
+    def stop(_number: int, _frame: object) -> None:
+        nonlocal stopped
+        stopped = True
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    realtime.die_with_parent(os.getppid(), signal.SIGTERM)
+    offset = time.clock_gettime(time.CLOCK_REALTIME) - time.monotonic()
+    end = time.monotonic() + seconds
+    try:
+        time.clock_settime(time.CLOCK_REALTIME, time.monotonic() + offset + step_s)
+        while time.monotonic() < end and not stopped:
+            time.sleep(0.02)
+    finally:
+        time.clock_settime(time.CLOCK_REALTIME, time.monotonic() + offset)
+
+
+def watch(core: int) -> None:
+    """Ask for a sign of life every few milliseconds; say when none came: from and until [s]."""
+    os.sched_setaffinity(0, {core})
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(WATCH_PRIORITY))
+    libc = ctypes.CDLL(ctypes.util.find_library("c"))
+    libc.mlockall(3)
+    last = time.monotonic()
+    while True:
+        time.sleep(WATCH_S)
+        now = time.monotonic()
+        if now - last >= WATCH_S + LEAST_S:
+            print(f"{last:.6f} {now:.6f}", flush=True)
+        last = now
+
+
+def own_mounts() -> bool:
+    """Give this process mounts of its own, which end with it; whether that was granted."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    clone_newns, ms_rec, ms_private = 0x20000, 0x4000, 0x40000
+    if libc.unshare(clone_newns):
+        return False
+    return libc.mount(b"none", b"/", None, ctypes.c_ulong(ms_rec | ms_private), None) == 0
+
+
+def may_set_clock() -> bool:
+    """Whether this process has the right to set the system's clock."""
+    cap_sys_time = 25
+    status = Path("/proc/self/status").read_text()
+    (effective,) = (line for line in status.splitlines() if line.startswith("CapEff"))
+    return bool(int(effective.split()[1], 16) >> cap_sys_time & 1)
+
+
+def main() -> None:
+    """Do what the arguments say."""
+    kind, *numbers = sys.argv[1:]
+    if kind != "clock":
+        realtime.die_with_parent(os.getppid(), signal.SIGKILL)
+    match kind:
+        case "busy":
+            busy(int(numbers[0]))
+        case "hog":
+            hog(int(numbers[0]), float(numbers[1]))
+        case "memory":
+            memory(int(numbers[0]), float(numbers[1]))
+        case "clock":
+            clock(float(numbers[0]), float(numbers[1]))
+        case "watch":
+            watch(int(numbers[0]))
+
+
+if __name__ == "__main__":
+    main()

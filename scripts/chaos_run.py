@@ -1,0 +1,317 @@
+"""One run of the whole program under fire, and what its witness and its log say of it."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from haptic_wall_pytest.record import rows_of
+
+from controller.errors import LogFormatError
+from controller.logfile import read_log
+from controller.telemetry import ROW
+from scripts.chaos_judge import (
+    Ending,
+    Stall,
+    Thrown,
+    ending,
+    explanation,
+    gaps,
+    growth_mb,
+    missing_at_end,
+)
+from scripts.chaos_shots import MAY_END, NO_REPORT, Lasting, Shot, Stage
+from scripts.whole_program import FORGIVING, PROGRAM, emulated_bus, with_sets
+
+WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
+SETTINGS = (
+    f"servo.watchdog_s={WATCHDOG_S}",
+    "safety.heartbeat_s=0.1",
+    "safety.max_loss=0.3",
+    "safety.max_losses_in_row=100",
+    "realtime.profile=best-effort",
+)
+"""Watchdog and heartbeat as for hardware; the losses that a shared machine's stalls cost do not end
+a run"""
+WALL = ("wall.position=3.14159", "wall.stiffness=8", "wall.damping=0.02", "model.delay=0")
+TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
+"""A hand leans on the wall, so that there is a torque at nearly all times"""
+POLL_S, SAMPLE_S = 0.01, 2.0
+START_S, END_S, AFTER_S = 40.0, 20.0, 0.6
+"""How long a run may take to begin, and to end when asked; how long the torque is watched after"""
+PROMPT_PRIORITY = 60
+"""Below emulator and loop; but a signal that ends a stop must not wait behind busy processes"""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What is to happen in one run."""
+
+    seconds: float
+    shots: Iterator[Shot]
+    patient: bool
+    """A long run, which is to live through the machine's stalls"""
+
+    @property
+    def watchdog_s(self) -> float:
+        """What the Bus Watchdog is set to [s]."""
+        return PATIENT_WATCHDOG_S if self.patient else WATCHDOG_S
+
+
+@dataclass(slots=True)
+class Run:
+    """What was done to a run and what became of it."""
+
+    reason: str = "did not start"
+    thrown: list[Thrown] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    said: str = ""
+    """On standard error"""
+    began_s: float = 0.0
+    ended_s: float = 0.0
+    memory: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    """Of each process: time since the start [s], resident memory [MB]"""
+    cause: str | None = None
+    """What explains the reason; None: nothing does"""
+    off_s: float | None = None
+    """From the shot that ended it to the last torque [s]"""
+    witnessed: bool = True
+    """The witness lived to the end"""
+    rows: int = 0
+    goals: int = 0
+    lost_said: list[str] = field(default_factory=list)
+    """What the report says of rows that the log lacks"""
+    torque_problems: list[str] = field(default_factory=list)
+    log_problems: list[str] = field(default_factory=list)
+    other_problems: list[str] = field(default_factory=list)
+
+    @property
+    def problems(self) -> list[str]:
+        """Everything that should not have been."""
+        return [*self.torque_problems, *self.log_problems, *self.other_problems]
+
+
+@contextlib.contextmanager
+def promptly() -> Iterator[None]:
+    """Run ahead of ordinary processes, where that is granted; children do not inherit it."""
+    with contextlib.suppress(OSError):
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(PROMPT_PRIORITY))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def perform(course: Course, folder: Path, room: Path | None, core: int, random: Random) -> Run:
+    """Start a bus and a run, throw at it what the course says, see it end.
+
+    Args:
+        course: What is to happen.
+        folder: For the witness, and for the log where there is no room for it.
+        room: A small file system for the log; None: there is none.
+        core: The loop's.
+        random: Decides when what is thrown.
+    """
+    run = Run()
+    log = (room or folder) / "run.hwlog"
+    cores = tuple(sorted(os.sched_getaffinity(0)))
+    sets = (*FORGIVING, *WALL) if course.patient else (*SETTINGS, *WALL)
+    output, said = folder / "report.json", folder / "said.txt"
+    with (
+        emulated_bus("--record", folder / "witness.csv", *with_sets(TRUTH)) as bus,
+        output.open("wb") as report_file,
+        said.open("wb") as said_file,
+    ):
+        os.sched_setaffinity(bus.process.pid, set(cores) - {core} or set(cores))
+        process = subprocess.Popen(
+            [
+                *[*PROGRAM, "run", "xm430-w350", "--json", "--log", log],
+                *["--plot", folder / "run.png"],
+                *with_sets((f"servo.port={bus.port}", *sets)),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=report_file,
+            stderr=said_file,
+        )
+        stage = Stage(bus, process, log, room, core, cores, random)
+        pending: list[tuple[float, Lasting]] = []
+        try:
+            with promptly():
+                _under_fire(course, stage, run, pending)
+        finally:
+            for _, lasting in pending:
+                lasting.undo()
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+            for name in ("loop", "recorder"):
+                if not _gone(stage.pids.get(name)):
+                    run.other_problems.append(f"the {name} outlived the run")
+                    stage.send(name, signal.SIGKILL)
+        time.sleep(AFTER_S)
+        run.witnessed = bus.process.poll() is None
+    run.said = said.read_text(errors="replace")
+    text = output.read_text()
+    if text:
+        report = json.loads(text)
+        run.reason, run.warnings = report["stop_reason"], report["warnings"]
+    elif process.returncode == -signal.SIGKILL:
+        run.reason = NO_REPORT
+    elif run.began_s:
+        run.reason = f"ended with {process.returncode}: {run.said[-300:]}"
+    return run
+
+
+def _under_fire(
+    course: Course, stage: Stage, run: Run, pending: list[tuple[float, Lasting]]
+) -> None:
+    """From the start of a run to its end; what is to be undone is left in ``pending``."""
+    process, random = stage.run, stage.random
+    if not _begun(stage):
+        return
+    run.began_s = start = next_sample = time.monotonic()
+    next_shot = start + random.uniform(1.0, 4.0)
+    asked_s: float | None = None
+    samples = defaultdict(list)
+    while process.poll() is None:
+        now = time.monotonic()
+        for due in [each for each in pending if each[0] <= now]:
+            pending.remove(due)
+            due[1].undo()
+        alive = not _gone(stage.pids.get("loop"), 0.0)
+        if alive and now >= next_sample:
+            next_sample += SAMPLE_S
+            for name, pid in stage.look().items():
+                samples[name].append((now - start, _resident_mb(pid)))
+        if alive and asked_s is None and now >= next_shot:
+            shot = next(course.shots)
+            lasting = shot.throw(stage)
+            until = time.monotonic() + lasting.seconds
+            run.thrown.append(Thrown(shot.name, now, until, lasting.detail))
+            pending.append((until, lasting))
+            next_shot = now + random.uniform(1.0, 5.0)
+        if asked_s is None and now >= start + course.seconds and not pending:
+            asked_s = now
+            process.send_signal(signal.SIGINT)
+        if asked_s is not None and now > asked_s + END_S:
+            run.other_problems.append(f"it had not ended {END_S:g} s after it was asked to")
+            process.kill()
+        time.sleep(POLL_S)
+    run.ended_s = time.monotonic()
+    run.memory = {name: [s for s in each if s[1] > 0.0] for name, each in samples.items()}
+    if asked_s is not None:
+        run.thrown.append(Thrown(ASKED, asked_s, run.ended_s))
+
+
+ASKED = "asked to end"
+
+
+def _begun(stage: Stage) -> bool:
+    """Wait until the wall is on."""
+    enough = 700 * ROW.itemsize
+    end = time.monotonic() + START_S
+    while stage.run.poll() is None and time.monotonic() < end:
+        if stage.log.exists() and stage.log.stat().st_size > enough:
+            return "loop" in stage.look()
+        time.sleep(POLL_S)
+    return False
+
+
+def _gone(pid: int | None, patience_s: float = 5.0) -> bool:
+    """Whether a process ends in time; one that only waits for its parent to ask is gone."""
+    end = time.monotonic() + patience_s
+    while pid is not None:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            return True
+        if state in "ZX":
+            return True
+        if time.monotonic() >= end:
+            return False
+        time.sleep(POLL_S)
+    return True
+
+
+def _resident_mb(pid: int) -> float:
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS"):
+                return int(line.split()[1]) / 1024
+    return 0.0
+
+
+def judge(
+    run: Run, course: Course, folder: Path, room: Path | None, stalls: Sequence[Stall]
+) -> None:
+    """Set what the run says of itself against the witness and the log."""
+    found = ending(rows_of(folder / "witness.csv"), course.watchdog_s)
+    run.goals = found.goals
+    stopped_s = found.cut_s or found.last_goal_s or run.ended_s
+    may_end = {**MAY_END, ASKED: frozenset({"interrupted"})}
+    run.cause = explanation(
+        run.reason, stopped_s, run.thrown, stalls, may_end, 0.5 * course.watchdog_s
+    )
+    if run.witnessed:
+        run.torque_problems += found.offences
+        _judge_torque(run, found)
+    _judge_log(run, found, (room or folder) / "run.hwlog")
+
+
+def _judge_torque(run: Run, found: Ending) -> None:
+    """How long the torque outlived what ended the run."""
+    ender = next((shot for shot in reversed(run.thrown) if shot.name == run.cause), None)
+    if ender is None or found.torque_until_s is None:
+        return
+    run.off_s = max(0.0, found.torque_until_s - ender.from_s)
+    if found.ended_s < found.torque_until_s + 0.1:
+        run.torque_problems.append("the torque acted to the end of the record")
+
+
+def _judge_log(run: Run, found: Ending, log: Path) -> None:
+    """Whether every tick that the witness saw has its row."""
+    run.lost_said = [text for text in run.warnings if "the log" in text]
+    try:
+        _, rows = read_log(log)
+    except (OSError, LogFormatError) as error:
+        run.log_problems.append(str(error))
+        return
+    run.rows = rows.size
+    if not rows.size:
+        run.log_problems.append("the log has no rows")
+        return
+    problems = [
+        f"{missing} rows are missing at {at}" if missing > 0 else f"rows go back at {at}"
+        for at, missing in gaps(rows["seq"])
+    ]
+    woke_s = (rows["deadline_ns"] + rows["lateness_ns"]) * 1e-9
+    last_s = float(woke_s[-1])
+    behind = missing_at_end(found.goal_times, last_s)
+    if behind:
+        problems.append(f"{behind} ticks came after the last row")
+    first, last = np.searchsorted(found.goal_times, (float(woke_s[0]), last_s))
+    surplus = int(last - first) - rows.size - found.duplicates
+    if surplus > 0 and not problems:
+        problems.append(f"{surplus} goals have no row")
+    if problems and not run.lost_said:
+        run.log_problems += problems
+
+
+def growth(run: Run) -> dict[str, float]:
+    """By how much each process has grown [MB]; those that were watched for too short are left out.
+
+    A restarted recorder is another process, and begins anew: its own growth is what counts, and it
+    is below what is found here.
+    """
+    found = {name: growth_mb(samples) for name, samples in run.memory.items()}
+    return {name: mb for name, mb in found.items() if mb is not None}

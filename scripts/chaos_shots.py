@@ -1,0 +1,275 @@
+"""What chaos throws at a run, and what each shot may end it with."""
+
+import contextlib
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Final
+
+from scripts.chaos_loads import may_set_clock
+from scripts.whole_program import Bus, child_of
+
+MEMORY_SHARE: Final = 0.2
+"""Of the memory that is available, which a load may take"""
+CLOCK_STEP_S: Final = 60.0
+"""The furthest that the system's clock is set wrong, for a second"""
+PROCESSES: Final = {"loop": "loop_process", "recorder": "recorder"}
+
+
+@dataclass(slots=True)
+class Stage:
+    """A run with all that a shot may strike."""
+
+    bus: Bus
+    run: subprocess.Popen[bytes]
+    log: Path
+    room: Path | None
+    """A small file system that the log lies on; None: none could be made"""
+    core: int
+    """The loop's"""
+    cores: tuple[int, ...]
+    random: Random
+    pids: dict[str, int] = field(default_factory=dict)
+    """The last known: children of a dead supervisor cannot be found any more"""
+
+    def look(self) -> dict[str, int]:
+        """The processes of the run that are there, as far as they can be found."""
+        self.pids["supervisor"] = self.run.pid
+        self.pids["emulator"] = self.bus.process.pid
+        for name, module in PROCESSES.items():
+            pid = child_of(self.run.pid, module)
+            if pid is not None:
+                self.pids[name] = pid
+        return self.pids
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """Send a process of the run a signal; nothing where it is gone."""
+        pid = self.pids.get(name)
+        if pid is not None and Path(f"/proc/{pid}").exists():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, number)
+
+
+@dataclass(frozen=True, slots=True)
+class Lasting:
+    """A shot on its way: how long it lasts [s], and how it is undone."""
+
+    seconds: float
+    undo: Callable[[], None] = lambda: None
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A kind of shot."""
+
+    name: str
+    throw: Callable[[Stage], Lasting]
+    may_end: frozenset[str] = frozenset()
+    """Stop reasons that it explains; none: a run must not end of it"""
+    allowed: Callable[[], bool] = lambda: True
+
+
+def trips(*names: str) -> frozenset[str]:
+    """Stop reasons of trips."""
+    return frozenset(f"trip:{name}" for name in names)
+
+
+SILENT = trips("losses_in_row", "loss_rate", "torque_lost")
+"""What a bus that is silent for long may end in"""
+STOPPED = trips("loop_hung", "torque_lost")
+"""What a loop that does not run may end in"""
+NO_REPORT: Final = "killed"
+"""The stop reason of a run whose supervisor was killed: nobody is left to say one"""
+
+
+def fault(*specs: str) -> Callable[[Stage], Lasting]:
+    """A fault of the bus, one of several; ``{}`` becomes a length of up to three seconds."""
+
+    def throw(stage: Stage) -> Lasting:
+        spec = stage.random.choice(specs)
+        seconds = round(stage.random.uniform(1.0, 3.0), 2) if "{}" in spec else 0.5
+        spec = spec.format(seconds)
+        assert stage.bus.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            stage.bus.process.stdin.write(spec + "\n")
+            stage.bus.process.stdin.flush()
+        return Lasting(seconds, detail=spec)
+
+    return throw
+
+
+def kill(*names: str) -> Callable[[Stage], Lasting]:
+    """SIGKILL; of several, all are stopped first, so that none acts on the other's death."""
+
+    def throw(stage: Stage) -> Lasting:
+        stage.look()
+        if len(names) > 1:
+            for name in names:
+                stage.send(name, signal.SIGSTOP)
+        for name in names:
+            stage.send(name, signal.SIGKILL)
+        return Lasting(0.0)
+
+    return throw
+
+
+def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
+    """SIGSTOP, and SIGCONT after a while."""
+
+    def throw(stage: Stage) -> Lasting:
+        stage.look()
+        seconds = stage.random.uniform(least_s, most_s)
+        stage.send(name, signal.SIGSTOP)
+        if seconds < 0.1:  # shorter than whoever undoes it may take to come round
+            time.sleep(seconds)
+            stage.send(name, signal.SIGCONT)
+            return Lasting(0.0, detail=f"{1e3 * seconds:.0f} ms")
+        return Lasting(seconds, lambda: stage.send(name, signal.SIGCONT), f"{1e3 * seconds:.0f} ms")
+
+    return throw
+
+
+def load(*arguments: str) -> subprocess.Popen[bytes]:
+    """A process beside the run."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "scripts.chaos_loads", *arguments], stdin=subprocess.DEVNULL
+    )
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """End a process beside the run, and wait for it."""
+    process.terminate()
+    process.wait()
+
+
+def busy(stage: Stage) -> Lasting:
+    """Ordinary processes that never rest, two on each core."""
+    loads = [load("busy", str(core)) for core in stage.cores for _ in range(2)]
+
+    def undo() -> None:
+        for each in loads:
+            end(each)
+
+    return Lasting(stage.random.uniform(3.0, 8.0), undo, f"{len(loads)} processes")
+
+
+def hog(least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
+    """A process above the loop's priority on its core."""
+
+    def throw(stage: Stage) -> Lasting:
+        seconds = stage.random.uniform(least_s, most_s)
+        process = load("hog", str(stage.core), f"{seconds}")
+        return Lasting(1.0, lambda: end(process), f"{1e3 * seconds:.0f} ms")
+
+    return throw
+
+
+def memory(stage: Stage) -> Lasting:
+    """A share of the memory that is available."""
+    lines = Path("/proc/meminfo").read_text().splitlines()
+    (available,) = (int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    megabytes = int(MEMORY_SHARE * available / 1024)
+    seconds = stage.random.uniform(3.0, 6.0)
+    process = load("memory", str(megabytes), f"{seconds}")
+    return Lasting(seconds + 1.0, lambda: end(process), f"{megabytes} MB")
+
+
+def disk_full(stage: Stage) -> Lasting:
+    """No room for the log: its file system is filled, or its writer may not make it longer."""
+    seconds = stage.random.uniform(1.0, 4.0)
+    if stage.room is not None:
+        filler = stage.room / "filler"
+        with filler.open("wb") as file, contextlib.suppress(OSError):
+            room = os.statvfs(stage.room)
+            os.posix_fallocate(file.fileno(), 0, room.f_bavail * room.f_frsize)
+        return Lasting(seconds, lambda: filler.unlink(missing_ok=True), f"{seconds:.1f} s")
+    pid = stage.look().get("recorder")
+    if pid is None:
+        return Lasting(0.0)
+    before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (stage.log.stat().st_size, before[1]))
+
+    def undo() -> None:
+        with contextlib.suppress(ProcessLookupError):
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
+
+    return Lasting(seconds, undo, f"{seconds:.1f} s")
+
+
+def clock_step(stage: Stage) -> Lasting:
+    """The system's clock set wrong for a second; a process of its own sets it right again."""
+    step = stage.random.uniform(1.0, CLOCK_STEP_S) * stage.random.choice((-1.0, 1.0))
+    process = load("clock", f"{step}", "1.0")
+    return Lasting(1.5, lambda: end(process), f"{step:+.0f} s")
+
+
+def may_take_priority() -> bool:
+    """Whether real-time priorities are granted."""
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= 85
+
+
+GENTLE: Final = (
+    Shot(
+        "replies and requests damaged",
+        fault(
+            "drop:p=0.05,for={}",
+            "corrupt:p=0.05,for={}",
+            "corrupt:flips=64,p=0.05,for={}",
+            "truncate:p=0.02,for={}",
+            "duplicate:p=0.05,for={}",
+            "late:ms=1.5,p=0.02,for={}",
+            "wrong-id:p=0.03,for={}",
+            "noise:p=0.05,for={}",
+        ),
+    ),
+    Shot("both cores busy", busy),
+    Shot("a fifth of the memory taken", memory),
+    Shot("loop's core held for 5 to 20 ms", hog(0.005, 0.02), allowed=may_take_priority),
+    Shot("recorder killed", kill("recorder")),
+    Shot("recorder stopped for 1 to 5 s", stop("recorder", 1.0, 5.0)),
+    Shot("disk full for 1 to 4 s", disk_full),
+    Shot("loop stopped for 3 to 15 ms", stop("loop", 0.003, 0.015)),
+    Shot("supervisor stopped for 1 to 3 s", stop("supervisor", 1.0, 3.0)),
+    Shot("emulator stopped for 3 to 15 ms", stop("emulator", 0.003, 0.015)),
+    Shot("clock set wrong by up to a minute", clock_step, allowed=may_set_clock),
+)
+"""A run must live through these"""
+HARD: Final = (
+    Shot("loop killed", kill("loop"), trips("loop_died")),
+    Shot("supervisor killed", kill("supervisor"), frozenset({NO_REPORT})),
+    Shot("supervisor and loop killed", kill("supervisor", "loop"), frozenset({NO_REPORT})),
+    Shot("loop stopped for 0.1 to 1 s", stop("loop", 0.15, 1.0), STOPPED | SILENT),
+    Shot(
+        "loop's core held for 0.1 to 0.4 s",
+        hog(0.1, 0.4),
+        STOPPED | SILENT,
+        allowed=may_take_priority,
+    ),
+    Shot("emulator stopped for 0.1 to 1 s", stop("emulator", 0.15, 1.0), SILENT),
+    Shot("emulator killed", kill("emulator"), trips("servo_lost")),
+    Shot("bus silent", fault("drop:for={}", "drop:way=reply,for={}", "unplug:for={}"), SILENT),
+    Shot("adapter unplugged", fault("unplug-adapter:for={}"), trips("servo_lost")),
+    Shot("encoder jumps", fault("jump:counts=500", "jump:counts=-900"), trips("overspeed")),
+    Shot(
+        "servo in error",
+        fault("hardware-error:bits=overload", "hardware-error:bits=voltage+encoder"),
+        trips("hardware_error"),
+    ),
+    Shot(
+        "supply or temperature out of limits",
+        fault("supply:volts=5,for={}", "ambient:celsius=95,for={}"),
+        trips("hardware_error", "servo_health"),
+    ),
+    Shot("servo restarts", fault("brown-out"), SILENT),
+)
+"""Most runs end by these"""
+SHOTS: Final = (*GENTLE, *HARD)
+MAY_END: Final[Mapping[str, frozenset[str]]] = {shot.name: shot.may_end for shot in SHOTS}
