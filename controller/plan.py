@@ -27,6 +27,17 @@ class Ended:
     """The loop's own ``session.Result``; None: it ended without one"""
     realtime: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    cause: str = ""
+    """Of a run that was ended from outside of the loop: what happened, and to the torque"""
+    cut: bool | None = None
+    """Whether torque off was read back by the supervisor; None: the loop had seen to it"""
+
+    @property
+    def torque_off(self) -> bool | None:
+        """Whether torque off was read back in the end; None: nobody knows."""
+        if self.cut is None and self.result is not None:
+            return bool(self.result["torque_off"])
+        return self.cut
 
 
 @dataclass(frozen=True, slots=True)

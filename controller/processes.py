@@ -10,7 +10,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+KILLED_S = 2.0
+"""How long a killed process may take to be gone [s]"""
+_DOING = {
+    "R": "was busy",
+    "S": "waited for something",
+    "D": "waited for a disk or a device",
+    "T": "was stopped by a signal",
+    "t": "was stopped by a debugger",
+}
+"""By the letter for a process's state in /proc"""
 
 
 class Child:
@@ -72,6 +84,18 @@ class Child:
         """Whether it has ended."""
         return self._process.poll() is not None
 
+    def well(self) -> bool:
+        """Whether it has ended as it should."""
+        return self._process.returncode == 0
+
+    def doing(self) -> str:
+        """What it is just about, to go behind "it"; empty: nobody knows."""
+        try:
+            stat = Path(f"/proc/{self.pid}/stat").read_text()
+        except OSError:
+            return ""
+        return _DOING.get(stat[stat.rindex(")") + 2], "")
+
     def exit_text(self) -> str:
         """How it ended, for messages."""
         code = self._process.returncode
@@ -95,7 +119,7 @@ class Child:
         self.send(signal.SIGTERM)
         if not self.wait(timeout_s):
             self.send(signal.SIGKILL)
-            self._process.wait()
+            self.wait(KILLED_S)  # one that waits for a device in the kernel does not even die
         if self._process.stdout is not None and not self._process.stdout.closed:
             self._process.stdout.close()
             os.close(self.pidfd)

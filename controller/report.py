@@ -31,6 +31,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
         "work_us": statistics.work.as_report(50, 99, 99.9),
         "bus_us": statistics.bus.as_report(50, 99, 99.9),
+        "timing": result.get("timing"),
         "bus": _bus(result.get("bus"), ended),
         "delay_s": result.get("delay"),
         "guard": result.get("guard"),
@@ -38,9 +39,10 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
         "stop_reason": ended.stop_reason,
         "explanation": explanation(ended),
-        "torque_off": result.get("torque_off"),
+        "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
+        "machine": result.get("setup", []),
         "warnings": _warnings(ended),
         "log": log,
         "plot": plot,
@@ -52,7 +54,7 @@ def explanation(ended: Ended) -> str | None:
     kind, _, name = ended.stop_reason.partition(":")
     if kind != "trip":
         return None
-    message = (ended.result or {}).get("message", "")
+    message = ended.cause or (ended.result or {}).get("message", "")
     return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
 
 

@@ -6,7 +6,6 @@ import signal
 from types import FrameType
 
 from controller.inline import run_inline
-from controller.logfile import append_end
 from controller.plan import Ended, Plan, Tell
 from controller.signals import on_signals
 from controller.supervisor import Supervisor

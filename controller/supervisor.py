@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.log_keeper import LogKeeper
 from controller.loop_process import Orders
+from controller.loop_watch import END_S, START_S, LoopWatch
 from controller.oscillation import State as Oscillation
 from controller.plan import Ended, Plan, Tell
 from controller.processes import Child, first_line
@@ -34,10 +36,6 @@ from hw.errors import ServoError
 from hw.open import cut_torque, open_port
 from hw.settings import DynamixelSettings, TrueServo
 
-START_S = 60.0
-"""How long the loop may take to start [s]: the checked start-up, and the guard's mathematics."""
-END_S = 2.0
-"""How long a child may take to end after it was asked to [s]."""
 POLL_MS = 20
 """How often the heartbeat is looked at [ms]."""
 COUNT_S = 0.25
@@ -51,7 +49,7 @@ class Supervisor:
     Args:
         plan: What to run.
         telemetry: The memory that all of them share.
-        tell: Called with what a person should know meanwhile.
+        tell: Called with what a person should know meanwhile; must not wait for the terminal.
     """
 
     def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
@@ -59,6 +57,8 @@ class Supervisor:
         self._telemetry = telemetry
         self._words = telemetry.words
         self._tell = tell
+        self._cause = ""
+        self._torque_off: bool | None = None
         self._statistics = RunStatistics()
         self._counted = 0
         self._oscillates = False
@@ -78,11 +78,11 @@ class Supervisor:
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
-            recorder = self._start_recorder(children)
+            log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
+            children.callback(log.close)
             loop = self._start_loop(children)
-            reason = self._watch(loop, emulator)
-            self._words[Word.FINISHED] = 1
-            self._end_recorder(recorder)
+            reason = self._watch(loop, emulator, log)
+            self._warnings += log.end()
         self._count()
         if self._refused is not None:
             raise ServoError(self._refused)
@@ -95,6 +95,8 @@ class Supervisor:
             result,
             self._realtime,
             self._warnings,
+            self._cause,
+            self._torque_off,
         )
 
     @contextlib.contextmanager
@@ -128,23 +130,21 @@ class Supervisor:
         children.callback(os.close, self._port)
         return emulator
 
-    def _start_recorder(self, children: contextlib.ExitStack) -> Child:
+    def _start_recorder(self, resume: bool) -> Child:
         orders = {
             "telemetry": self._telemetry.descriptor,
             "parent": os.getpid(),
             "log": str(self._plan.log),
             "metadata": self._plan.metadata,
-            "resume": False,
+            "resume": resume,
         }
-        recorder = Child(
+        return Child(
             "recorder",
             ["controller.recorder"],
             orders,
             [self._telemetry.descriptor],
             self._others,
         )
-        children.callback(recorder.dismiss, END_S)
-        return recorder
 
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         orders = Orders(
@@ -160,76 +160,95 @@ class Supervisor:
         if self._port is not None:
             descriptors.append(self._port)
         loop = Child("loop", ["controller.loop_process"], asdict(orders), descriptors)
-        children.callback(loop.dismiss, END_S)
+        children.callback(self._leave, loop)
         return loop
 
-    def _watch(self, loop: Child, emulator: Child | None) -> str:
+    def _watch(self, loop: Child, emulator: Child | None, log: LogKeeper) -> str:
         """Until the loop has ended, by itself or by force; why."""
         poll = select.poll()
         poll.register(loop.pidfd, select.POLLIN)
         poll.register(loop.output, select.POLLIN)
-        started = counted = time.monotonic()
-        stop_asked: float | None = None
+        counted = time.monotonic()
+        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, counted)
         while not loop.ended():
             poll.poll(POLL_MS)
-            self._hear(loop)
             now = time.monotonic()
+            overdue = watch.overdue(now)
+            if overdue is not None and not loop.ended():
+                return self._cut_overdue(loop, emulator, overdue)
+            self._hear(loop)
+            log.look(now)
             if now > counted + COUNT_S:
                 self._count()
                 counted = now
-            if stop_asked is None and (
-                self._words[Word.STOP] or (emulator is not None and emulator.ended())
-            ):
-                stop_asked = now
-            hung = self._hung(now, started)
-            if hung or (stop_asked is not None and now - stop_asked > END_S):
-                return self._cut_overdue(loop, emulator)
+            if emulator is not None and emulator.ended():
+                watch.asked()
         self._hear(loop)
         self._mourn(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
-                self._warnings.append(self._cut_text())
+                self._warnings.append(
+                    f"the loop could not read torque off back; {self._cut_text()}"
+                )
             return str(self._result["stop_reason"])
         if self._refused is not None:
             return "refused"
-        return self._cut(loop, Trip.LOOP_DIED)
+        return self._cut(loop, Trip.LOOP_DIED, "")
 
-    def _hung(self, now: float, started: float) -> bool:
-        state = self._words[Word.STATE]
-        if state == State.STARTING:
-            return now - started > START_S
-        silent = now - self._words[Word.HEARTBEAT_NS] * 1e-9
-        # Once it has left the grid it has nothing to do but to end.
-        return silent > (self._plan.config.safety.heartbeat_s if state == State.RUNNING else END_S)
-
-    def _cut_overdue(self, loop: Child, emulator: Child | None) -> str:
+    def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> str:
         """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
         starting = self._words[Word.STATE] == State.STARTING
-        reason = self._cut(loop, Trip.LOOP_HUNG)
+        reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
+        self._hear(loop)
         self._mourn(emulator)
         if self._result is not None:  # only its process would not end
-            return str(self._result["stop_reason"])
-        if emulator is not None and emulator.ended():
+            reason = str(self._result["stop_reason"])
+        elif emulator is not None and emulator.ended():
             return f"trip:{Trip.SERVO_LOST}"
-        return "interrupted" if starting and self._words[Word.STOP] else reason
+        elif starting and self._words[Word.STOP]:
+            reason = "interrupted"
+        else:
+            return reason
+        self._warnings.append(self._cause)
+        self._cause = ""
+        return reason
 
     def _mourn(self, emulator: Child | None) -> None:
         if emulator is not None and emulator.ended():
             self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
 
-    def _cut(self, loop: Child, trip: Trip) -> str:
-        """Take the bus from a loop that is dead or hung; from here on it says nothing on it."""
+    def _cut(self, loop: Child, trip: Trip, overdue: str) -> str:
+        """Take the bus from a loop that is dead or hung; from here on it says nothing on it.
+
+        Args:
+            loop: Whose bus it was.
+            trip: What the run is ended by.
+            overdue: What it has failed to do; empty: it is dead.
+        """
+        doing = loop.doing()
         self._words[Word.CUT] = 1
         loop.send(signal.SIGKILL)  # a loop that only seems hung must not talk during the cut
         text = self._cut_text()
         loop.wait(END_S)
-        self._warnings.append(f"the loop's process {loop.exit_text()}; {text}")
+        what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
+        self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
         return f"trip:{trip}"
 
+    def _leave(self, loop: Child) -> None:
+        """Whatever goes wrong here, the loop does not stay behind with its torque on."""
+        if not loop.ended():
+            self._words[Word.STOP] = 1
+            if not loop.wait(END_S):
+                self._cut(loop, Trip.LOOP_HUNG, "was left")
+        loop.dismiss(END_S)
+
     def _cut_text(self) -> str:
+        """Switch the torque off; what came of it."""
         if self._port is None or not isinstance(self._settings, DynamixelSettings):
+            self._torque_off = True
             return "the simulated servo ended with it"
-        if cut_torque(self._settings, self._port, MonotonicClock()):
+        self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
+        if self._torque_off:
             return "the supervisor switched the torque off and read it back"
         return (
             "torque off could not be read back: switch the servo's power off; its Bus Watchdog"
@@ -245,8 +264,7 @@ class Supervisor:
                 case "refused":
                     self._refused = event["message"]
                 case "tell":
-                    with contextlib.suppress(OSError):  # nobody listens: no reason to end the run
-                        self._tell(event["text"])
+                    self._tell(event["text"])
                 case "ended":
                     self._result = event["result"]
 
@@ -271,18 +289,6 @@ class Supervisor:
             stiffness = float(rows["stiffness"][-1])
             self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
         self._oscillates = oscillates
-
-    def _end_recorder(self, recorder: Child) -> None:
-        recorder.wait(5.0)
-        lines = recorder.lines()
-        trouble = json.loads(lines[-1])["trouble"] if lines else None
-        missing = self._words[Word.HEAD] - self._words[Word.RECORDED]
-        if missing:
-            why = trouble or f"the recorder {recorder.exit_text()}"
-            self._warnings.append(
-                f"the log is incomplete ({why}): it lacks {missing} of"
-                f" {self._words[Word.HEAD]} rows; the run was not disturbed"
-            )
 
 
 def emulator_arguments(

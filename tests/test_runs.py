@@ -174,7 +174,9 @@ def test_a_killed_loop_has_its_torque_cut(tmp_path):
     assert process.returncode == 3
     report = json.loads(output)
     assert report["stop_reason"] == "trip:loop_died"
-    assert any("switched the torque off and read it back" in text for text in report["warnings"])
+    assert "was killed by SIGKILL" in report["explanation"]
+    assert "switched the torque off and read it back" in report["explanation"]
+    assert report["torque_off"] is True
     assert_torque_off(witness(tmp_path))
 
 
