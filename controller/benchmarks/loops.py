@@ -27,6 +27,8 @@ from controller.run import run
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
 """How long a child may take to start, and to end [s]"""
+_WARM_UP_S: Final = 0.05
+"""What is lost in it counts as well"""
 FORGIVING: Final = (
     "realtime.profile=best-effort",
     "servo.watchdog_s=0.5",
@@ -45,7 +47,7 @@ class Ran:
 
     ticks: int
     missed: int
-    """Whole periods skipped"""
+    """Periods in which it did not run"""
     lost: int
     """Ticks without a reply in time"""
 
@@ -105,19 +107,20 @@ def ours(path: str, seconds: float, rate_hz: float) -> Ran:
 
     Raises:
         ServoError: The servo could not be started.
-        PlatformError: The run ended before its time.
     """
     ended = wall_run(
         "xm430-w350",
         seconds,
         f"servo.port={path}",
         f"loop.rate_hz={rate_hz!r}",
+        f"loop.warm_up_s={_WARM_UP_S}",
         f"realtime.spin_us={1e6 * SPIN_SHARE / rate_hz!r}",
         *AT_REST,
     )
-    assert ended.result is not None
-    counts = ended.result["bus"]
-    return Ran(ended.ticks, ended.missed, counts["lost"] + counts["corrupt"])
+    # One that a trip has ended, with a machine that cannot do it, has missed all that was to come.
+    missed = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
+    counts = (ended.result or {"bus": {"lost": 0, "corrupt": 0}})["bus"]
+    return Ran(ended.ticks, missed, counts["lost"] + counts["corrupt"])
 
 
 LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
@@ -128,7 +131,6 @@ def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
 
     Raises:
         ServoError: The servo could not be started.
-        PlatformError: The run ended before its time.
         KeyboardInterrupt: It was interrupted.
     """
     loaded = load_config(preset, (*FORGIVING, *sets))
@@ -138,6 +140,4 @@ def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
         ended = run(plan, lambda _text: None)
     if ended.stop_reason == "interrupted":  # the run has taken the signal, and meant was all
         raise KeyboardInterrupt
-    if ended.stop_reason != "duration" or ended.result is None:
-        raise PlatformError(f"a run on {preset} ended by itself ({ended.stop_reason})")
     return ended

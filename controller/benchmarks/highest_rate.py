@@ -1,0 +1,88 @@
+"""The highest rate at which a loop keeps up with the emulated bus, beside a bare loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from controller.benchmarks.loops import LOOPS, Loop, Ran, emulated_bus
+from controller.benchmarks.rows import Row, Section
+
+_LOW_HZ, _HIGH_HZ = 500.0, 8000.0
+_STEPS, _TRIES, _SECONDS = 6, 2, 1.0
+"""The last step decides on 4 %; a rate is tried again, since the machine stalls at times"""
+_MOST_FAILED = 0.01
+_WHAT: Final = "highest rate with less than 1 % of the periods skipped or without a reply in time"
+_SHOWS_NOT: Final = (
+    "a wire and a USB adapter, which allow less; most of a period passes on the emulated wire at"
+    " 4 Mbit/s and in the emulated bus's own process"
+)
+
+
+class Search:
+    """Halves, on a logarithmic scale, the range in which the highest rate lies.
+
+    Args:
+        low_hz: Rates below it are not of interest.
+        high_hz: Rates above it are not either.
+
+    Attributes:
+        held_hz: The highest rate that was held; None: none was.
+        rate_hz: The next one to be tried.
+    """
+
+    def __init__(self, low_hz: float, high_hz: float) -> None:
+        self._low, self._high = low_hz, high_hz
+        self.held_hz: float | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """See ``Search``."""
+        return math.sqrt(self._low * self._high)
+
+    def tell(self, held: bool) -> None:
+        """What became of ``rate_hz``."""
+        if held:
+            self._low = self.held_hz = self.rate_hz
+        else:
+            self._high = self.rate_hz
+
+
+def measure() -> Section:
+    """The highest rate of each loop, and of one over that of the other.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The bus or a loop could not be started.
+    """
+    searches = {name: Search(_LOW_HZ, _HIGH_HZ) for name in LOOPS}
+    with emulated_bus() as path:
+        for _ in range(_STEPS):
+            for name, loop in LOOPS.items():
+                searches[name].tell(holds(loop, path, searches[name].rate_hz))
+    rows, notes = [], []
+    for name, search in searches.items():
+        if search.held_hz is None:
+            notes.append(f"{name}: no rate above {_LOW_HZ:g} Hz was held; the machine is too busy")
+        else:
+            rows.append(Row(f"{name}, {_WHAT}", search.held_hz, "Hz", _SHOWS_NOT))
+    if not notes:
+        bare, ours = (row.value for row in rows)
+        name = "haptic-wall, highest rate: over that of the bare loop"
+        rows.append(Row(name, ours / bare, "1", "how fast either is; that stands above"))
+    return Section(tuple(rows), tuple(notes))
+
+
+def holds(loop: Loop, path: str, rate_hz: float) -> bool:
+    """Whether a loop keeps up with a rate, in one of a few tries.
+
+    Args:
+        loop: To be tried.
+        path: Of the bus.
+        rate_hz: To be kept up with.
+    """
+    return any(_kept_up(loop(path, _SECONDS, rate_hz)) for _ in range(_TRIES))
+
+
+def _kept_up(ran: Ran) -> bool:
+    return ran.missed + ran.lost < _MOST_FAILED * (ran.ticks + ran.missed)
