@@ -1,4 +1,4 @@
-"""How many periods of how many walls are simulated in a second, beside the servo run alone."""
+"""How many periods of how many walls are simulated in a second, beside one alone and peers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from controller.benchmarks.plant_alone import LINEAR, PERIOD_S, alike, beside_peers
 from controller.benchmarks.rows import Row, Section, interleaved
-from controller.experiments.many_walls import BLOCK, Loops, Walls
+from controller.experiments.many_walls import BLOCK, Loops
 from controller.theory.checks import FloatArray
 from hw.clock import SimulatedClock
 from hw.open import open_servo
@@ -16,25 +17,24 @@ from hw.settings import SimulatedSettings, TrueServo
 
 _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000
-_PERIOD_NS = 1_000_000
+_PERIOD_NS = round(1e9 * PERIOD_S)
 _STIFFNESS, _VIRTUAL_DAMPING, _KICK = 10.0, 0.05, 0.05
-_LINEAR = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)
 _ROUGH = TrueServo(
     inertia=0.012, damping=0.012, coulomb=0.02, counts_per_rev=4096, torque_limit=4.1
 )
 
 
 def measure() -> Section:
-    """Two-sided walls on smooth servos and on rough ones, as an array and one alone."""
+    """Two-sided walls as an array and one alone; the servo without its wall beside peers."""
     work: dict[str, Callable[[], object]] = {
-        "linear": lambda: _array(_LINEAR),
+        "linear": lambda: _array(LINEAR),
         "rough": lambda: _array(_ROUGH),
-        "linear alone": lambda: alone(_LINEAR, _PERIODS_ALONE),
+        "linear alone": lambda: alone(LINEAR, _PERIODS_ALONE),
         "rough alone": lambda: alone(_ROUGH, _PERIODS_ALONE),
     }
     times = interleaved(work, _ROUNDS)
     rows = []
-    for name, servo in (("linear", _LINEAR), ("rough", _ROUGH)):
+    for name, servo in (("linear", LINEAR), ("rough", _ROUGH)):
         what = "linear servo" if name == "linear" else "friction and encoder"
         many = BLOCK * _PERIODS / times[name]
         single = _PERIODS_ALONE / times[f"{name} alone"]
@@ -60,7 +60,8 @@ def measure() -> Section:
                 "other settings than these, over one second",
             ),
         ]
-    return Section(tuple(rows))
+    compared, notes = beside_peers()
+    return Section((*rows, *compared), tuple(notes))
 
 
 def _array(servo: TrueServo) -> object:
@@ -69,26 +70,8 @@ def _array(servo: TrueServo) -> object:
 
 def together(servo: TrueServo, count: int, periods: int) -> FloatArray:
     """Last measured positions [rad] of that many walls, all alike, after some periods."""
-    one = np.ones(count)
-    period = 1e-9 * _PERIOD_NS
-    walls = Walls(
-        inertia=servo.inertia * one,
-        damping=servo.damping * one,
-        coulomb=servo.coulomb * one,
-        counts_per_radian=servo.counts_per_rev / math.tau * one,
-        backlash=0.0 * one,
-        torque_limit=servo.torque_limit * one,
-        torque_step=0.0 * one,
-        stiffness=_STIFFNESS * one,
-        virtual_damping=_VIRTUAL_DAMPING * one,
-        period=period * one,
-        whole=np.zeros(count, dtype=np.int64),
-        lag=0.0 * one,
-        rest=period * one,
-        velocity_samples=np.ones(count, dtype=np.int64),
-        one_sided=np.zeros(count, dtype=np.bool_),
-    )
-    loops = Loops(walls, _KICK * one)
+    walls = alike(servo, count, _STIFFNESS, _VIRTUAL_DAMPING)
+    loops = Loops(walls, np.full(count, _KICK))
     loops.run(periods)
     return loops.measured
 
@@ -106,12 +89,11 @@ def alone(servo: TrueServo, periods: int) -> float:
     )
     body = open_servo(SimulatedSettings(true), clock)
     body.start()
-    period = 1e-9 * _PERIOD_NS
     before = math.nan
     for k in range(periods):
         body.request()
         position = body.collect(clock.now_ns()).position
-        velocity = (position - before) / period if k else 0.0
+        velocity = (position - before) / PERIOD_S if k else 0.0
         body.write(-_STIFFNESS * position - _VIRTUAL_DAMPING * velocity)
         before = position
         clock.wait_until((k + 1) * _PERIOD_NS)

@@ -110,4 +110,3 @@ def _stated(text: str, label: str) -> int | None:
     """The one thread's number on a line of the summary."""
     found = re.search(rf"^# {label}:\s*(\d+)\s*$", text, re.MULTILINE)
     return None if found is None else int(found[1])
-

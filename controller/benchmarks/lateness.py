@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.benchmarks import cyclictest
+from controller.benchmarks.bins import percentile
 from controller.benchmarks.lateness_client import PERIOD_NS, Orders
 from controller.benchmarks.rows import Histogram, Row, Section, ratio
 from controller.config_load import load_config
@@ -38,11 +38,9 @@ _ROUNDS, _TICKS = 8, 1000
 _START_S: Final = 20.0
 _WARM_UP_S: Final = 0.1
 _PERCENTILES: Final = (50.0, 99.0, 99.9)
-_PROGRAM, _WAIT, _BARE = (
-    "haptic-wall run",
-    "haptic-wall's wait",
-    "haptic-wall's wait, no real-time settings",
-)
+_PROGRAM: Final = "haptic-wall run"
+_WAIT: Final = "haptic-wall's wait alone"
+_WAIT_ONLY: Final = "haptic-wall's wait alone, no real-time settings"
 _YARDSTICK: Final = "cyclictest"
 _SHOWS_NOT: Final = {
     _PROGRAM: "a servo on a bus: this one is simulated in the loop's process",
@@ -59,6 +57,8 @@ class Turn:
     late_us: FloatArray
     rate_hz: float | None
     """Delivered; None: it does not tell"""
+    busy: float | None = None
+    """Processor time, as a share of the time that passed; None: it does not tell"""
     settings: Sequence[Mapping[str, Any]] = ()
     """Real-time settings, wanted against got; empty: it asked for none"""
 
@@ -77,16 +77,6 @@ class _Seen:
         return [percentile(turn.late_us, q) for turn in self.turns]
 
 
-def percentile(values: NDArray[Any], q: float) -> float:
-    """The least of the values that q % of them do not exceed.
-
-    Args:
-        values: At least one.
-        q: In percent.
-    """
-    return float(np.percentile(values, q, method="inverted_cdf"))
-
-
 def measure() -> Section:
     """Percentiles of lateness and the rate delivered, of each client."""
     core, _ = pick_cores()
@@ -100,7 +90,7 @@ def measure() -> Section:
         rows += _compared(seen)
         words = " ".join(cyclictest.options(core, _TICKS))
         notes.append(f"cyclictest was run as: cyclictest {words}")
-    notes += _granted(seen[_WAIT].turns[-1].settings)
+    notes.append(_granted(seen[_WAIT].turns[-1].settings))
     notes.append(
         "a relative sleep and the rate limiter count each period from the wake-up before, and so"
         " does their lateness here: what it adds up to is the rate delivered"
@@ -128,7 +118,7 @@ def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
         except PlatformError as error:
             notes.append(f"nothing is compared with cyclictest: {error}")
     clients[_WAIT] = partial(_child, "settings", core)
-    clients[_BARE] = partial(_child, "no settings", core)
+    clients[_WAIT_ONLY] = partial(_child, "no settings", core)
     clients["time.sleep to the next deadline"] = partial(_child, "deadline", core)
     clients["time.sleep(period)"] = partial(_child, "relative", core)
     try:
@@ -152,6 +142,9 @@ def _rows(name: str, seen: _Seen) -> list[Row]:
     if rates:
         what = f"{name}, rate delivered of {1e9 / PERIOD_NS:g} Hz asked"
         rows.append(Row(what, statistics.median(rates), "Hz", shows_not))
+    busy = [100.0 * turn.busy for turn in seen.turns if turn.busy is not None]
+    if busy:
+        rows.append(Row(f"{name}, processor time", statistics.median(busy), "%", shows_not))
     return rows
 
 
@@ -164,21 +157,16 @@ def _compared(seen: Mapping[str, _Seen]) -> list[Row]:
             f"{name}: p99 of lateness over cyclictest's",
             seen[name].percentile(99.0),
             theirs,
-            "the longest stalls, which are the machine's, and of a second too few to compare",
+            "the longest stalls, of which a second has too few; and cyclictest only sleeps, which"
+            " takes less processor time than to sleep and spin",
         )
         for name in (_PROGRAM, _WAIT)
     ]
 
 
-def _granted(settings: Sequence[Mapping[str, Any]]) -> list[str]:
-    got = ", ".join(f"{s['name']}: {s['got']}" for s in settings if s["ok"])
-    notes = [f"real-time settings that {_PROGRAM} and its wait got: {got}"]
-    notes += [
-        f"{s['name']}: wanted {s['wanted']}, {s['got']}; {s['remedy']}"
-        for s in settings
-        if not s["ok"]
-    ]
-    return notes
+def _granted(settings: Sequence[Mapping[str, Any]]) -> str:
+    got = ", ".join(f"{setting['name']}: {setting['got']}" for setting in settings)
+    return f"{_PROGRAM} and its wait asked for real-time settings and got: {got}"
 
 
 def _cyclictest(path: str, core: int) -> Turn:
@@ -205,7 +193,9 @@ def _child(client: str, core: int) -> Turn:
         raise PlatformError(f"{child.name} told nothing: it {child.exit_text()}")
     told = json.loads(lines[0])
     late = 1e-3 * np.array(told["lateness_ns"], dtype=np.float64)
-    return Turn(late, _rate(_TICKS, told["elapsed_ns"]), told["settings"])
+    elapsed_ns = told["elapsed_ns"]
+    busy = told["busy_ns"] / elapsed_ns
+    return Turn(late, _rate(_TICKS, elapsed_ns), busy, told["settings"])
 
 
 def _program(core: int) -> Turn:

@@ -42,6 +42,8 @@ class Woken(NamedTuple):
     lateness_ns: list[int]
     elapsed_ns: int
     """From the first wake-up to the last"""
+    busy_ns: int
+    """Processor time of all of it"""
 
 
 def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monotonic_ns) -> Woken:
@@ -53,6 +55,7 @@ def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monoton
         now_ns: The waiter's clock.
     """
     late = []
+    began = time.thread_time_ns()
     deadline = now_ns() + PERIOD_NS
     first = woke = 0
     for _ in range(ticks):
@@ -60,7 +63,7 @@ def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monoton
         first = first or woke
         late.append(woke - deadline)
         deadline, _ = next_deadline(deadline, now_ns(), PERIOD_NS)
-    return Woken(late, woke - first)
+    return Woken(late, woke - first, time.thread_time_ns() - began)
 
 
 def with_settings(orders: Orders) -> Woken:
@@ -76,15 +79,16 @@ def to_the_deadline(orders: Orders) -> Woken:
 def relative(orders: Orders) -> Woken:
     """Sleep for a period; the next one counts from the wake-up."""
     now, sleep, period_s = time.monotonic_ns, time.sleep, PERIOD_NS * 1e-9
-    woke, late = now(), []
-    first = 0
+    late = []
+    began = time.thread_time_ns()
+    woke, first = now(), 0
     for _ in range(orders.ticks):
         due = woke + PERIOD_NS
         sleep(period_s)
         woke = now()
         first = first or woke
         late.append(woke - due)
-    return Woken(late, woke - first)
+    return Woken(late, woke - first, time.thread_time_ns() - began)
 
 
 def rate_limited(orders: Orders) -> Woken:
@@ -93,6 +97,7 @@ def rate_limited(orders: Orders) -> Woken:
         frequency=1e9 / PERIOD_NS, warn=False
     )
     now, late = time.perf_counter, []
+    began = time.thread_time_ns()
     first = woke = 0.0
     for _ in range(orders.ticks):
         due = limiter.next_tick
@@ -100,7 +105,7 @@ def rate_limited(orders: Orders) -> Woken:
         woke = now()
         first = first or woke
         late.append(round(1e9 * (woke - due)))
-    return Woken(late, round(1e9 * (woke - first)))
+    return Woken(late, round(1e9 * (woke - first)), time.thread_time_ns() - began)
 
 
 CLIENTS: Final[dict[str, tuple[realtime.Profile, Callable[[Orders], Woken]]]] = {

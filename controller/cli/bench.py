@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-import importlib
+import itertools
+import signal
+import sys
 import textwrap
 from collections.abc import Mapping
-from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import click
 
-from controller.benchmarks.machine import machine, versions
-from controller.benchmarks.rows import Section
-from controller.cli.options import answer, as_json, json_option
+from controller.benchmarks import words
+from controller.cli import interrupt
+from controller.cli.options import answer, as_json, json_option, writing
+from controller.signals import on_signals
 
 SECTIONS = {
+    "lateness": "controller.benchmarks.lateness",
     "boundary": "controller.benchmarks.boundary",
     "array_simulation": "controller.benchmarks.array_simulation",
+    "torque_frames": "controller.benchmarks.torque_frames",
+    "highest_rate": "controller.benchmarks.highest_rate",
     "bus_cycle": "controller.benchmarks.bus_cycle",
+    "lost_reply": "controller.benchmarks.lost_reply",
+    "telemetry_row": "controller.benchmarks.telemetry_row",
     "detector": "controller.benchmarks.detector",
 }
 """Each section's module, which has ``measure() -> Section``."""
@@ -32,47 +40,62 @@ _WIDTH = 98
     type=click.Choice(list(SECTIONS)),
     help="Only this part (repeatable).",
 )
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the report as one HTML page too, with histograms.",
+)
 @json_option
-def command(names: tuple[str, ...], as_json_wanted: bool) -> None:
-    """Measure how fast this machine computes limits, simulates walls and talks to servos.
+def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> None:
+    """Measure how well this machine keeps time, computes limits, simulates walls, talks to servos.
 
     Pieces of work that are compared take turns over several rounds; the figures are medians. Times
-    are of this machine, now: nothing is asserted about another.
+    are of this machine, now: nothing is asserted about another. A Ctrl-C ends it with a report of
+    what is finished.
     """
-    found: dict[str, Section] = {}
-    for name in dict.fromkeys(names or SECTIONS):
-        click.echo(f"measuring {name} ...", err=True)
-        found[name] = importlib.import_module(SECTIONS[name]).measure()
-    report = {
-        "machine": machine(),
-        "versions": versions(),
-        "sections": {name: asdict(section) for name, section in found.items()},
-    }
-    answer(as_json(report) if as_json_wanted else _text(report))
+    from controller.benchmarks.report import measured
+
+    if html is not None:
+        with writing("--html", html):
+            html.open("ab").close()  # not found out after minutes
+    chosen = {name: SECTIONS[name] for name in names or SECTIONS}
+    report = measured(chosen, lambda name: click.echo(f"measuring {name} ...", err=True))
+    with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+        if html is not None:
+            from controller.benchmarks.page import page
+
+            with writing("--html", html):
+                html.write_text(page(report), encoding="utf-8")
+        answer(as_json(report) if as_json_wanted else _text(report))
+    if report["interrupted"]:
+        sys.exit(interrupt.INTERRUPTED)
 
 
 def _text(report: Mapping[str, Any]) -> str:
-    on = report["machine"]
-    cores = "unknown" if on["cores"] is None else on["cores"]
-    installed = ", ".join(
-        f"{name} {number}" if number else f"{name} not installed"
-        for name, number in report["versions"].items()
-    )
-    lines = [f"{on['processor']}, {cores} cores, {on['system']}", installed]
+    lines = [words.hardware(report)]
+    lines += _folded(words.installed(report), 0)
+    lines.append(words.meanwhile(report))
+    if report["machine"]["realtime"]:
+        for line in words.rights(report):
+            lines += _folded(line, 0)
     for name, section in report["sections"].items():
-        lines += ["", name.replace("_", " ")]
-        for row in section["rows"]:
-            unit = "" if row["unit"] == "1" else f" {row['unit']}"
-            lines.append(f"  {_figure(row['value'])}{unit}  {row['name']}")
-            lines += _folded(f"does not show {row['shows_not']}", 4)
+        took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}"
+        lines += ["", f"{words.title(name)} ({took})"]
+        for shows_not, rows in itertools.groupby(section["rows"], lambda row: row["shows_not"]):
+            lines += [_line(row) for row in rows]
+            lines += _folded(f"does not show {shows_not}", 4)
         for note in section["notes"]:
             lines += _folded(note, 2)
+    if report["interrupted"]:
+        lines += ["", "interrupted: only what is above was finished"]
     return "\n".join(lines)
 
 
-def _figure(value: float) -> str:
-    """Three digits; large numbers in groups of thousands."""
-    return f"{float(f'{value:.3g}'):,.0f}" if value >= 1000 else f"{value:.3g}"
+def _line(row: Mapping[str, Any]) -> str:
+    spread = words.quartiles(row)
+    value = " ".join(part for part in (words.figure(row["value"]), words.unit(row)) if part)
+    return f"  {value}{f' ({spread})' if spread else ''}  {row['name']}"
 
 
 def _folded(text: str, indent: int) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,11 +45,11 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def picture(path: Path, width: float, height: float) -> Iterator[Figure]:
+def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Figure]:
     """A figure to draw on, written as PNG at the end; the same data gives the same file.
 
     Args:
-        path: Where it goes.
+        path: Where it goes: a file's path, or what is open for writing.
         width: [inch].
         height: [inch].
 

@@ -1,0 +1,67 @@
+"""One report of the sections asked for: figures, what the machine was, what it lost meanwhile."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from controller.benchmarks.bins import binned
+from controller.benchmarks.machine import (
+    load_average,
+    machine,
+    processor_time,
+    stolen_percent,
+    versions,
+)
+from controller.benchmarks.rights import granted
+from controller.benchmarks.rows import Section
+from controller.errors import PlatformError
+from hw.errors import ServoError
+
+
+def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[str, Any]:
+    """Measure section by section; a Ctrl-C ends it with what is finished.
+
+    Args:
+        modules: The module of each section, which has ``measure() -> Section``.
+        tell: Called with each section's name before it begins.
+
+    Returns:
+        ``machine``, ``versions``, ``seconds``, ``interrupted`` and ``sections``, each with its
+        rows, notes, counted histograms, ``seconds`` and ``steal_percent``.
+    """
+    began, before = time.monotonic(), processor_time()
+    report: dict[str, Any] = {
+        "machine": {**machine(), "load_average": load_average(), "realtime": granted()},
+        "versions": versions(),
+        "interrupted": False,
+        "sections": {},
+    }
+    try:
+        for name, module in modules.items():
+            tell(name)
+            report["sections"][name] = _section(module)
+    except KeyboardInterrupt:
+        report["interrupted"] = True
+    report["machine"]["steal_percent"] = stolen_percent(before, processor_time())
+    report["seconds"] = time.monotonic() - began
+    return report
+
+
+def _section(module: str) -> dict[str, Any]:
+    began, before = time.monotonic(), processor_time()
+    section: Section
+    try:
+        section = importlib.import_module(module).measure()
+    except (PlatformError, ServoError) as error:  # no reason to end the rest
+        section = Section((), (f"not measured: {error}",))
+    return {
+        "rows": [asdict(row) for row in section.rows],
+        "notes": list(section.notes),
+        "histograms": [binned(histogram) for histogram in section.histograms],
+        "seconds": time.monotonic() - began,
+        "steal_percent": stolen_percent(before, processor_time()),
+    }

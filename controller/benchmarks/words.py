@@ -1,0 +1,73 @@
+"""The report's figures and facts as text, the same for the terminal and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+
+def figure(value: float | None) -> str:
+    """Three digits; large numbers in groups of thousands; a dash for what is not known."""
+    if value is None:
+        return "–"
+    return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def quartiles(row: Mapping[str, Any]) -> str:
+    """The quartiles of a row's rounds, if it tells them."""
+    if row["low"] is None:
+        return ""
+    return f"{figure(row['low'])} to {figure(row['high'])}"
+
+
+def unit(row: Mapping[str, Any]) -> str:
+    """A row's unit; nothing of a ratio."""
+    return "" if row["unit"] == "1" else str(row["unit"])
+
+
+def title(name: str) -> str:
+    """A section's name for people."""
+    return name.replace("_", " ")
+
+
+def installed(report: Mapping[str, Any]) -> str:
+    """Every version in one line."""
+    return ", ".join(
+        f"{name} {number}" if number else f"{name} not installed"
+        for name, number in report["versions"].items()
+    )
+
+
+def hardware(report: Mapping[str, Any]) -> str:
+    """Processor, cores and kernel in one line."""
+    on = report["machine"]
+    cores = "an unknown number of" if on["cores"] is None else on["cores"]
+    return f"{on['processor']}, {cores} cores, {on['system']}, {on['kernel']}"
+
+
+def meanwhile(report: Mapping[str, Any]) -> str:
+    """What else the machine did."""
+    on = report["machine"]
+    load = on["load_average"]
+    before = "load not told" if load is None else f"load {load[0]:.2f} before"
+    return f"{before}, {stolen(on['steal_percent'])} in {report['seconds']:.0f} s"
+
+
+def stolen(percent: float | None) -> str:
+    """Steal time of the host."""
+    if percent is None:
+        return "steal time not told by this system"
+    return f"{percent:.2g} % of the processors' time taken by the host"
+
+
+def rights(report: Mapping[str, Any]) -> Iterator[str]:
+    """The real-time settings: what was got, then each that was not, with its remedy."""
+    settings = report["machine"]["realtime"]
+    got = [f"{setting['name']}: {setting['got']}" for setting in settings if setting["ok"]]
+    yield "real-time settings granted: " + (", ".join(got) or "none known")
+    for setting in settings:
+        if not setting["ok"]:
+            yield (
+                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']};"
+                f" {setting['remedy']}"
+            )
