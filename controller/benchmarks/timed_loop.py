@@ -1,0 +1,80 @@
+"""A loop's process whose tick is timed stage by stage; ordered and read by ``stages``.
+
+One JSON object of orders on standard input, one of figures on standard output.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller import realtime
+from controller.benchmarks.stage_times import StageTimes
+from controller.config import Config
+from controller.session import run_session
+from controller.telemetry import Telemetry
+from hw.clock import Clock, MonotonicClock
+from hw.errors import ServoError
+from hw.open import open_servo
+from hw.servo import Servo
+from hw.settings import ServoSettings
+
+_PERCENTILES = (50, 99)
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What to run."""
+
+    config: str
+    """The effective configuration as JSON"""
+    parent: int
+    core: int
+    seconds: float
+
+
+def main() -> None:
+    """Run as ordered, and tell."""
+    orders = Orders(**json.loads(sys.stdin.readline()))
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    config = Config.model_validate_json(orders.config)
+    times, clock = StageTimes(), MonotonicClock()
+    servo = open_servo(config.servo_settings(), clock)
+
+    def opener(_settings: ServoSettings, _clock: Clock, _port: int | None) -> Servo:
+        return servo
+
+    def prepare() -> None:
+        realtime.apply(config.realtime.profile, config.realtime.priority, {orders.core})
+
+    with times.listening(type(servo)):
+        try:
+            result = run_session(
+                config, clock, Telemetry.create(), orders.seconds, prepare=prepare, opener=opener
+            )
+        except ServoError as error:
+            _tell({"refused": str(error)})
+            return
+    stages = times.times_us(round(config.loop.warm_up_s * config.loop.rate_hz) + 1)
+    _tell(
+        {
+            "stop_reason": result.stop_reason,
+            "stages_us": {
+                name: np.percentile(each, _PERCENTILES).tolist() for name, each in stages.items()
+            },
+            "timing_us": 1e-3 * float(np.median(times.inside_ns) + np.median(times.around_ns)),
+        }
+    )
+
+
+def _tell(figures: dict[str, object]) -> None:
+    os.write(sys.stdout.fileno(), (json.dumps(figures) + "\n").encode())
+
+
+if __name__ == "__main__":
+    main()
