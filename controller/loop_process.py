@@ -24,6 +24,10 @@ from controller.telemetry import Telemetry, Word
 from hw.clock import MonotonicClock
 from hw.errors import ServoError
 
+LAST_S = 5
+"""How long this process may live on after it was told to end by a signal [s]; the kernel ends it
+then, which ends no torque: the servo's Bus Watchdog has."""
+
 
 @dataclass(frozen=True, slots=True)
 class Orders:
@@ -50,6 +54,7 @@ def main() -> None:
 
     def stop(_signal: int, _frame: object) -> None:
         telemetry.words[Word.STOP] = 1
+        signal.alarm(LAST_S)  # who would end it by force, should it hang, may be dead
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
