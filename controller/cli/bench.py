@@ -19,6 +19,7 @@ from controller.signals import on_signals
 
 SECTIONS = {
     "lateness": "controller.benchmarks.lateness",
+    "stages": "controller.benchmarks.stages",
     "boundary": "controller.benchmarks.boundary",
     "array_simulation": "controller.benchmarks.array_simulation",
     "torque_frames": "controller.benchmarks.torque_frames",
