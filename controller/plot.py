@@ -13,15 +13,13 @@ from pydantic import ValidationError
 
 from controller.config import Config
 from controller.errors import LogFormatError
+from controller.log_rows import LogRows
+from controller.sketch import TIMES, Floats, Sketch, sketched
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
-
-_COLUMNS = 2500
-"""Longer runs are drawn as the envelope of this many slices: more than the picture has pixels."""
 _INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
 _SMOOTH_S = 0.02
@@ -35,21 +33,46 @@ _LEAST_US = 0.02
 class _Run:
     """What the panels draw from."""
 
-    rows: NDArray[np.void]
-    time: Floats
-    """Since the first row's deadline [s]"""
+    sketch: Sketch
     on: NDArray[np.bool_]
     """The wall is on: the warm-up is over"""
     config: Config
 
+    @property
+    def rows(self) -> NDArray[np.void]:
+        """Those that are drawn."""
+        return self.sketch.rows
+
+    @property
+    def time(self) -> Floats:
+        """Of each [s]."""
+        return self.sketch.time
+
+
+def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
+    """Draw a log, or a stretch of it, in memory that does not grow with it.
+
+    Args:
+        rows: At least one.
+        path: Where the picture goes.
+        stop_reason: As for ``plot_run``.
+
+    Raises:
+        LogFormatError: As ``plot_run``.
+        OSError: The log cannot be read, or the picture not be written.
+    """
+    count = sum(len(block) for block in rows.blocks())
+    sketch = sketched(rows.blocks(), count, rows.origin_ns)
+    plot_run(sketch, rows.log.metadata, path, stop_reason)
+
 
 def plot_run(
-    rows: NDArray[np.void], metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
+    sketch: Sketch, metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
 ) -> None:
     """Draw a run as PNG: panels over one time axis.
 
     Args:
-        rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
+        sketch: Of the run.
         metadata: Of the log: its ``config``, and its ``name`` for the title.
         path: Where the picture goes.
         stop_reason: Of the report; a trip is named in the title. None: not known.
@@ -63,7 +86,7 @@ def plot_run(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    run = _run(rows, metadata)
+    run = _run(sketch, metadata)
     panels: list[tuple[Callable[[Axes, _Run], None], float]] = [
         (_position, 3.0),
         (_torque, 2.0),
@@ -100,7 +123,12 @@ def plot_run(
     figure.savefig(path, format="png")
 
 
-def _run(rows: NDArray[np.void], metadata: Mapping[str, Any]) -> _Run:
+def _run(sketch: Sketch, metadata: Mapping[str, Any]) -> _Run:
+    if "config" not in metadata:
+        raise LogFormatError(
+            "the log tells no configuration, that part of it is damaged: it cannot be drawn, but"
+            " exported with --csv"
+        )
     try:
         config = Config.model_validate(metadata.get("config"))
     except ValidationError as error:
@@ -108,8 +136,7 @@ def _run(rows: NDArray[np.void], metadata: Mapping[str, Any]) -> _Run:
             f"the log's configuration is not one this program knows ({error.error_count()} "
             "differences); draw it with the haptic-wall that wrote it"
         ) from error
-    time = (rows["deadline_ns"] - rows["deadline_ns"][0]) * 1e-9
-    return _Run(rows, time, (rows["flags"] & FLAG_WARM_UP) == 0, config)
+    return _Run(sketch, (sketch.rows["flags"] & FLAG_WARM_UP) == 0, config)
 
 
 def _title(run: _Run, name: str, stop_reason: str) -> str:
@@ -209,26 +236,29 @@ def _third(ax: Axes, run: _Run) -> None:
             ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
         ax.set_ylabel("stiffness\n[N·m/rad]")
         return
-    velocity = run.rows["velocity"]
-    samples = max(1, min(round(_SMOOTH_S / run.config.period_s), len(velocity)))
-    smooth = np.convolve(np.nan_to_num(velocity), np.full(samples, 1.0 / samples), mode="same")
+    velocity, sketch = run.rows["velocity"], run.sketch
     _line(ax, run.time, velocity, "#cfd6db", "estimated, every tick", 0.6)
-    _line(ax, run.time, smooth, _INK, f"its mean over {1e3 * _SMOOTH_S:g} ms", 1.2)
+    if sketch.mean_time.size:
+        over_s = (run.time[-1] - run.time[0]) / sketch.mean_time.size
+        means = (sketch.mean_time, sketch.mean_velocity)
+    else:
+        samples = max(1, min(round(_SMOOTH_S / run.config.period_s), len(velocity)))
+        smooth = np.convolve(np.nan_to_num(velocity), np.full(samples, 1.0 / samples), mode="same")
+        over_s, means = _SMOOTH_S, (run.time, smooth)
+    _line(ax, *means, _INK, f"its mean over {1e3 * over_s:.3g} ms", 1.2)
     ax.set_ylabel("velocity [rad/s]")
 
 
 def _has_timing(run: _Run) -> bool:
     """Whether anything took time: on the simulated clock every tick is on time."""
     rows = run.rows
-    fields = ("bus_ns", "work_ns", "lateness_ns", "missed")
-    return any(bool((rows[field] > 0).any()) for field in fields)
+    return any(bool((rows[field] > 0).any()) for field in (*TIMES, "missed"))
 
 
 def _timing(ax: Axes, run: _Run) -> None:
-    """Every tick's times; a period is drawn as a line, a missed tick as a mark above it."""
+    """The ticks' times; a period is drawn as a line, a missed tick as a mark above it."""
     rows = run.rows
     ax.set_yscale("log")
-    shown = run.on if run.on.any() else ~run.on
     for field, color, label in (
         ("bus_ns", _WALL, "waiting for the bus"),
         ("work_ns", _SENT, "work"),
@@ -244,9 +274,8 @@ def _timing(ax: Axes, run: _Run) -> None:
                 color=color,
             )
             # A dot of its own for the legend, large enough to be seen.
-            ax.plot(
-                [], [], ".", color=color, label=f"{label} (median {np.median(times[shown]):.3g} µs)"
-            )
+            median = run.sketch.medians_us[field]
+            ax.plot([], [], ".", color=color, label=f"{label} (median {median:.3g} µs)")
     period_us = 1e-3 * run.config.period_ns
     missed = np.flatnonzero(rows["missed"] > 0)
     ax.axhline(
@@ -267,9 +296,9 @@ def _timing(ax: Axes, run: _Run) -> None:
 
 def _missed_label(run: _Run) -> str:
     """Missed ticks as the report counts them, those of the warm-up apart."""
-    before = int(run.rows["missed"][~run.on].sum())
+    on, before = run.sketch.missed
     apart = f" (and {before} in the warm-up)" if before else ""
-    return f"missed: {int(run.rows['missed'][run.on].sum())} ticks{apart}"
+    return f"missed: {on} ticks{apart}"
 
 
 def _shade_contact(ax: Axes, run: _Run) -> None:
@@ -292,24 +321,22 @@ def _is_first(ax: Axes) -> bool:
 
 def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
     """Shade the stretches of time in which ``where`` holds."""
+    if not where.any():
+        return
     edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
-    last = len(time) - 1
-    for begin, end in edges.reshape(-1, 2):
-        ax.axvspan(
-            time[begin],
-            time[min(end, last)],
-            color=color,
-            linewidth=0,
-            zorder=0,
-            label=label or "_",
-        )
-        label = ""
+    begin, end = edges.reshape(-1, 2).T
+    starts = time[begin]
+    widths = time[np.minimum(end, len(time) - 1)] - starts
+    ax.broken_barh(
+        list(zip(starts, widths, strict=True)),
+        (0.0, 1.0),
+        transform=ax.get_xaxis_transform(),
+        color=color,
+        linewidth=0,
+        zorder=0,
+        label=label or "_",
+    )
 
 
 def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
-    """A line; of a long run the envelope, so that no peak is lost and the file stays small."""
-    if len(time) > 4 * _COLUMNS:
-        edges = np.linspace(0, len(time), _COLUMNS + 1).astype(int)[:-1]
-        low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-        time, values = np.repeat(time[edges], 2), np.column_stack([low, high]).ravel()
     ax.plot(time, values, color=color, linewidth=width, label=label)

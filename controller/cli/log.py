@@ -1,15 +1,15 @@
-"""``haptic-wall log``: what a log holds; export as CSV."""
+"""``haptic-wall log``: what a log holds; export as CSV, MCAP or picture; cut a stretch out."""
 
 from __future__ import annotations
 
-import csv
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
+from controller.cli.log_text import config_line, summary_text
 from controller.cli.options import (
     answer,
     as_json,
@@ -19,135 +19,125 @@ from controller.cli.options import (
     writing,
 )
 from controller.errors import UserError
-from controller.logfile import read_log
-from hw.servo import Outcome
+from controller.log_rows import LogRows, Stretch
+from controller.log_summary import summarised
+from controller.logreader import LogReader
+from controller.whole_file import whole
 
-_COLUMNS = {
-    "time_s": "deadline_ns",
-    "position_rad": "position",
-    "torque_nm": "torque",
-    "velocity_rad_s": "velocity",
-    "wall_torque_nm": "wall_torque",
-    "stiffness_nm_per_rad": "stiffness",
-    "damping_nms_per_rad": "damping",
-    "delay_s": "delay_s",
-    "outcome": "outcome",
-    "missed_ticks": "missed",
-    "lateness_us": "lateness_ns",
-    "work_us": "work_ns",
-    "bus_us": "bus_ns",
-    "sample_age_us": "age_ns",
-    "flags": "flags",
-    "phase": "phase",
-    "oscillation": "oscillation",
-    "measured_torque_nm": "measured_torque",
-}
-"""Columns of the CSV and the fields of a row they come from."""
+_FILE = click.Path(path_type=Path)
 
 
 @click.command()
-@click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--csv", "csv_path", type=click.Path(path_type=Path), help="Write all rows there as CSV."
-)
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the run there as PNG.")
+@click.argument("log", type=_FILE)
+@click.option("--from", "start_s", type=float, metavar="S", help="Only from there on [s].")
+@click.option("--to", "end_s", type=float, metavar="S", help="Only up to there [s].")
+@click.option("--csv", "csv_path", type=_FILE, help="Write all rows there as CSV.")
+@click.option("--mcap", "mcap_path", type=_FILE, help="Write all rows there as MCAP.")
+@click.option("--plot", type=_FILE, help="Draw the run there as PNG.")
+@click.option("--cut", "cut_path", type=_FILE, help="Write the stretch there as a log of its own.")
 @json_option
-def command(log: Path, csv_path: Path | None, plot: Path | None, as_json_wanted: bool) -> None:
-    """Summarise LOG, a file written by run; on request as CSV or as a picture."""
-    refuse_same_file({"LOG": log, "--csv": csv_path, "--plot": plot})
+def command(
+    log: Path,
+    start_s: float | None,
+    end_s: float | None,
+    csv_path: Path | None,
+    mcap_path: Path | None,
+    plot: Path | None,
+    cut_path: Path | None,
+    as_json_wanted: bool,
+) -> None:
+    """Summarise LOG, a file written by run; on request export it, draw it, or cut a stretch out.
+
+    --from and --to choose the stretch, in seconds since the log's first row, for the summary and
+    for all that is written. Whatever is damaged is left out, and told.
+    """
+    wanted: dict[str, Path | None] = {
+        "--csv": csv_path,
+        "--mcap": mcap_path,
+        "--plot": plot,
+        "--cut": cut_path,
+    }
+    refuse_same_file({"LOG": log, **wanted})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
+    stretch = _stretch(start_s, end_s)
+    if cut_path is not None and start_s is None and end_s is None:
+        raise UserError("--cut: found neither --from nor --to; say which stretch, in seconds")
     try:
-        metadata, rows = read_log(log)
+        rows = LogRows.of(LogReader(log), stretch)
+        summary = summarised(rows)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run"
         ) from None
-    if (csv_path or plot) and not len(rows):
+    report = summary.report(rows.origin_ns)
+    if not summary.rows:
+        _refuse_nothing(log, rows, any(wanted.values()))
+    _write(rows, wanted, log, report)
+    metadata = rows.log.metadata
+    facts = {"program": metadata.get("program"), "name": metadata.get("name")}
+    full = {**facts, **report, "config": config_line(metadata.get("config", {}))}
+    if as_json_wanted:
+        answer(as_json({**full, "cut": metadata.get("cut"), "metadata": metadata}))
+    else:
+        answer(summary_text(full, metadata.get("cut"), log.name))
+
+
+def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
+    for option, value in (("--from", start_s), ("--to", end_s)):
+        if value is not None and not 0.0 <= value < math.inf:
+            raise UserError(
+                f"{option}: found {value:g}, wanted seconds since the log's first row, from 0 up"
+            )
+    if start_s is not None and end_s is not None and start_s >= end_s:
+        raise UserError(f"--to: found {end_s:g}, wanted more than --from, which is {start_s:g}")
+    return Stretch(-math.inf if start_s is None else start_s, math.inf if end_s is None else end_s)
+
+
+def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
+    """Refuse a stretch in which nothing is, and an export of nothing."""
+    whole_log = summarised(LogRows(rows.log, rows.origin_ns)).report(rows.origin_ns)
+    if whole_log["rows"]:
+        raise UserError(
+            f"LOG {log}: holds no rows in that stretch; its rows are from 0 to"
+            f" {whole_log['to_s']:.6g} s"
+        )
+    if export:
         raise UserError(f"LOG {log}: holds no rows, so there is nothing to export")
-    if csv_path is not None:
-        with writing("--csv", csv_path):
-            _write_csv(csv_path, rows)
-    if plot is not None:
-        from controller.plot import plot_run
-
-        with writing("--plot", plot):
-            plot_run(rows, metadata, plot)
-    summary = _summary(metadata, rows)
-    answer(as_json({**summary, "metadata": metadata}) if as_json_wanted else _text(summary))
 
 
-def _summary(metadata: dict[str, Any], rows: NDArray[np.void]) -> dict[str, Any]:
-    config = metadata.get("config", {})
-    servo, wall = config.get("servo", {}), config.get("wall", {})
-    summary: dict[str, Any] = {
-        "program": metadata.get("program"),
-        "name": metadata.get("name"),
-        "rows": len(rows),
-        "duration_s": None,
-        "rate_hz": None,
-        "missed_ticks": None,
-        "failed_readings": None,
-        "unrecorded_rows": None,
-        "position_rad": None,
-        "torque_nm": None,
-        "config": f"{servo.get('backend', 'unknown')} servo, wall {wall.get('side', 'unknown')} "
-        f"{wall.get('position', 'unknown')} rad, K {wall.get('stiffness', 'unknown')} N·m/rad, "
-        f"B {wall.get('damping', 'unknown')} N·m·s/rad asked, "
-        f"{config.get('loop', {}).get('rate_hz', 'unknown')} Hz",
+def _write(
+    rows: LogRows, wanted: dict[str, Path | None], log: Path, report: dict[str, Any]
+) -> None:
+    """Write what was asked for; each file is there whole, or not at all."""
+
+    def csv(path: Path) -> None:
+        from controller.csv_export import write_csv
+
+        write_csv(path, rows)
+
+    def mcap(path: Path) -> None:
+        from controller.mcap_export import write_mcap
+
+        write_mcap(path, rows)
+
+    def picture(path: Path) -> None:
+        from controller.plot import plot_log
+
+        plot_log(rows, path, report["stop_reason"])
+
+    def cut(path: Path) -> None:
+        from controller.log_cut import cut_log
+
+        cut_log(path, rows, log.name, report["from_s"], report["to_s"])
+
+    writers: dict[str, Callable[[Path], None]] = {
+        "--csv": csv,
+        "--mcap": mcap,
+        "--plot": picture,
+        "--cut": cut,
     }
-    if not len(rows):
-        return summary
-    elapsed = float(rows["deadline_ns"][-1] - rows["deadline_ns"][0]) * 1e-9
-    good = rows["position"][np.isfinite(rows["position"])]
-    return summary | {
-        "duration_s": elapsed,
-        "rate_hz": (len(rows) - 1) / elapsed if elapsed else None,
-        "missed_ticks": int(rows["missed"].sum()),
-        "failed_readings": int((~np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))).sum()),
-        "unrecorded_rows": int(rows["seq"][-1]) + 1 - len(rows),
-        "position_rad": [float(good.min()), float(good.max())] if len(good) else None,
-        "torque_nm": [float(rows["torque"].min()), float(rows["torque"].max())],
-    }
-
-
-def _text(summary: dict[str, Any]) -> str:
-    def span(key: str) -> str:
-        return "unknown" if summary[key] is None else "{:.4g} to {:.4g}".format(*summary[key])
-
-    lines = [
-        f"run         {summary['name']} ({summary['program']})",
-        f"config      {summary['config']}",
-    ]
-    if not summary["rows"]:
-        return "\n".join([*lines, "rows        none"])
-    rate = "unknown" if summary["rate_hz"] is None else f"{summary['rate_hz']:.6g} Hz"
-    return "\n".join(
-        [
-            *lines,
-            f"rows        {summary['rows']} in {summary['duration_s']:.6g} s: {rate}",
-            f"lost        {summary['missed_ticks']} missed ticks, {summary['failed_readings']} "
-            f"failed readings, {summary['unrecorded_rows']} rows not recorded",
-            f"position    {span('position_rad')} rad",
-            f"torque      {span('torque_nm')} N·m",
-        ]
-    )
-
-
-def _write_csv(path: Path, rows: NDArray[np.void]) -> None:
-    """All rows as text that reads back exactly; time starts at 0, NaN is an empty cell."""
-    columns = []
-    for column, field in _COLUMNS.items():
-        values = rows[field]
-        if column == "time_s":
-            values = (values - values[0]) / 1e9
-        elif column.endswith("_us"):
-            values = values / 1e3
-        if values.dtype.kind == "f":
-            columns.append(["" if text == "nan" else text for text in map(repr, values.tolist())])
-        else:
-            columns.append(list(map(str, values.tolist())))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(_COLUMNS)
-        writer.writerows(zip(*columns, strict=True))
+    for option, path in wanted.items():
+        if path is not None:
+            with writing(option, path), whole(path) as part:
+                writers[option](part)

@@ -144,13 +144,16 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     """Draw the picture from the log; what went wrong, or None."""
     try:
         with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
-            from controller.logfile import read_log
-            from controller.plot import plot_run
+            from controller.log_rows import LogRows
+            from controller.logreader import LogReader
+            from controller.plot import plot_log
+            from controller.whole_file import whole
 
-            metadata, rows = read_log(log)
-            if rows.size == 0:
+            rows = LogRows.of(LogReader(log))
+            if next(rows.blocks(), None) is None:
                 return "no picture: the log holds no rows"
-            plot_run(rows, metadata, plot, stop_reason)
+            with whole(plot) as part:
+                plot_log(rows, part, stop_reason)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:

@@ -1,5 +1,6 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
+import builtins
 import csv
 import json
 
@@ -10,8 +11,9 @@ from click.testing import CliRunner
 from controller.cli.log import command
 from controller.config_load import load_config
 from controller.errors import UserError
-from controller.logfile import LogWriter
-from controller.telemetry import ROW
+from controller.logfile import LogWriter, append_end, read_log
+from controller.recording import read_recording
+from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
 
 @pytest.fixture
@@ -25,6 +27,11 @@ def log(tmp_path):
     rows["age_ns"] = 120_300
     rows["outcome"][5] = 1
     rows["missed"][9] = 3
+    rows["flags"][:101] = FLAG_WARM_UP
+    rows["flags"][401:] = FLAG_CONTACT
+    rows["lateness_ns"] = 2_000
+    rows["lateness_ns"][700] = 60_000
+    rows["oscillation"][500:520] = 2
     metadata = {
         "program": "haptic-wall 0.1.0",
         "name": "simulated",
@@ -32,7 +39,8 @@ def log(tmp_path):
     }
     path = tmp_path / "run.hwlog"
     with LogWriter(path, metadata, ROW) as writer:
-        writer.append(rows)
+        for start in range(0, 1001, 250):
+            writer.append(rows[start : start + 250])
     return path
 
 
@@ -107,3 +115,170 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path):
     assert json.loads(answer(path, "--json"))["duration_s"] is None
     with pytest.raises(UserError, match="holds no rows"):
         answer(path, "--csv", tmp_path / "run.csv")
+
+
+def test_the_summary_tells_what_happened_and_how_it_ended(log):
+    text = answer(log)
+    assert "on for 900 ticks, after 101 of warm-up; in contact for 66.7 % of them" in text
+    assert "oscillation sustained, first at 0.5 s, for 20 ticks" in text
+    assert "largest 60 µs at 0.7 s" in text
+    assert "ended       not told in run.hwlog" in text
+    append_end(log, {"stop_reason": "trip:overspeed", "message": "fast", "rows": 1011})
+    assert "ended       BY A SAFETY TRIP: overspeed (fast)" in answer(log)
+    summary = json.loads(answer(log, "--json"))
+    assert summary["stop_reason"] == "trip:overspeed"
+    assert summary["unrecorded_rows"] == 10
+    assert summary["damaged"] == {"places": 0, "bytes": 0, "rows": 0, "cut_off": False}
+
+
+def test_damage_is_told_and_the_rest_is_shown(log, tmp_path):
+    block = 250 * ROW.itemsize
+    content = log.read_bytes()
+    hole = content.find(np.int64(300).tobytes()) // 4096 * 4096
+    log.write_bytes(content[:hole] + bytes(4096) + content[hole + 4096 :])
+    text = answer(log)
+    assert "751 in 1 s" in text
+    assert "0 rows not recorded" in text
+    assert "in 1 place: 250 rows lost, the others are intact" in text
+    assert json.loads(answer(log, "--json"))["damaged"]["bytes"] > block
+    answer(log, "--csv", tmp_path / "run.csv")
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 752
+    log.write_bytes(content[:-100])
+    assert "cut off     the last" in answer(log)
+
+
+def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(log, tmp_path):
+    content = log.read_bytes()
+    log.write_bytes(bytes(1000) + content[1000:])
+    answer(log, "--csv", tmp_path / "run.csv")
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
+    with pytest.raises(UserError, match="damaged: it cannot be drawn"):
+        answer(log, "--plot", tmp_path / "run.png")
+    assert not (tmp_path / "run.png").exists()
+
+
+def test_a_stretch_is_shown_and_exported_by_the_log_s_time(log, tmp_path, monkeypatch):
+    summary = json.loads(answer(log, "--json", "--from", 0.3, "--to", "0.6"))
+    assert (summary["rows"], summary["from_s"], summary["to_s"]) == (300, 0.3, 0.599)
+    assert (summary["missed_ticks"], summary["unrecorded_rows"]) == (0, 0)
+    answer(log, "--from", 0.3, "--to", 0.6, "--csv", tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert (table[0]["time_s"], table[-1]["time_s"], len(table)) == ("0.3", "0.599", 300)
+    drawn = []
+
+    def keep(sketch, _metadata, path, _reason):
+        drawn.append(sketch.time)
+        path.touch()
+
+    monkeypatch.setattr("controller.plot.plot_run", keep)
+    answer(log, "--from", 0.3, "--to", 0.6, "--plot", tmp_path / "a.png")
+    assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
+
+
+def test_a_cut_is_a_log_of_its_own(log, tmp_path):
+    append_end(log, {"stop_reason": "duration", "rows": 1001})
+    metadata, rows = read_log(log)
+    first, second = tmp_path / "first.hwlog", tmp_path / "second.hwlog"
+    answer(log, "--from", 0.2, "--to", 0.9, "--cut", first)
+    cut_metadata, cut = read_log(first)
+    np.testing.assert_array_equal(cut, rows[200:900])
+    assert cut_metadata["config"] == metadata["config"]
+    assert cut_metadata["cut"] == {"log": "run.hwlog", "from_s": 0.2, "to_s": 0.899}
+    text = answer(first)
+    assert "cut         from run.hwlog, 0.2 to 0.899 s" in text
+    assert "0 rows not recorded" in text
+    assert "ended       not told" in text
+    answer(first, "--from", 0.5, "--cut", second)
+    assert read_log(second)[0]["cut"]["earlier"] == cut_metadata["cut"]
+    answer(log, "--from", 0.5, "--cut", second)
+    assert json.loads(answer(second, "--json"))["stop_reason"] == "duration"
+    assert read_recording(second).samples == 501
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--from", "-1"], "--from: found -1, wanted seconds"),
+        (["--to", "nan"], "--to: found nan, wanted seconds"),
+        (["--from", "2", "--to", "1"], "--to: found 1, wanted more than --from, which is 2"),
+        (["--from", "5"], "holds no rows in that stretch; its rows are from 0 to 1 s"),
+        (["--cut", "b.hwlog"], "--cut: found neither --from nor --to"),
+    ],
+)
+def test_a_stretch_that_is_none_is_refused(log, arguments, said):
+    with pytest.raises(UserError, match=said):
+        answer(log, *arguments)
+
+
+def test_mcap_reads_back(log, tmp_path):
+    from mcap.reader import make_reader
+
+    answer(log, "--mcap", tmp_path / "run.mcap")
+    _, rows = read_log(log)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = list(reader.iter_messages())
+        (attachment,) = reader.iter_attachments()
+    assert len(found) == 1001
+    schema, channel, _ = found[0]
+    assert (schema.encoding, channel.message_encoding, channel.topic) == (
+        "jsonschema",
+        "json",
+        "haptic_wall",
+    )
+    properties = json.loads(schema.data)["properties"]
+    for k in (0, 300, 1000):
+        message = found[k][2]
+        values = json.loads(message.data)
+        assert message.log_time == 1_000_000 * k
+        assert values["time_s"] == k / 1000
+        assert values.get("position_rad") == (None if k == 0 else rows["position"][k])
+        assert set(values) <= set(properties)
+    assert json.loads(attachment.data)["config"]["wall"]["stiffness"] == 8.0
+
+
+def test_mcap_without_its_library_names_the_extra(log, tmp_path, monkeypatch):
+    load = builtins.__import__
+
+    def without(name, *rest):
+        if name.startswith("mcap"):
+            raise ImportError(name)
+        return load(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(UserError, match=r"pip install 'haptic-wall\[mcap\]'"):
+        answer(log, "--mcap", tmp_path / "run.mcap")
+    assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
+def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch, option):
+    target = tmp_path / "out.png"
+    target.write_text("before")
+    seen = []
+
+    def interrupted(path, *_):
+        path = path if hasattr(path, "open") else _[0]
+        path.write_bytes(b"half")
+        seen.append(path)
+        raise KeyboardInterrupt
+
+    for place in ("csv_export.write_csv", "plot.plot_log", "mcap_export.write_mcap"):
+        monkeypatch.setattr(f"controller.{place}", interrupted)
+    monkeypatch.setattr("controller.log_cut.cut_log", interrupted)
+    assert CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(target)]).exit_code
+    assert seen
+    assert target.read_text() == "before"
+    assert sorted(tmp_path.iterdir()) == [target, log]
+
+
+def test_the_first_row_of_a_csv_has_no_exponents(log, tmp_path):
+    _, rows = read_log(log)
+    rows["velocity"] = 1e-7
+    with LogWriter(log, {"name": "a"}, ROW) as writer:
+        writer.append(rows)
+    answer(log, "--csv", tmp_path / "a.csv")
+    first, second = (tmp_path / "a.csv").read_text().splitlines()[1:3]
+    assert ",0.0000001," in first
+    assert ",1e-07," in second

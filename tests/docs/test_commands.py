@@ -32,7 +32,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is drawn has tests of its own, and takes most of a second each time.
-    monkeypatch.setattr("controller.plot.plot_run", lambda *_: None)
+    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
     (tmp_path / "config").symlink_to(ROOT / "config")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     yield tmp_path

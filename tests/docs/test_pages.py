@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from controller.cli.log import _COLUMNS
 from controller.cli.main import COMMANDS
+from controller.columns import COLUMNS
 from controller.config_fields import fields
 from controller.realtime import Setting
 from controller.safety import Trip
@@ -106,8 +106,8 @@ def test_every_key_of_the_report_is_explained(capsys):
 def test_every_column_of_the_log_is_explained():
     page = text_of("docs/report.md")
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
-    assert dict(rows) == _COLUMNS
-    assert set(ROW.names) - set(_COLUMNS.values()) == {"seq", "sampled_ns"}
+    assert dict(rows) == COLUMNS
+    assert set(ROW.names) - set(COLUMNS.values()) == {"seq", "sampled_ns"}
 
 
 def test_every_start_up_check_is_explained():
