@@ -6,6 +6,7 @@ import signal
 from types import FrameType
 
 from controller.inline import run_inline
+from controller.logfile import append_end
 from controller.plan import Ended, Plan, Tell
 from controller.signals import on_signals
 from controller.supervisor import Supervisor
@@ -36,10 +37,28 @@ def run(plan: Plan, tell: Tell) -> Ended:
 
     with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)):
         if plan.config.loop.clock == "simulated":
-            return run_inline(plan, telemetry)
-        with (
-            on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
-            on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
-            Teller(tell) as teller,
-        ):
-            return Supervisor(plan, telemetry, teller).run()
+            ended = run_inline(plan, telemetry)
+        else:
+            with (
+                on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
+                on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
+                Teller(tell) as teller,
+            ):
+                ended = Supervisor(plan, telemetry, teller).run()
+        _tell_the_log(plan, ended, int(telemetry.words[Word.HEAD]))
+        return ended
+
+
+def _tell_the_log(plan: Plan, ended: Ended, rows: int) -> None:
+    """Write how the run ended into its log, where a recorder has begun one."""
+    facts = {
+        "stop_reason": ended.stop_reason,
+        "message": ended.cause or (ended.result or {}).get("message", ""),
+        "ticks": ended.ticks,
+        "missed": ended.missed,
+        "rows": rows,
+    }
+    try:
+        append_end(plan.log, facts)
+    except OSError as error:
+        ended.warnings.append(f"the log does not tell how the run ended: {error.strerror or error}")
