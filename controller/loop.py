@@ -31,7 +31,15 @@ def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, i
 
 
 class Waiter(Protocol):
-    """Waits for a deadline and tells when it really woke."""
+    """Waits for a deadline and tells when it really woke.
+
+    Attributes:
+        margin_ns: How long before the deadline it means to stop sleeping [ns].
+        slept_ns: When the last sleep was over [ns]; 0: the deadline was too near to sleep.
+    """
+
+    margin_ns: int
+    slept_ns: int
 
     def wait(self, deadline_ns: int) -> int:
         """Return at ``deadline_ns`` [ns] or as soon after as possible; the present time [ns]."""
@@ -45,10 +53,11 @@ class ClockWaiter:
         clock: The clock that passes while waiting.
     """
 
-    __slots__ = ("_clock",)
+    __slots__ = ("_clock", "margin_ns", "slept_ns")
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self.margin_ns = self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """See ``Waiter``."""
@@ -66,10 +75,11 @@ class SpinWaiter:
         margin_ns: How long before the deadline to stop sleeping [ns].
     """
 
-    __slots__ = ("margin_ns",)
+    __slots__ = ("margin_ns", "slept_ns")
 
     def __init__(self, margin_ns: int) -> None:
         self.margin_ns = margin_ns
+        self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """See ``Waiter``."""
@@ -77,7 +87,9 @@ class SpinWaiter:
         remaining = deadline_ns - self.margin_ns - now
         if remaining > 0:
             time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
-            now = time.monotonic_ns()
+            self.slept_ns = now = time.monotonic_ns()
+        else:
+            self.slept_ns = 0
         while now < deadline_ns:
             now = time.monotonic_ns()
         return now

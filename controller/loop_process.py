@@ -6,21 +6,26 @@ else runs here: a busy thread beside the loop would cost it stalls of 5 ms.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import sys
 import traceback
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from controller import realtime
 from controller.config import Config
 from controller.errors import PlatformError
+from controller.late_causes import Machine
+from controller.late_ticks import LateTicks
+from controller.machine_setup import is_virtual, machine_setup, start_table
 from controller.program import Phase
 from controller.session import run_session
 from controller.telemetry import Telemetry, Word
+from controller.thread_counters import CounterReader
 from hw.clock import MonotonicClock
 from hw.errors import ServoError
 
@@ -60,26 +65,20 @@ def main() -> None:
         signal.signal(number, stop)
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
+    single = os.sched_getaffinity(0) == {orders.core}
     os.sched_setaffinity(0, {orders.core})
-
-    def prepare() -> None:
-        settings = realtime.apply(config.realtime.profile, config.realtime.priority, {orders.core})
-        _tell("realtime", settings=[asdict(setting) for setting in settings])
-        missing = realtime.missing_for_strict(settings)
-        if missing and config.realtime.profile == "strict":
-            raise PlatformError(_strict_message(missing))
-
     try:
-        result = run_session(
-            config,
-            MonotonicClock(),
-            telemetry,
-            orders.duration_s,
-            orders.port,
-            [Phase(**phase) for phase in orders.program],
-            tell=lambda text: _tell("tell", text=text),
-            prepare=prepare,
-        )
+        with contextlib.ExitStack() as scope:
+            result = run_session(
+                config,
+                MonotonicClock(),
+                telemetry,
+                orders.duration_s,
+                orders.port,
+                [Phase(**phase) for phase in orders.program],
+                tell=lambda text: _tell("tell", text=text),
+                prepare=lambda: _prepare(config, orders.core, single, scope),
+            )
     except (ServoError, PlatformError) as error:
         _tell("refused", message=str(error))
         return
@@ -92,7 +91,32 @@ def main() -> None:
             f" line {where.lineno}): this is a defect of haptic-wall, please report it",
         )
         return
-    _tell("ended", result=asdict(result))
+    _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+
+
+def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
+    """Take the real-time settings, say what was granted, and have late ticks explained.
+
+    Raises:
+        PlatformError: The profile is strict, and what it needs was not granted.
+    """
+    wishes = config.realtime
+    settings = realtime.apply(wishes.profile, wishes.priority, {core})
+    _tell("realtime", settings=[asdict(setting) for setting in settings])
+    missing = realtime.missing_for_strict(settings)
+    if missing and wishes.profile == "strict":
+        raise PlatformError(_strict_message(missing))
+    _tell("tell", text=start_table(settings, machine_setup(core)))
+    reader = CounterReader(core)
+    machine = Machine(
+        virtual=is_virtual(),
+        real_time=os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
+        shared=single,
+        knows_run_delay=reader.knows_run_delay,
+    )
+    late = scope.enter_context(LateTicks(machine, reader, config.period_ns))
+    signal.signal(signal.SIGCONT, lambda *_: late.continued())
+    return late
 
 
 def _strict_message(missing: list[realtime.Setting]) -> str:

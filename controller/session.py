@@ -10,9 +10,11 @@ from typing import Any
 
 from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
 from controller.config import Config
+from controller.late_ticks import LateTicks
 from controller.loop import Waiter, next_deadline, waiter_for
+from controller.machine_setup import Found
 from controller.program import Phase
-from controller.realtime import freeze_garbage
+from controller.realtime import freeze_garbage, reserve_memory
 from controller.safety import Trip
 from controller.session_report import delay_report, guard_report
 from controller.telemetry import State, Telemetry, Word
@@ -49,8 +51,12 @@ class Result:
     oscillation: dict[str, Any]
     delay: dict[str, float]
     bus: dict[str, int] | None
+    timing: dict[str, Any] | None
+    """Which ticks were late, and why; None: nobody looked"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
+    setup: list[Found] = field(default_factory=list)
+    """The machine's, where the loop has a process of its own"""
 
 
 def run_session(
@@ -62,7 +68,7 @@ def run_session(
     program: Sequence[Phase] = (),
     on_block: Callable[[], None] = lambda: None,
     tell: Callable[[str], None] = lambda _text: None,
-    prepare: Callable[[], None] = lambda: None,
+    prepare: Callable[[], LateTicks | None] = lambda: None,
     opener: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo,
 ) -> Result:
     """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
@@ -78,6 +84,7 @@ def run_session(
         tell: Called with what a person should know before the wall is on.
         prepare: Called when all that takes long is done and the servo is about to be started: the
             place to take real-time scheduling, which must not be held through long computations.
+            Who it returns is told of late ticks.
         opener: Opens the servo; for rehearsals that have a hand on what is emulated.
 
     Raises:
@@ -92,7 +99,8 @@ def run_session(
         ladder = guard_ladder(config, servo, simulated)
         injected = most_injected(config, servo, ladder)
         freeze_garbage()
-        prepare()
+        reserve_memory()
+        late = prepare()
         waiter = waiter_for(clock, _spin_ns(config), config.period_ns)
         checks: list[Check] = []
         if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
@@ -107,7 +115,7 @@ def run_session(
         parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
         watch = parts.watch
         tick = Tick(parts)
-        grid = _Grid(tick, waiter, clock, telemetry, config.period_ns, on_block)
+        grid = _Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
         began_s = time.monotonic()
@@ -132,6 +140,7 @@ def run_session(
         oscillation=oscillation_report(watch),
         delay=delay_report(config, decision, ladder.age_ns),
         bus=asdict(servo.counts) if servo.facts.has_bus else None,
+        timing=None if late is None else late.report(),
         torque_off=torque_off,
         checks=checks,
     )
@@ -140,6 +149,9 @@ def run_session(
 def _spin_ns(config: Config) -> int | None:
     spin_us = config.realtime.spin_us
     return None if spin_us is None else round(spin_us * 1000.0)
+
+
+_never = (math.inf, math.inf, math.inf)
 
 
 class _Grid:
@@ -151,11 +163,15 @@ class _Grid:
         waiter: Waiter,
         clock: Clock,
         telemetry: Telemetry,
+        servo: Servo,
         period_ns: int,
         on_block: Callable[[], None],
+        late: LateTicks | None,
     ) -> None:
         self.tick = tick
         self.period_ns = period_ns
+        self._servo = servo
+        self._late = late
         self._waiter = waiter
         self._clock = clock
         self._words = telemetry.words
@@ -163,6 +179,8 @@ class _Grid:
         self._deadline = clock.now_ns() + period_ns
         self._missed = 0
         self._begun = self._deadline
+        if late is not None:
+            late.begin(self._deadline)
 
     @property
     def elapsed_s(self) -> float:
@@ -175,23 +193,30 @@ class _Grid:
         return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
 
     def begin(self) -> None:
-        """Count time, ticks and missed periods from here on."""
+        """Count time, ticks, missed periods and late ticks from here on."""
         self._begun = self._deadline
         self.tick.ticks = self._words[Word.TICKS] = 0
         self.tick.missed = self._words[Word.MISSED] = 0
+        if self._late is not None:
+            self._late.begin(self._deadline)
 
     def serve(self, duration_s: float | None) -> str | None:
         """Serve deadlines for a while; why it ended before, or None."""
         end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
         tick, words, period_ns = self.tick, self._words, self.period_ns
-        wait, run, now = self._waiter.wait, tick.run, self._clock.now_ns
+        waiter, servo, late = self._waiter, self._servo, self._late
+        wait, run, now = waiter.wait, tick.run, self._clock.now_ns
+        limit_ns, long_ns, rest = _never if late is None else late.limits
         deadline, missed = self._deadline, self._missed
+        served = woke = ended = deadline
         block = BLOCK
         try:
             while deadline < end:
                 woke = wait(deadline)
                 if words[Word.STOP] or words[Word.CUT]:
+                    ended = woke
                     return "interrupted"
+                served = deadline
                 run(deadline, woke, missed)
                 if tick.trip is not None:
                     deadline += period_ns
@@ -199,14 +224,30 @@ class _Grid:
                 if tick.done:
                     deadline += period_ns
                     return "duration"
-                deadline, missed = next_deadline(deadline, now(), period_ns)
+                ended = now()
+                deadline, missed = next_deadline(deadline, ended, period_ns)
+                waited = servo.waited_ns
+                rest -= 1
+                if ended - served - waited > limit_ns or waited > long_ns:
+                    self._explain(served, woke, ended, missed)
+                elif rest < 0 and late is not None:
+                    rest = late.rest(served, waiter, deadline - ended)
                 block -= 1
                 if block == 0:
                     self._on_block()
                     block = BLOCK
         finally:
             self._deadline, self._missed = deadline, missed
+            if ended < woke:  # the tick that ended the run
+                self._explain(served, woke, now(), 0)
         return None
+
+    def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
+        """Have a tick explained that was late, if somebody does."""
+        servo = self._servo
+        if self._late is not None:
+            lost = servo.counts.lost
+            self._late.late(served, woke, ended, self._waiter, servo.waited_ns, lost, missed)
 
 
 def _wait_outside(grid: _Grid, tell: Callable[[str], None]) -> str | None:

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 _WIDTH = 98
+_WORST = 3
+"""How many of the worst ticks the text names"""
 _LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
 _UNCONFIRMED = (
     "the servo did not answer when its torque was switched off: without a supply it has none, and "
@@ -71,6 +73,7 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
         times = report.get(key) or {}
         if times.get("p50") is not None:
             yield from _entry(meaning, _percentiles(times))
+    yield from _late(report.get("timing"))
     bus = report.get("bus")
     if bus:
         refused = f", {bus['refused']} refused" if bus.get("refused") else ""
@@ -78,6 +81,26 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
             "bus",
             f"{bus['cycles']} cycles: {bus['lost']} lost, {bus['late']} late, "
             f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
+        )
+
+
+def _late(timing: Mapping[str, Any] | None) -> Iterator[str]:
+    """How many ticks were late and why, and the worst of them."""
+    if not timing or not timing["late_ticks"]:
+        return
+    causes = sorted(timing["causes"].items(), key=lambda item: -item[1])
+    yield from _entry(
+        "late ticks",
+        f"{timing['late_ticks']} by more than {_number(timing['limit_us'])} µs: "
+        + ", ".join(f"{cause} {count}" for cause, count in causes),
+    )
+    for place, tick in enumerate(timing["worst"][:_WORST]):
+        lost = f"{tick['missed']} missed" if tick["missed"] else "none missed"
+        whole_ms = (tick["lateness_us"] + tick["work_us"] + tick["bus_us"]) / 1000.0
+        why = f"{tick['cause']} ({tick['evidence']})" if tick["evidence"] else tick["cause"]
+        yield from _entry(
+            "" if place else "worst ticks",
+            f"{_number(whole_ms, 3)} ms, {lost}, at {_number(tick['time_s'])} s: {why}",
         )
 
 

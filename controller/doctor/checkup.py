@@ -18,6 +18,7 @@ from controller.doctor import machine, timing
 from controller.doctor.locate import Locator, name_of
 from controller.doctor.measure import measure
 from controller.doctor.report import Consent, Report, Tell, question, told
+from controller.machine_setup import machine_setup
 from controller.processes import Child, first_line
 from controller.realtime import Setting, pick_cores
 from controller.supervisor import emulator_arguments
@@ -279,7 +280,8 @@ class _Checkup:
         self._core()
 
     def _core(self) -> None:
-        self._add(*machine.examine_core(pick_cores(self._config.realtime.core)[0]))
+        core, _ = pick_cores(self._config.realtime.core)
+        self._add(*machine.judge_setup(machine_setup(core)))
 
     def _timing(self, replies: Replies, series: list[Series], stalls: bool) -> None:
         config = self._config

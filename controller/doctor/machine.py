@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
+from controller.machine_setup import Found
 from controller.realtime import Profile, Setting, missing_for_strict
 from hw.dynamixel.examine.finding import Finding, not_applicable
 from hw.dynamixel.examine.replies import percentile
@@ -55,52 +55,10 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
     )
 
 
-def examine_core(core: int, root: Path = Path("/sys")) -> list[Finding]:
+def judge_setup(setup: Sequence[Found]) -> list[Finding]:
     """Whether kernel, core and processor are set up for a loop; advice only.
 
     Args:
-        core: The loop's.
-        root: Where the kernel tells of itself.
+        setup: As ``machine_setup`` found it.
     """
-    cpu = root / "devices/system/cpu"
-    preempt = _text(root / "kernel/realtime") == "1"
-    isolated = core in _cores(_text(cpu / "isolated"))
-    governor = _text(cpu / f"cpu{core}/cpufreq/scaling_governor")
-    line = f"isolcpus={core} nohz_full={core} rcu_nocbs={core}"
-    findings = [
-        Finding(
-            "kernel",
-            True,
-            "PREEMPT_RT" if preempt else "no PREEMPT_RT",
-            "PREEMPT_RT",
-            "" if preempt else "a kernel with PREEMPT_RT bounds the wake-up's lateness",
-        ),
-        Finding(
-            "core isolation",
-            True,
-            f"core {core} is {'isolated' if isolated else 'shared'}",
-            "a core of its own",
-            "" if isolated else f"`{line}` on the kernel's command line, realtime.core={core}",
-        ),
-    ]
-    if governor:
-        fast = governor == "performance"
-        fix = "" if fast else "`sudo cpupower frequency-set -g performance`"
-        findings.append(Finding("frequency scaling", True, governor, "performance", fix))
-    return findings
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text().strip()
-    except OSError:
-        return ""
-
-
-def _cores(text: str) -> set[int]:
-    """The numbers of a list such as ``1-3,5``."""
-    cores: set[int] = set()
-    for part in filter(None, text.split(",")):
-        first, _, last = part.partition("-")
-        cores |= set(range(int(first), int(last or first) + 1))
-    return cores
+    return [Finding(row.name, True, row.found, row.better, row.remedy) for row in setup]

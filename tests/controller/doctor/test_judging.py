@@ -2,8 +2,9 @@
 
 import pytest
 
-from controller.doctor.machine import examine_core, judge_lateness, judge_rights
+from controller.doctor.machine import judge_lateness, judge_rights, judge_setup
 from controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
+from controller.machine_setup import machine_setup
 from controller.realtime import Setting
 from hw.dynamixel.examine.cycles import Phase, Series
 from hw.dynamixel.examine.replies import Replies, percentile
@@ -204,9 +205,9 @@ def test_kernel_and_core_are_advice(tmp_path, realtime, isolated, governor, hint
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).write_text(text)
 
-    put("kernel/realtime", realtime)
-    put("devices/system/cpu/isolated", isolated)
-    put("devices/system/cpu/cpu5/cpufreq/scaling_governor", governor)
-    found = examine_core(5, tmp_path)
+    put("sys/kernel/realtime", realtime)
+    put("sys/devices/system/cpu/isolated", isolated)
+    put("sys/devices/system/cpu/cpu5/cpufreq/scaling_governor", governor)
+    found = judge_setup(machine_setup(5, tmp_path))
     assert all(finding.ok for finding in found)
     assert sum(bool(finding.fix) for finding in found) == hints
