@@ -1,35 +1,31 @@
-"""Measures how soon the torque ends when a run is killed, and writes docs/kill-times.md.
+"""Shoots at every process of a run, and writes docs/kill-times.md: what became of the torque.
 
-    scripts/kill_times [--rounds N] [--out FILE]
+    scripts/kill_times [--rounds N] [--only TEXT] [--out FILE]
 
 The whole tree of processes on an emulated bus of its own, a hand leaning on the wall, the Bus
-Watchdog at 40 ms as for hardware. From the signal to zero torque by the witness: the true torque
-that acts, recorded every millisecond. What killed it, and who ended the torque, is in the table.
+Watchdog at 40 ms as for hardware. From the shot to zero torque by the witness: the true torque
+that acts, recorded every millisecond. What the program said of it, its exit status, the rows that
+the log lacks and the processes that stayed behind are in the table.
 """
 
-import os
+import json
 import random
 import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
-from haptic_wall_pytest.record import read_rows
+from haptic_wall_pytest.record import BusRow, read_rows
 
-from controller.telemetry import ROW
+from controller.logfile import read_log
+from controller.telemetry import Word
 from hw.dynamixel.codec import Instruction
-from scripts.whole_program import (
-    PROGRAM,
-    child_of,
-    emulated_bus,
-    measured_on,
-    page_options,
-    say_time,
-    with_sets,
-)
+from scripts.shots import SHOTS, Shot, Target, target
+from scripts.whole_program import emulated_bus, measured_on, page_options, say_time, with_sets
 
 LIMIT_MS = 60.0
 SETTINGS = (
@@ -45,118 +41,177 @@ SETTINGS = (
 )
 """Patient with the machine's stalls, but for what is measured"""
 TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
-KILLS = {
-    "SIGKILL of the loop": (("loop_process", signal.SIGKILL),),
-    "SIGKILL of the supervisor": (("supervisor", signal.SIGKILL),),
-    "SIGKILL of both": (  # stopped first: neither may act on the other's death
-        ("supervisor", signal.SIGSTOP),
-        ("loop_process", signal.SIGKILL),
-        ("supervisor", signal.SIGKILL),
-    ),
-    "SIGSTOP of the loop": (("loop_process", signal.SIGSTOP),),
-}
 ENDED_BY = {Instruction.SYNC_WRITE: "goal current 0", Instruction.WRITE: "Torque Enable 0"}
+TORQUE_OFF = bytes((64, 0, 0))
+"""What is written: 0 at address 64, Torque Enable"""
+LEANING_ROWS = 2500
+"""When so many rows are recorded the warm-up is over and the hand leans on the wall"""
+AFTER_S = 1.5
+"""From a shot that ends the run to the look at what is left [s], and to the end of one that goes
+on"""
+GONE_S = 6.0
+"""How long processes of a run may outlive it [s]"""
 ROUND_S = 8
 ATTEMPTS = 5
-"""A run that a stall of the machine has ended before the signal came is begun again"""
+"""A run that a stall of the machine has ended before the shot came is begun again"""
 
 
-def one_kill(kills: tuple[tuple[str, signal.Signals], ...], folder: Path) -> tuple | None:
-    """One run, ended so; None: it ended by itself before.
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """What one shot did."""
 
-    Returns:
-        From the signal to zero torque [ms]; the instruction that came last before it.
-    """
-    record, log = folder / "witness.csv", folder / "run.hwlog"
-    log.unlink(missing_ok=True)
-    asked = None
+    time_ms: float | None
+    """To zero torque [ms]; None: the run went on"""
+    by: str
+    """What ended the torque"""
+    status: int
+    """Of the program's exit"""
+    said: str
+    """The stop reason and what the program says of it"""
+    lost: int
+    """Rows that the loop wrote and the log does not hold"""
+    left: int
+    """Processes that stayed behind"""
+
+
+def one_shot(shot: Shot, folder: Path) -> Hit | None:
+    """One run, shot at; None: it ended by itself before."""
+    record = folder / "witness.csv"
     with emulated_bus("--record", record, *with_sets(TRUTH)) as bus:
-        run = subprocess.Popen(
-            [
-                *[*PROGRAM, "run", "xm430-w350", "--log", log, "--plot", folder / "run.png"],
-                *with_sets((*SETTINGS, f"servo.port={bus.port}")),
-            ],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            enough = 2500 * ROW.itemsize  # the warm-up is over and the hand leans on the wall
-            while run.poll() is None and not (log.exists() and log.stat().st_size > enough):
+        arguments = ["xm430-w350", "--plot", str(folder / "run.png")]
+        arguments += with_sets((*SETTINGS, f"servo.port={bus.port}"))
+        with target(bus, folder, arguments) as aimed_at:
+            while aimed_at.run.poll() is None and not aimed_at.ready(LEANING_ROWS):
                 time.sleep(0.02)
             time.sleep(random.random() * 0.05)
-            pids = {"supervisor": run.pid, "loop_process": child_of(run.pid, "loop_process")}
-            if run.poll() is None and all(pids.values()):
-                asked = time.monotonic()
-                for name, number in kills:
-                    os.kill(pids[name], number)
-                time.sleep(1.0)
-        finally:
-            if run.poll() is None:
-                run.send_signal(signal.SIGINT)
-            run.wait()
-    return None if asked is None else until_no_torque(record, asked)
+            if not aimed_at.find():
+                return None
+            fired = time.monotonic()
+            shot.fire(aimed_at)
+            time.sleep(shot.later_s)
+            shot.then(aimed_at)
+            time.sleep(AFTER_S)
+            went_on = aimed_at.run.poll() is None
+        left = survivors(aimed_at)
+    time_ms, by = until_no_torque(record, fired)
+    if shot.goes_on:
+        time_ms, by = (None, "nothing: the run goes on") if went_on else (float("inf"), by)
+    rows = len(read_log(aimed_at.log)[1])
+    lost = aimed_at.words[Word.HEAD] - rows
+    return Hit(time_ms, by, aimed_at.run.returncode, said(shot, folder), lost, left)
 
 
-def until_no_torque(record: Path, asked: float) -> tuple[float, str] | None:
-    """From an instant [s] to the last torque [ms], and what ended it; None: there was none."""
+def survivors(aimed_at: Target) -> int:
+    """How many processes of a run that is over do not end; they are ended here."""
+    end = time.monotonic() + GONE_S
+    while time.monotonic() < end:
+        there = [name for name, pid in aimed_at.pids.items() if Path(f"/proc/{pid}/exe").exists()]
+        if not there:
+            return 0
+        time.sleep(0.05)
+    aimed_at.send(signal.SIGKILL, *there)
+    return len(there)
+
+
+def until_no_torque(record: Path, fired: float) -> tuple[float, str]:
+    """From an instant [s] to the last torque [ms], and what ended it."""
     rows = read_rows(record)
-    before = [row.torque_nm for row in rows if row.time_s <= asked]
-    if not before or abs(before[-1]) < 0.1:
-        return None
-    last = max(i for i, row in enumerate(rows) if row.time_s <= asked or row.torque_nm != 0.0)
+    before = [row.torque_nm for row in rows if row.time_s <= fired]
+    if abs(before[-1]) < 0.1:
+        sys.exit(f"no torque acted when it was to be ended: {before[-1]} N·m")
+    last = max(i for i, row in enumerate(rows) if row.time_s <= fired or row.torque_nm != 0.0)
+    if spoke_after_the_cut(rows, fired):
+        sys.exit("a goal was sent after the supervisor had switched the torque off")
     if last + 1 == len(rows):
         return float("inf"), "nothing"
     end = rows[last + 1]
     by = ENDED_BY.get(end.instruction, "Bus Watchdog") if end.event == "rx" else "Bus Watchdog"
-    return (end.time_s - asked) * 1e3, by
+    return (end.time_s - fired) * 1e3, by
 
 
-def measure(rounds: int) -> tuple[list[str], bool]:
-    """The table, and whether every time is within the limit."""
+def spoke_after_the_cut(rows: list[BusRow], fired: float) -> bool:
+    """Whether a goal came after Torque Enable 0."""
+    asked = [row for row in rows if row.time_s > fired and row.event == "rx"]
+    cuts = [i for i, row in enumerate(asked) if row.params == TORQUE_OFF]
+    return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
+
+
+def said(shot: Shot, folder: Path) -> str:
+    """What the program said, for the table."""
+    output = (folder / "output").read_text()
+    told = [line for line in (folder / "said").read_text().splitlines() if "log" in line]
+    if not output:
+        return "nothing: it was killed"
+    report = json.loads(output)
+    words = [] if shot.goes_on else [f"`{report['stop_reason']}`"]
+    words += [] if report["explanation"] is None else [report["explanation"]]
+    words += told if shot.goes_on else []
+    words += [f"note: {text}" for text in report["warnings"] if not text.startswith("no picture")]
+    return "; ".join(words) or "nothing"
+
+
+def measure(shots: list[Shot], rounds: int) -> tuple[list[str], bool]:
+    """The table, and whether all is as it should be."""
     rows = [
-        "| what was killed | rounds | median, ms | longest, ms | what ended the torque |",
-        "|---|---|---|---|---|",
+        "| shot | median, ms | longest, ms | what ended the torque | exit | rows lost | left |",
+        "|---|---|---|---|---|---|---|",
     ]
+    words = []
     held = True
-    for name, kills in KILLS.items():
-        found = []
+    for shot in shots:
+        hits = []
         with tempfile.TemporaryDirectory() as folder:
             for _ in range(rounds):
-                attempts = (one_kill(kills, Path(folder)) for _ in range(ATTEMPTS))
-                result = next((each for each in attempts if each is not None), None)
-                if result is None:
-                    sys.exit(f"{name}: {ATTEMPTS} runs ended before they were killed")
-                found.append(result)
-                print(f"{name}: {result[0]:.1f} ms, {result[1]}", file=sys.stderr, flush=True)
-        times = [time_ms for time_ms, _ in found]
-        by = ", ".join(sorted({by for _, by in found}))
-        rows.append(
-            f"| {name} | {rounds} | {statistics.median(times):.1f} | {max(times):.1f} | {by} |"
-        )
-        held = held and max(times) <= LIMIT_MS
-    return rows, held
+                attempts = (one_shot(shot, Path(folder)) for _ in range(ATTEMPTS))
+                hit = next((each for each in attempts if each is not None), None)
+                if hit is None:
+                    sys.exit(f"{shot.name}: {ATTEMPTS} runs ended before they were shot at")
+                hits.append(hit)
+                print(f"{shot.name}: {hit}", file=sys.stderr, flush=True)
+        rows.append(row(shot, hits))
+        words.append((shot.name, Counter(hit.said for hit in hits).most_common(1)[0][0]))
+        held = held and all((hit.time_ms or 0.0) <= LIMIT_MS and not hit.left for hit in hits)
+    return [*rows, "", *spoken(words)], held
+
+
+def row(shot: Shot, hits: list[Hit]) -> str:
+    """A line of the table."""
+    times = [hit.time_ms for hit in hits if hit.time_ms is not None]
+    cells = [
+        shot.name,
+        f"{statistics.median(times):.1f}" if times else "–",
+        f"{max(times):.1f}" if times else "–",
+        ", ".join(sorted({hit.by for hit in hits})),
+        ", ".join(sorted({str(hit.status) for hit in hits})),
+        f"{max(hit.lost for hit in hits)}",
+        f"{max(hit.left for hit in hits)}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def spoken(words: list[tuple[str, str]]) -> list[str]:
+    """The table of what the program says."""
+    lines = ["| shot | what the program says |", "|---|---|"]
+    return [*lines, *(f"| {name} | {text.replace('|', '/')} |" for name, text in words)]
 
 
 def main() -> None:
     """Measure, write the page."""
     parser = page_options("kill_times", __doc__, "kill-times.md")
-    parser.add_argument("--rounds", type=int, default=8, help="runs killed in each way")
+    parser.add_argument("--rounds", type=int, default=5, help="runs shot at in each way")
+    parser.add_argument("--only", default="", metavar="TEXT", help="shots with this in their name")
     wanted = parser.parse_args()
-    say_time(len(KILLS) * wanted.rounds * ROUND_S)
-    rows, held = measure(wanted.rounds)
+    shots = [shot for shot in SHOTS if wanted.only in shot.name]
+    say_time(len(shots) * wanted.rounds * ROUND_S)
+    rows, held = measure(shots, wanted.rounds)
     page = [
-        "# From the kill to no torque",
-        "",
-        "Written by `scripts/kill_times`; run it to see the figures of your machine. A hand leans"
-        " on the wall, the loop runs at 1 kHz with the Bus Watchdog at 40 ms, and a process is"
-        " killed or stopped. The time is from the signal to zero torque, the true one by the"
-        " [emulated bus's record](emulated-bus.md), to a millisecond.",
-        measured_on(),
+        "# Shots at a run",
         "",
         *rows,
         "",
-        f"Wanted: at most {LIMIT_MS:g} ms each. "
+        f"Wanted: at most {LIMIT_MS:g} ms each, and nothing left. "
         + ("It holds." if held else "It does not hold on this machine."),
+        measured_on(),
         "",
     ]
     wanted.out.write_text("\n".join(page))

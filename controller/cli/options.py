@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -78,7 +79,10 @@ def answer(text: str) -> None:
     try:
         click.echo(text)
         sys.stdout.flush()
-    except BrokenPipeError:  # ``| head``: the exit status still tells how the command ended
+    except OSError as error:
+        # ``| head``, or the terminal is closed: the exit status still tells how the command ended
+        if error.errno not in (errno.EPIPE, errno.EIO):
+            raise
         forget_output()
 
 

@@ -1,0 +1,211 @@
+"""Shots at a run: each strikes one process, or several, while a hand leans on the wall."""
+
+import contextlib
+import os
+import pty
+import resource
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from controller.telemetry import Telemetry, Word
+from scripts.whole_program import PROGRAM, Bus, child_of
+
+CHILDREN = {"loop": "loop_process", "recorder": "recorder"}
+TELEMETRY = "haptic-wall-telemetry"
+HANGS = """
+import os, signal, sys
+
+def compute_for_ever(*_):
+    while True:
+        pass
+
+def write_for_ever(*_):
+    _, full = os.pipe()
+    while True:
+        os.write(full, bytes(4096))
+
+if "controller.loop_process" in sys.orig_argv:
+    signal.signal(signal.SIGUSR1, compute_for_ever)
+    signal.signal(signal.SIGUSR2, write_for_ever)
+"""
+"""A ``sitecustomize.py`` that teaches the loop's process to hang; the program itself cannot"""
+COMPUTE, WRITE = signal.SIGUSR1, signal.SIGUSR2
+
+
+@dataclass(slots=True)
+class Target:
+    """A run that is shot at."""
+
+    run: subprocess.Popen[bytes]
+    bus: Bus
+    log: Path
+    terminal: int
+    """The controlling end of the terminal it was started from"""
+    pids: dict[str, int] = field(default_factory=dict)
+    words: memoryview | None = None
+    """The control words, which outlive the run here"""
+
+    def find(self) -> bool:
+        """Look for its processes; whether all are there."""
+        self.pids = {"supervisor": self.run.pid}
+        for name, module in CHILDREN.items():
+            if (pid := child_of(self.run.pid, module)) is not None:
+                self.pids[name] = pid
+        with contextlib.suppress(OSError):
+            for link in Path(f"/proc/{self.run.pid}/fd").iterdir():
+                if self.words is None and TELEMETRY in str(link.readlink()):
+                    self.words = Telemetry(os.open(link, os.O_RDWR)).words
+        return self.run.poll() is None and len(self.pids) == 3 and self.words is not None
+
+    def ready(self, rows: int) -> bool:
+        """Whether so many rows are recorded."""
+        return self.find() and self.words[Word.RECORDED] >= rows
+
+    def send(self, number: signal.Signals, *names: str) -> None:
+        """Send a signal to some of its processes."""
+        for name in names:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pids[name], number)
+
+    def fault(self, spec: str) -> None:
+        """Have something go wrong on the bus."""
+        self.bus.process.stdin.write(spec + "\n")
+        self.bus.process.stdin.flush()
+
+    def hang_up(self) -> None:
+        """Close the terminal, as when its window is closed."""
+        os.close(self.terminal)
+        self.terminal = -1
+
+
+@contextlib.contextmanager
+def target(bus: Bus, folder: Path, arguments: list[str]) -> Iterator[Target]:
+    """A run in a terminal of its own; what it says on standard output goes to a file.
+
+    Args:
+        bus: The emulated bus it drives.
+        folder: For its files: log, ``output`` and ``said``.
+        arguments: Of ``haptic-wall run``.
+    """
+    (folder / "sitecustomize.py").write_text(HANGS)
+    log = folder / "run.hwlog"
+    log.unlink(missing_ok=True)
+    ours, theirs = pty.openpty()
+    with (folder / "output").open("wb") as output, (folder / "said").open("wb") as said:
+        run = subprocess.Popen(
+            ["setsid", "--ctty", *PROGRAM, "run", *arguments, "--log", log, "--json"],
+            stdin=theirs,
+            stdout=output,
+            stderr=said,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *_python_path()])},
+        )
+    os.close(theirs)
+    aimed_at = Target(run, bus, log, ours)
+    try:
+        yield aimed_at
+    finally:
+        if run.poll() is None:
+            run.send_signal(signal.SIGCONT)
+            run.send_signal(signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            run.wait(30)
+        if aimed_at.terminal >= 0:
+            os.close(aimed_at.terminal)
+
+
+def _python_path() -> list[str]:
+    return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A way to strike a run."""
+
+    name: str
+    fire: Callable[[Target], object]
+    then: Callable[[Target], object] = lambda _: None
+    """What comes later"""
+    later_s: float = 1.0
+    """How much later [s]"""
+    goes_on: bool = False
+    """The run must not end of it"""
+
+
+def sent(number: signal.Signals, *names: str) -> Callable[[Target], None]:
+    """A signal to some processes."""
+    return lambda target: target.send(number, *names)
+
+
+def killed_together(*names: str) -> Callable[[Target], None]:
+    """SIGKILL to several, stopped first: none may act on the other's death."""
+
+    def fire(target: Target) -> None:
+        target.send(signal.SIGSTOP, *names)
+        target.send(signal.SIGKILL, *names)
+
+    return fire
+
+
+def killed_unwatched(target: Target) -> None:
+    """The loop is killed while the supervisor does not look."""
+    target.send(signal.SIGSTOP, "supervisor")
+    target.send(signal.SIGKILL, "loop")
+
+
+def orphaned(number: signal.Signals) -> Callable[[Target], None]:
+    """The loop hangs, and who watches it is killed."""
+
+    def fire(target: Target) -> None:
+        target.send(signal.SIGSTOP, "supervisor")
+        target.send(number, "loop")
+        time.sleep(0.005)
+        target.send(signal.SIGKILL, "supervisor")
+
+    return fire
+
+
+def full_disk(target: Target) -> None:
+    """The log may not become longer."""
+    size = target.log.stat().st_size
+    resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (size, -1))
+
+
+def room_again(target: Target) -> None:
+    """The log may become longer again."""
+    resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (-1, -1))
+
+
+STOP, CONT, KILL = signal.SIGSTOP, signal.SIGCONT, signal.SIGKILL
+ALL = ("supervisor", "loop", "recorder")
+SHOTS = (
+    Shot("loop: SIGKILL", sent(KILL, "loop")),
+    Shot("loop: SIGSTOP", sent(STOP, "loop")),
+    Shot("loop: SIGSTOP, SIGCONT after 100 ms", sent(STOP, "loop"), sent(CONT, "loop"), 0.1),
+    Shot("loop: computes for ever", sent(COMPUTE, "loop")),
+    Shot("loop: blocked in a write", sent(WRITE, "loop")),
+    Shot("supervisor: SIGKILL", sent(KILL, "supervisor")),
+    Shot("supervisor: SIGTERM", sent(signal.SIGTERM, "supervisor")),
+    Shot("supervisor: SIGHUP, its terminal closed", Target.hang_up),
+    Shot("supervisor: Ctrl-Z", sent(signal.SIGTSTP, "supervisor")),
+    Shot(
+        "supervisor: SIGSTOP for 1 s",
+        sent(STOP, "supervisor"),
+        sent(CONT, "supervisor"),
+        goes_on=True,
+    ),
+    Shot("supervisor: SIGSTOP for 1 s; loop: SIGKILL", killed_unwatched, sent(CONT, "supervisor")),
+    Shot("supervisor and loop: SIGKILL", killed_together("supervisor", "loop")),
+    Shot("supervisor: SIGKILL; loop: stopped", orphaned(STOP)),
+    Shot("supervisor: SIGKILL; loop: computes for ever", orphaned(COMPUTE)),
+    Shot("supervisor, loop and recorder: SIGKILL", killed_together(*ALL)),
+    Shot("recorder: SIGKILL", sent(KILL, "recorder"), goes_on=True),
+    Shot("recorder: SIGSTOP for 1 s", sent(STOP, "recorder"), sent(CONT, "recorder"), goes_on=True),
+    Shot("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
+    Shot("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
+    Shot("servo unplugged", lambda target: target.fault("unplug")),
+    Shot("adapter unplugged", lambda target: target.fault("unplug-adapter")),
+)

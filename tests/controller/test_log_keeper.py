@@ -1,0 +1,211 @@
+"""Whatever becomes of a recorder, another goes on: each row is in the log once, and it is told."""
+
+import errno
+import json
+
+import numpy as np
+import pytest
+
+from controller import log_keeper
+from controller.log_keeper import AGAIN_S, STUCK_S, LogKeeper
+from controller.logfile import LogWriter, read_log
+from controller.recorder import Recorder
+from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
+
+VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
+
+
+class Child:
+    """A recorder without a process: it writes when it is let, and ends as it is told."""
+
+    def __init__(self, telemetry, path, resume):
+        log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
+        self._recorder = Recorder(telemetry, log)
+        self._words = telemetry.words
+        self._said = []
+        self.writes = True
+        self.code = None
+
+    def turn(self):
+        if self.code is None and self.writes:
+            self._recorder.drain()
+            if self._words[Word.FINISHED]:
+                self.end(0)
+
+    def say(self, trouble):
+        self._said.append(json.dumps({"trouble": trouble}))
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            self._recorder.close()
+
+    def lines(self):
+        said, self._said = self._said, []
+        return said
+
+    def ended(self):
+        return self.code is not None
+
+    def well(self):
+        return self.code == 0
+
+    def exit_text(self):
+        return {None: "is running", 0: "ended with 0"}.get(self.code, "was killed by SIGKILL")
+
+    def wait(self, _timeout_s):
+        self.turn()
+        return self.ended()
+
+    def send(self, _number):
+        self.end(-9)
+
+    def dismiss(self, _timeout_s):
+        self.end(-9)
+
+
+class Run:
+    """A loop that writes a row each millisecond, a keeper that looks, on one simulated time."""
+
+    def __init__(self, folder):
+        self.telemetry = Telemetry.create()
+        self.words = self.telemetry.words
+        self.path = folder / "run.hwlog"
+        self.told = []
+        self.recorders = []
+        self.refused = None
+        self.now = 0.0
+        self.keeper = LogKeeper(self.start, self.words, self.told.append, self.now)
+
+    def start(self, resume):
+        if self.refused is not None:
+            raise self.refused
+        self.recorders.append(Child(self.telemetry, self.path, resume))
+        return self.recorders[-1]
+
+    def go(self, seconds, rows_per_s=1000, step=0.25):
+        for _ in range(round(seconds / step)):
+            self.now += step
+            for _ in range(round(rows_per_s * step)):
+                self.telemetry.write(*VALUES)
+            self.recorders[-1].turn()
+            self.keeper.look(self.now)
+
+    def end(self):
+        """The notes, and the rows that the log holds."""
+        notes = self.keeper.end()
+        self.keeper.close()
+        return notes, read_log(self.path)[1]["seq"]
+
+
+@pytest.fixture
+def run(tmp_path):
+    run = Run(tmp_path)
+    yield run
+    run.recorders[-1].end(-9)
+
+
+def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
+    run.go(5.0)
+    notes, rows = run.end()
+    assert notes == run.told == []
+    np.testing.assert_array_equal(rows, np.arange(5000))
+
+
+def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].end(-9)
+    run.go(0.25)
+    assert run.told == [
+        "the recorder was killed by SIGKILL; another one goes on with the log",
+    ]
+    assert len(run.recorders) == 2
+    run.go(2.0)
+    notes, rows = run.end()
+    assert notes == [
+        "the recorder was killed by SIGKILL; another one went on, and no row is missing from the"
+        " log"
+    ]
+    np.testing.assert_array_equal(rows, np.arange(4250))
+
+
+def test_a_recorder_that_never_lives_is_not_started_all_the_time(run):
+    for _ in range(20):
+        run.recorders[-1].end(-9)
+        run.go(0.5)
+    assert len(run.recorders) <= 1 + 10.0 / AGAIN_S
+    notes, rows = run.end()
+    assert "times); another one went on, and no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(10_000))
+
+
+def test_a_recorder_that_cannot_be_started_is_tried_again(run):
+    run.go(2.0)
+    run.refused = OSError(errno.ENOMEM, "Cannot allocate memory")
+    run.recorders[-1].end(-9)
+    run.go(5.0)
+    assert any("could not be started (Cannot allocate memory)" in text for text in run.told)
+    run.refused = None
+    run.go(2.0)
+    _, rows = run.end()
+    np.testing.assert_array_equal(rows, np.arange(9000))
+
+
+def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].writes = False
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 2
+    assert any("had written nothing" in text for text in run.told)
+    notes, rows = run.end()
+    assert len(notes) == 1
+    np.testing.assert_array_equal(rows, np.arange(len(rows)))
+    assert len(rows) == run.words[Word.HEAD]
+
+
+def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].writes = False
+    run.recorders[-1].say("run.hwlog: No space left on device")
+    run.go(1.0, rows_per_s=CAPACITY // 2 + 8)
+    run.go(2.0 * STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 1, "one that waits for room is left alone"
+    (told,) = run.told
+    assert "the log cannot be written (run.hwlog: No space left on device)" in told
+    run.go(1.0, rows_per_s=CAPACITY // 2)
+    assert "rows are being lost" in run.told[1]
+    run.recorders[-1].writes = True
+    run.recorders[-1].say(None)
+    run.go(1.0)
+    assert run.told[2:] == ["the log is written again"]
+    (note,), rows = run.end()
+    missing = run.words[Word.HEAD] - len(rows)
+    assert missing > 0
+    assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
+    assert np.all(np.diff(rows) > 0)
+
+
+@pytest.mark.parametrize("how", ["killed", "stopped"])
+def test_the_last_rows_are_written_by_another_recorder(run, how):
+    run.go(2.0)
+    if how == "killed":
+        run.recorders[-1].end(-9)
+    else:
+        run.recorders[-1].writes = False
+    run.telemetry.write(*VALUES)
+    notes, rows = run.end()
+    assert len(run.recorders) == 2
+    assert "no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(2001))
+
+
+def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run):
+    run.go(2.0)
+    run.recorders[-1].end(-9)
+    run.telemetry.write(*VALUES)
+    run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
+    notes, rows = run.end()
+    assert any("lacks 1 of 2001 rows" in note for note in notes)
+    assert len(rows) == 2000
+    assert len(run.recorders) == 1 <= log_keeper.LAST_ATTEMPTS
