@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
-import errno
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
