@@ -21,6 +21,9 @@ from typing import NamedTuple
 
 from hw.response import Slide, cached_response, response, time_to_rest
 
+_ONE_TURN = 9.0
+"""Square of a phase below pi: between two zeros of an oscillator's acceleration lies at least pi"""
+
 
 @dataclass(frozen=True, slots=True)
 class PlantParameters:
@@ -88,19 +91,15 @@ def step(
         turns: When given, the positions [rad] at which the velocity reached zero within the
             step are appended to it in order: between them the motion is monotone.
     """
-    if turns is not None:
-        return _step_with_events(state, parameters, torque, duration, pull=pull, turns=turns)
     position, velocity = state
     inertia, damping, coulomb = parameters.inertia, parameters.damping, parameters.coulomb
-    if coulomb == 0.0:
-        if pull is None:
+    if pull is None:
+        if turns is not None:
+            return _step_with_events(state, parameters, torque, duration, pull=None, turns=turns)
+        if coulomb == 0.0:
             h1, h, s, _ = cached_response(damping / inertia, 0.0, duration)
             push = torque / inertia
             return State(position + velocity * h + push * s, velocity * h1 + push * h)
-        slide = _slide(position, velocity, parameters, torque, pull)
-        distance, end = slide.moved(cached_response(slide.decay, slide.spring, duration))
-        return State(position + distance, end)
-    if pull is None:
         if velocity == 0.0 and abs(torque) <= coulomb:
             return state
         direction = velocity or torque
@@ -110,7 +109,28 @@ def step(
         # Without a spring the velocity is monotone: with its sign kept it was never zero.
         if end * direction > 0.0:
             return State(position + velocity * h + push * s, end)
-    return _step_with_events(state, parameters, torque, duration, pull=pull)
+    elif velocity != 0.0 or (coulomb == 0.0 and turns is None):
+        # Written out, not by calls: this is what a servo with a hand does in nearly every period.
+        stiffness, grip, reference, slope = pull
+        spring = stiffness / inertia
+        decay = (damping + grip) / inertia
+        ramp = spring * slope
+        push = (torque + grip * slope + stiffness * (reference - position)) / inertia
+        h1, h, s, r = cached_response(decay, spring, duration)
+        if coulomb == 0.0 and turns is None:
+            distance = velocity * h + push * s + ramp * r
+            return State(position + distance, velocity * h1 + push * h + ramp * s)
+        direction = math.copysign(1.0, velocity)
+        push -= direction * (coulomb / inertia)
+        distance, end = velocity * h + push * s + ramp * r, velocity * h1 + push * h + ramp * s
+        if end * direction > 0.0 and spring * duration * duration < _ONE_TURN:
+            # The acceleration is zero at most once in so short a step. The speed can have reached
+            # zero and come back only if it fell at the start and grows at the end.
+            fell = (push - decay * velocity) * direction < 0.0
+            left = push + ramp * duration - spring * distance - decay * end
+            if not fell or left * direction <= 0.0:
+                return State(position + distance, end)
+    return _step_with_events(state, parameters, torque, duration, pull=pull, turns=turns)
 
 
 def _slide(
