@@ -25,7 +25,7 @@ from scripts.chaos_judge import Stall
 from scripts.chaos_loads import own_mounts
 from scripts.chaos_page import Hour, page
 from scripts.chaos_run import Course, Run, judge, perform
-from scripts.chaos_shots import GENTLE, HARD, Shot, end
+from scripts.chaos_shots import GENTLE, HARD, Shot, end, load
 from scripts.whole_program import page_options
 
 HARD_SHARE = 0.35
@@ -76,18 +76,17 @@ def small_room(folder: Path) -> Iterator[Path | None]:
 
 
 @contextlib.contextmanager
-def observers(folder: Path, cores: Sequence[int]) -> Iterator[list[Path]]:
-    """A watch on each core, and where it writes when the core stood still."""
+def observers(folder: Path, cores: Sequence[int]) -> Iterator[tuple[list[Path], Path]]:
+    """Where it is written when each core stood still, and when others ran at real-time priority."""
     with contextlib.ExitStack() as stack:
-        files = []
-        for core in cores:
-            files.append(folder / f"stalls-{core}.txt")
-            file = stack.enter_context(files[-1].open("wb"))
-            process = subprocess.Popen(
-                [sys.executable, "-m", "scripts.chaos_loads", "watch", str(core)], stdout=file
-            )
-            stack.callback(end, process)
-        yield files
+
+        def observer(*arguments: str) -> Path:
+            path = folder / f"{'-'.join(arguments)}.txt"
+            file = stack.enter_context(path.open("wb"))
+            stack.callback(end, load(*arguments, output=file))
+            return path
+
+        yield [observer("watch", str(core)) for core in cores], observer("strangers")
 
 
 def stalls_in(files: Sequence[Path], from_s: float) -> list[Stall]:
@@ -114,7 +113,7 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
         folder = Path(name)
         with (
             small_room(folder / "room") as place,
-            observers(folder, sorted({core} | others)) as files,
+            observers(folder, sorted({core} | others)) as (watches, lookout),
         ):
             found.room = place is not None
             while (now := time.monotonic()) < until - STARTING_S:
@@ -128,11 +127,12 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
                 here = folder / "run"
                 here.mkdir(exist_ok=True)
                 run = perform(course, here, place, core, random)
-                stalls = stalls_in(files, run.began_s)
-                judge(run, course, here, place, stalls)
+                stalls = stalls_in(watches, run.began_s)
+                judge(run, course, here, place, stalls, stalls_in([lookout], run.began_s))
                 found.add(run, stalls)
                 _tell(found, run, until)
                 if keep is not None and (run.problems or run.cause is None):
+                    (here / "thrown.txt").write_text("\n".join(map(str, [*run.thrown, *stalls])))
                     _keep(keep / f"run-{len(found.runs)}", here, place)
                 for file in [*here.iterdir(), *(place or here).iterdir()]:
                     file.unlink(missing_ok=True)

@@ -147,38 +147,41 @@ def explanation(
     reason: str,
     stopped_s: float,
     thrown: Sequence[Thrown],
-    stalls: Sequence[Stall],
     may_end: Mapping[str, frozenset[str]],
-    stall_s: float,
 ) -> str | None:
-    """What explains the end of a run: the name of a shot, ``the machine``, or None: nothing.
-
-    A stall of the machine explains an end only where it was seen, and only if no shot does.
+    """The name of the latest shot that explains the end of a run; None: none does.
 
     Args:
         reason: The stop reason.
         stopped_s: When the run stopped, on the monotonic clock [s].
         thrown: The shots at this run.
-        stalls: What the observers have seen.
         may_end: The stop reasons that each shot may cause.
-        stall_s: Stalls shorter than this explain nothing [s].
     """
     for shot in sorted(thrown, key=lambda shot: -shot.from_s):
-        if (
-            reason in may_end[shot.name]
-            and shot.from_s - _AT_ONCE_S <= stopped_s <= shot.until_s + AFTER_S
-        ):
+        near = shot.from_s - _AT_ONCE_S <= stopped_s <= shot.until_s + AFTER_S
+        if near and reason in may_end[shot.name]:
             return shot.name
-    if reason in STALLED and any(
-        stall.until_s - stall.from_s >= stall_s
-        and stall.from_s <= stopped_s <= stall.until_s + AFTER_S
-        for stall in stalls
-    ):
-        return MACHINE
     return None
 
 
+def stalled(reason: str, stopped_s: float, stalls: Sequence[Stall], least_s: float) -> bool:
+    """Whether a stall that was seen explains the end of a run.
+
+    Args:
+        reason: The stop reason.
+        stopped_s: When the run stopped, on the monotonic clock [s].
+        stalls: What was seen.
+        least_s: Shorter stalls explain nothing [s].
+    """
+    return reason in STALLED and any(
+        stall.until_s - stall.from_s >= least_s
+        and stall.from_s <= stopped_s <= stall.until_s + AFTER_S
+        for stall in stalls
+    )
+
+
 MACHINE = "the machine stood still"
+STRANGERS = "others ran at real-time priority"
 STALLED = frozenset(
     f"trip:{name}" for name in ("losses_in_row", "loss_rate", "torque_lost", "loop_hung")
 )

@@ -1,6 +1,6 @@
 """What chaos runs beside a run, each in a process of its own that dies with its parent.
 
-busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; watch CORE
+busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; watch CORE; strangers
 """
 
 import contextlib
@@ -19,6 +19,11 @@ HOG_PRIORITY, WATCH_PRIORITY = 85, 99
 """Above the loop's; above everything"""
 WATCH_S = 0.005
 """How often the machine is asked for a sign of life [s]"""
+STRANGERS_S = 1.0
+"""How often others' real-time programs are looked for [s]"""
+_VIRTUAL_SIZE, _POLICY = 20, 38
+"""Places in /proc/PID/stat, counted from the state on"""
+_REAL_TIME = (str(os.SCHED_FIFO), str(os.SCHED_RR))
 LEAST_S = 0.005
 """Shorter stalls are not written down [s]"""
 
@@ -90,6 +95,38 @@ def watch(core: int) -> None:
         last = now
 
 
+def strangers(ours: int) -> None:
+    """Look out for real-time programs of others; say when there were any: from and until [s]."""
+    os.nice(10)
+    while True:
+        time.sleep(STRANGERS_S)
+        if strangers_at_real_time(ours):
+            now = time.monotonic()
+            print(f"{now - 2 * STRANGERS_S:.6f} {now:.6f}", flush=True)
+
+
+def strangers_at_real_time(ours: int) -> bool:
+    """Whether a program runs at real-time priority that no process of ours has started."""
+    parents, real_time = {}, []
+    for folder in Path("/proc").iterdir():
+        with contextlib.suppress(OSError, ValueError):
+            pid = int(folder.name)
+            words = (folder / "stat").read_text().rpartition(")")[2].split()
+            parents[pid] = int(words[1])
+            # Kernel threads have no memory of their own.
+            if words[_POLICY] in _REAL_TIME and words[_VIRTUAL_SIZE] != "0":
+                real_time.append(pid)
+    return any(not _descends(pid, ours, parents) for pid in real_time)
+
+
+def _descends(pid: int, ancestor: int, parents: dict[int, int]) -> bool:
+    while pid > 1:
+        if pid == ancestor:
+            return True
+        pid = parents.get(pid, 0)
+    return False
+
+
 def own_mounts() -> bool:
     """Give this process mounts of its own, which end with it; whether that was granted."""
     libc = ctypes.CDLL(None, use_errno=True)
@@ -123,6 +160,8 @@ def main() -> None:
             clock(float(numbers[0]), float(numbers[1]))
         case "watch":
             watch(int(numbers[0]))
+        case "strangers":
+            strangers(os.getppid())
 
 
 if __name__ == "__main__":

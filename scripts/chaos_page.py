@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from scripts.chaos_judge import MACHINE, Stall
+from scripts.chaos_judge import MACHINE, STRANGERS, Stall
 from scripts.chaos_run import ASKED, PATIENT_WATCHDOG_S, WATCHDOG_S, Run, growth
 from scripts.chaos_shots import SHOTS
 from scripts.whole_program import measured_on
@@ -128,7 +128,7 @@ def _promises(hour: Hour) -> list[str]:
     memory = ", ".join(f"{name} {mb:+.1f} MB" for name, mb in sorted(grown.items()))
     off = [ms for name in AT_ONCE for ms in hour.off_ms(name)]
     longest = f"{len(off)} times, {max(off):.0f} ms at most" if off else "not seen"
-    explained = len(runs) - causes[None] - causes[MACHINE] - causes[ASKED]
+    explained = len(runs) - sum(causes[each] for each in (None, MACHINE, STRANGERS, ASKED))
     return [
         "| promise | found | holds |",
         "|---|---|---|",
@@ -137,7 +137,8 @@ def _promises(hour: Hour) -> list[str]:
         f"| a dead or stopped loop's torque is gone within {OFF_MS:.0f} ms | {longest}"
         f" | {_holds(not hour.off_late)} |",
         f"| no unexplained stop | {explained} by a shot, {causes[ASKED]} asked to end,"
-        f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[None]} unexplained"
+        f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[STRANGERS]} while"
+        f" others ran at real-time priority, {causes[None]} unexplained"
         f" | {_holds(not causes[None])} |",
         f"| no lost log block | {sum(run.goals for run in runs)} goals witnessed,"
         f" {sum(run.rows for run in runs)} rows; lost without a word in"
@@ -163,8 +164,8 @@ def _shots(hour: Hour) -> list[str]:
     for run in hour.runs:
         ends[run.cause][run.reason] += 1
     rows = []
-    for name in (*(shot.name for shot in SHOTS), ASKED, MACHINE):
-        times = "–" if name == MACHINE else str(thrown[name])
+    for name in (*(shot.name for shot in SHOTS), ASKED, MACHINE, STRANGERS):
+        times = "–" if name in (MACHINE, STRANGERS) else str(thrown[name])
         if not thrown[name] and not ends[name]:
             continue
         by = ", ".join(f"{reason} {count}" for reason, count in ends[name].most_common())
@@ -189,6 +190,12 @@ def _notes(hour: Hour) -> list[str]:
         f"Stalls of the machine of more than 10 ms during the runs, on either core:"
         f" {len(lengths)}{worst}."
     )
+    busy = sum(bool(run.strangers) for run in hour.runs)
+    if busy:
+        notes.append(
+            f"In {busy} runs programs of others ran at real-time priority; at the loop's own they"
+            " can keep it waiting, which the observers, above it, do not see."
+        )
     gone = sum(not run.witnessed for run in hour.runs)
     if gone:
         notes.append(f"In {gone} runs the bus was killed, and its record ends with it.")

@@ -19,6 +19,9 @@ from controller.errors import LogFormatError
 from controller.logfile import read_log
 from controller.telemetry import ROW
 from scripts.chaos_judge import (
+    MACHINE,
+    STOP_FRAMES,
+    STRANGERS,
     Ending,
     Stall,
     Thrown,
@@ -27,8 +30,9 @@ from scripts.chaos_judge import (
     gaps,
     growth_mb,
     missing_at_end,
+    stalled,
 )
-from scripts.chaos_shots import MAY_END, NO_REPORT, Lasting, Shot, Stage
+from scripts.chaos_shots import HELD_UP, MAY_END, NO_REPORT, Lasting, Shot, Stage
 from scripts.whole_program import FORGIVING, PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
@@ -79,6 +83,8 @@ class Run:
     ended_s: float = 0.0
     memory: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     """Of each process: time since the start [s], resident memory [MB]"""
+    strangers: int = 0
+    """How often programs of others were seen at real-time priority"""
     cause: str | None = None
     """What explains the reason; None: nothing does"""
     off_s: float | None = None
@@ -124,6 +130,7 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
     """
     run = Run()
     log = (room or folder) / "run.hwlog"
+    log.unlink(missing_ok=True)
     cores = tuple(sorted(os.sched_getaffinity(0)))
     sets = (*FORGIVING, *WALL) if course.patient else (*SETTINGS, *WALL)
     output, said = folder / "report.json", folder / "said.txt"
@@ -221,8 +228,8 @@ def _begun(stage: Stage) -> bool:
     enough = 700 * ROW.itemsize
     end = time.monotonic() + START_S
     while stage.run.poll() is None and time.monotonic() < end:
-        if stage.log.exists() and stage.log.stat().st_size > enough:
-            return "loop" in stage.look()
+        if stage.log.exists() and stage.log.stat().st_size > enough and "loop" in stage.look():
+            return True
         time.sleep(POLL_S)
     return False
 
@@ -252,16 +259,24 @@ def _resident_mb(pid: int) -> float:
 
 
 def judge(
-    run: Run, course: Course, folder: Path, room: Path | None, stalls: Sequence[Stall]
+    run: Run,
+    course: Course,
+    folder: Path,
+    room: Path | None,
+    stalls: Sequence[Stall],
+    strangers: Sequence[Stall],
 ) -> None:
-    """Set what the run says of itself against the witness and the log."""
+    """Set what the run says of itself against the witness, the log and the observers."""
+    run.strangers = len(strangers)
     found = ending(rows_of(folder / "witness.csv"), course.watchdog_s)
     run.goals = found.goals
     stopped_s = found.cut_s or found.last_goal_s or run.ended_s
     may_end = {**MAY_END, ASKED: frozenset({"interrupted"})}
-    run.cause = explanation(
-        run.reason, stopped_s, run.thrown, stalls, may_end, 0.5 * course.watchdog_s
-    )
+    run.cause = explanation(run.reason, stopped_s, run.thrown, may_end)
+    least_s = 0.5 * course.watchdog_s
+    for cause, seen in ((MACHINE, stalls), (STRANGERS, strangers)):
+        if run.cause is None and stalled(run.reason, stopped_s, seen, least_s):
+            run.cause = cause
     if run.witnessed:
         run.torque_problems += found.offences
         _judge_torque(run, found)
@@ -296,11 +311,13 @@ def _judge_log(run: Run, found: Ending, log: Path) -> None:
     ]
     woke_s = (rows["deadline_ns"] + rows["lateness_ns"]) * 1e-9
     last_s = float(woke_s[-1])
-    behind = missing_at_end(found.goal_times, last_s)
+    # What a stopped emulator has not read arrives when it goes on, long after the tick.
+    held_up = any(shot.name in HELD_UP and shot.until_s >= last_s for shot in run.thrown)
+    behind = 0 if held_up else missing_at_end(found.goal_times, last_s)
     if behind:
         problems.append(f"{behind} ticks came after the last row")
-    first, last = np.searchsorted(found.goal_times, (float(woke_s[0]), last_s))
-    surplus = int(last - first) - rows.size - found.duplicates
+    after_first = len(found.goal_times) - int(np.searchsorted(found.goal_times, float(woke_s[0])))
+    surplus = after_first - STOP_FRAMES - rows.size - found.duplicates
     if surplus > 0 and not problems:
         problems.append(f"{surplus} goals have no row")
     if problems and not run.lost_said:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Final
+from typing import BinaryIO, Final
 
 from scripts.chaos_loads import may_set_clock
 from scripts.whole_program import Bus, child_of
@@ -82,7 +82,7 @@ def trips(*names: str) -> frozenset[str]:
     return frozenset(f"trip:{name}" for name in names)
 
 
-SILENT = trips("losses_in_row", "loss_rate", "torque_lost")
+SILENT = trips("losses_in_row", "loss_rate", "servo_lost", "torque_lost")
 """What a bus that is silent for long may end in"""
 STOPPED = trips("loop_hung", "torque_lost")
 """What a loop that does not run may end in"""
@@ -137,10 +137,12 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
     return throw
 
 
-def load(*arguments: str) -> subprocess.Popen[bytes]:
+def load(*arguments: str, output: BinaryIO | None = None) -> subprocess.Popen[bytes]:
     """A process beside the run."""
     return subprocess.Popen(
-        [sys.executable, "-m", "scripts.chaos_loads", *arguments], stdin=subprocess.DEVNULL
+        [sys.executable, "-m", "scripts.chaos_loads", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=output,
     )
 
 
@@ -273,3 +275,5 @@ HARD: Final = (
 """Most runs end by these"""
 SHOTS: Final = (*GENTLE, *HARD)
 MAY_END: Final[Mapping[str, frozenset[str]]] = {shot.name: shot.may_end for shot in SHOTS}
+HELD_UP: Final = ("emulator stopped for 0.1 to 1 s",)
+"""Behind these the witness sees late what was sent in time"""
