@@ -1,19 +1,38 @@
-"""``haptic-wall bench``: sections, figures with their limits, and what is not installed.
+"""``haptic-wall bench``: what the command tells of its sections, and what some of them find.
 
 Nothing is asserted about speed; the work is cut down so that the test is quick.
 """
 
+import html
+import importlib
 import importlib.util
 import json
 import os
+import re
 import sys
+from types import SimpleNamespace
 
 import pytest
 
-from controller.benchmarks import array_simulation, boundary, bus_clients, bus_cycle
-from controller.benchmarks.rows import interleaved
+from controller.benchmarks import array_simulation, boundary, bus_clients, bus_cycle, plant_alone
+from controller.benchmarks.rows import Histogram, Row, Section, interleaved, over_rounds
 from controller.cli import main as cli
 from controller.cli.bench import SECTIONS
+
+FOUND = Section(
+    (
+        over_rounds("first <loop>, p99", [12.25, 11.0, 14.5], "µs", "a wire"),
+        Row("settings in a second", 423456.0, "settings/s", "single settings"),
+        Row("ratio", 0.875, "1", "anything else"),
+    ),
+    ("somebody is not installed",),
+    (Histogram("made-up lateness", "µs", {"ours": [0.5, 1.0, 900.0], "theirs": [20.0, 30.0]}),),
+)
+
+RIGHTS = [
+    {"name": "core", "wanted": "core 1", "got": "core 1", "ok": True, "remedy": ""},
+    {"name": "memory", "wanted": "all", "got": "refused: no", "ok": False, "remedy": "sudo this"},
+]
 
 
 @pytest.fixture(autouse=True)
@@ -25,44 +44,163 @@ def little_work(monkeypatch):
     monkeypatch.setattr(array_simulation, "BLOCK", 4)
     monkeypatch.setattr(array_simulation, "_PERIODS", 200)
     monkeypatch.setattr(array_simulation, "_PERIODS_ALONE", 200)
+    for name, value in (
+        ("_ROUNDS", 1),
+        ("_PERIODS", 200),
+        ("_MANY", 16),
+        ("_SOME", 8),
+        ("_FEW", 1),
+    ):
+        monkeypatch.setattr(plant_alone, name, value)
     monkeypatch.setattr(bus_cycle, "_ROUNDS", 1)
     monkeypatch.setattr(bus_cycle, "_CYCLES", 5)
     monkeypatch.setattr(bus_clients, "_PATIENCE_NS", 2_000_000_000)
     monkeypatch.setattr(bus_cycle, "_COUNTS", (1, 3))
 
 
+@pytest.fixture
+def made_up(monkeypatch):
+    """Every section is a made-up one; the function given takes the place of their ``measure``."""
+
+    def become(measure):
+        monkeypatch.setitem(sys.modules, "made_up", SimpleNamespace(measure=measure))
+        for name in SECTIONS:
+            monkeypatch.setitem(SECTIONS, name, "made_up")
+
+    become(lambda: FOUND)
+    monkeypatch.setattr("controller.benchmarks.report.granted", lambda: RIGHTS)
+    return become
+
+
 def call(capsys, *arguments):
-    status = cli.main(["bench", *arguments])
+    try:
+        status = cli.main(["bench", *arguments])
+    except SystemExit as ended:
+        status = ended.code
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
+def test_every_section_can_be_measured():
+    assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
+
+
+@pytest.mark.usefixtures("made_up")
 def test_the_json_holds_machine_versions_and_every_section(capsys):
     status, out, _ = call(capsys, "--json")
     assert status == 0
     report = json.loads(out, parse_constant=pytest.fail)
-    assert set(report["sections"]) == set(SECTIONS)
-    assert {"processor", "cores", "system"} == set(report["machine"])
-    ours, peers = {"haptic-wall", "python", "numpy"}, {"control", "dynamixel-sdk", "rustypot"}
+    assert list(report["sections"]) == list(SECTIONS)
+    on = {"processor", "cores", "system", "kernel", "realtime", "load_average", "steal_percent"}
+    assert on == set(report["machine"])
+    assert report["machine"]["realtime"] == RIGHTS
+    ours = {"haptic-wall", "python", "numpy", "scipy"}
+    peers = {"control", "cyclictest", "dynamixel-sdk", "loop-rate-limiters", "mujoco", "rustypot"}
     assert ours | peers == set(report["versions"])
-    rows = [row for section in report["sections"].values() for row in section["rows"]]
-    assert len({row["name"] for row in rows}) == len(rows)
-    assert all(row["value"] >= 0 and row["shows_not"] for row in rows)
+    section = report["sections"]["lateness"]
+    assert [row["value"] for row in section["rows"]] == [row.value for row in FOUND.rows]
+    assert section["rows"][0]["low"] < 12.25 < section["rows"][0]["high"]
+    assert section["notes"] == list(FOUND.notes)
+    (histogram,) = section["histograms"]
+    assert {name: sum(one["counts"]) for name, one in histogram["series"].items()} == {
+        "ours": 3,
+        "theirs": 2,
+    }
 
 
+@pytest.mark.usefixtures("made_up")
 def test_a_section_can_be_asked_for_alone(capsys):
     status, out, err = call(capsys, "--section", "array_simulation")
     assert status == 0
     assert "array simulation" in out
-    assert "python-control" not in out
+    assert "boundary" not in out
     assert err == "measuring array_simulation ...\n"
     assert call(capsys, "--section", "loops")[0] == 2
 
 
-def test_arrays_move_as_one_alone_does():
+@pytest.mark.usefixtures("made_up")
+def test_the_text_tells_every_figure_with_what_it_does_not_show(capsys):
+    _, out, _ = call(capsys, "--section", "boundary")
+    assert "  12.2 µs (11.6 to 13.4)  first <loop>, p99\n    does not show a wire\n" in out
+    assert "  423,000 settings/s  settings in a second\n" in out
+    assert "  0.875  ratio\n    does not show anything else\n  somebody is not installed" in out
+    assert "taken by the host" in out
+    assert (
+        "real-time settings granted: core: core 1\nmemory: wanted all, refused: no; sudo this"
+        in out
+    )
+
+
+@pytest.mark.usefixtures("made_up")
+def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(capsys, tmp_path):
+    page = tmp_path / "bench.html"
+    assert call(capsys, "--section", "boundary", "--html", str(page))[0] == 0
+    text = page.read_text(encoding="utf-8")
+    for row in FOUND.rows:
+        assert html.escape(row.name) in text
+        assert f'<td class="text">{row.shows_not}</td>' in text
+    assert all(f"<td>{told}</td>" in text for told in ("12.2", "423,000", "0.875", "11.6 to 13.4"))
+    assert FOUND.notes[0] in text
+    assert "sudo this" in text
+    (picture,) = re.findall(r'src="(.*?)"', text)
+    assert picture.startswith("data:image/png;base64,")
+    assert not re.findall(r'(?:href|src)="(?!data:|#)', text)
+
+
+@pytest.mark.usefixtures("made_up")
+def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(capsys, tmp_path):
+    for place in (tmp_path, tmp_path / "nowhere" / "bench.html"):
+        status, out, err = call(capsys, "--html", str(place))
+        assert status == 2
+        assert f"--html {place}: cannot be written" in err
+        assert out == ""
+        assert "measuring" not in err
+
+
+def test_after_a_ctrl_c_what_is_finished_is_told(made_up, capsys, tmp_path, monkeypatch):
+    found = iter([FOUND])
+
+    def measure():
+        try:
+            return next(found)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    made_up(measure)
+    monkeypatch.setattr("controller.benchmarks.page.png", lambda _: b"")
+    page = tmp_path / "bench.html"
+    status, out, _ = call(capsys, "--json", "--html", str(page))
+    assert status == 130
+    report = json.loads(out)
+    assert report["interrupted"]
+    assert list(report["sections"]) == list(SECTIONS)[:1]
+    assert "This run was interrupted" in page.read_text(encoding="utf-8")
+
+
+def test_arrays_move_as_one_alone_does(monkeypatch):
+    monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
     rows = {row.name: row.value for row in array_simulation.measure().rows}
     apart = [value for name, value in rows.items() if name.startswith("difference of position")]
     assert apart == [0.0, 0.0]
+
+
+def test_peers_move_the_servo_alone_as_the_arrays_do():
+    rows, notes = plant_alone.beside_peers()
+    apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}
+    peers = 4 if importlib.util.find_spec("mujoco") else 2
+    assert len(apart) == peers
+    for name, value in apart.items():
+        # Euler's position is wrong by about the speed (below 0.1 rad/s) times half a period.
+        assert value < (1e-3 if "Euler" in name else 1e-9)
+    assert not [note for note in notes if "unlike" in note]
+    assert any("not compared with mujoco.rollout" in note for note in notes)
+
+
+def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    rows, notes = plant_alone.beside_peers()
+    assert not [row for row in rows if "mujoco" in row.name]
+    assert any("haptic-wall[bench]" in note for note in notes)
 
 
 def test_both_programs_find_the_same_margins():
