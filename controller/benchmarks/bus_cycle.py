@@ -27,9 +27,8 @@ from controller.benchmarks.bus_clients import (
     rustypot,
     vendors,
 )
-from controller.benchmarks.rows import Row, Section
-from controller.errors import PlatformError
-from controller.processes import Child, first_line
+from controller.benchmarks.loops import BAUD, emulated_bus
+from controller.benchmarks.rows import Row, Section, ratio
 from hw.clock import MonotonicClock
 from hw.dynamixel.codec import BROADCAST, Instruction, encode
 from hw.dynamixel.serial_line import FdLine
@@ -37,8 +36,6 @@ from hw.dynamixel.serial_line import FdLine
 _ROUNDS, _CYCLES = 40, 24
 _COUNTS = (1, 3, 6)
 _BLOCKS: Final = (SHORT, LONG)
-_BAUD: Final = 4_000_000
-_START_S: Final = 20.0
 _RETURN_DELAY: Final = 9
 _OURS: Final = "haptic-wall"
 
@@ -129,21 +126,15 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
     quickest = min(peers, key=lambda name: statistics.median(peers[name].rounds))
     for name, times in clients.items():
         if name.startswith(_OURS):
-            rows += _compared(f"{name}, {what}", times.rounds, quickest, peers[quickest].rounds)
+            rows.append(
+                ratio(
+                    f"{name}, {what}: time over that of {quickest}",
+                    times.rounds,
+                    peers[quickest].rounds,
+                    "work that is not the same: both read the same bytes",
+                )
+            )
     return rows
-
-
-def _compared(what: str, ours: Sequence[float], peer: str, theirs: Sequence[float]) -> list[Row]:
-    """Our time over the quickest peer's, round by round."""
-    ratios = [one / other for one, other in zip(ours, theirs, strict=True)]
-    low, middle, high = statistics.quantiles(ratios, n=4) if len(ratios) > 1 else ratios * 3
-    name = f"{what}: time over that of {peer}"
-    shows_not = "work that is not the same: both read the same bytes"
-    return [
-        Row(name, middle, "1", shows_not),
-        Row(f"{name}, lower quartile of the rounds", low, "1", shows_not),
-        Row(f"{name}, upper quartile of the rounds", high, "1", shows_not),
-    ]
 
 
 def _clients(
@@ -154,9 +145,9 @@ def _clients(
     line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
     stack.callback(line.close)
     line.write(encode(BROADCAST, Instruction.WRITE, struct.pack("<HB", _RETURN_DELAY, 0)))
-    peers = [vendors(path, _BAUD, ids, _BLOCKS, stack)]
+    peers = [vendors(path, BAUD, ids, _BLOCKS, stack)]
     if compiled is not None:  # the last: it keeps others from opening
-        peers.append(rusty(compiled, path, _BAUD, ids, _BLOCKS, stack))
+        peers.append(rusty(compiled, path, BAUD, ids, _BLOCKS, stack))
     groups = {}
     for block, *theirs in zip(_BLOCKS, *peers, strict=True):
         groups[block.name] = driver(line, ids) if block is LONG else {}
@@ -167,19 +158,12 @@ def _clients(
 
 @contextmanager
 def _bus(ids: Sequence[int]) -> Iterator[str]:
-    """An emulated bus in a process of its own, on a core of its own where there are two."""
+    """An emulated bus; where there are two cores the clients have one of their own."""
     cores = os.sched_getaffinity(0)
     apart = {max(cores)} if len(cores) > 1 else cores
-    arguments = ["controller.cli.main", "emulate", "--die-with-parent", "--baud", str(_BAUD)]
-    for i in ids:
-        arguments += ["--servo", f"XM430-W350:{i}"]
-    emulator = Child("the emulated bus", arguments, None, cores=apart)
-    try:
-        path = first_line(emulator, _START_S)
-        if path is None:
-            raise PlatformError(f"{emulator.name} did not start: it {emulator.exit_text()}")
-        os.sched_setaffinity(0, cores - apart or cores)
-        yield path
-    finally:
-        os.sched_setaffinity(0, cores)
-        emulator.dismiss(_START_S)
+    with emulated_bus(ids=ids, cores=apart) as path:
+        try:
+            os.sched_setaffinity(0, cores - apart or cores)
+            yield path
+        finally:
+            os.sched_setaffinity(0, cores)
