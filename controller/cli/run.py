@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -25,6 +27,9 @@ from controller.config_load import load_config
 from controller.errors import UserError
 from controller.signals import on_signals
 
+if TYPE_CHECKING:
+    from controller.stream import Stream
+
 SIMULATED_S = 5.0
 """Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
 
@@ -40,6 +45,14 @@ SIMULATED_S = 5.0
     type=click.Path(path_type=Path),
     help="Where the emulated bus records every frame and the true motion (CSV).",
 )
+@click.option(
+    "--stream",
+    metavar="HOST:PORT",
+    help="Send rows there while the wall runs: UDP, one JSON object each, for PlotJuggler.",
+)
+@click.option(
+    "--stream-rate", type=float, metavar="HZ", help="How many rows a second (default: 100)."
+)
 @json_option
 def command(
     config: str,
@@ -48,6 +61,8 @@ def command(
     log_path: Path | None,
     plot_path: Path | None,
     witness: Path | None,
+    stream: str | None,
+    stream_rate: float | None,
     as_json_wanted: bool,
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
@@ -67,6 +82,7 @@ def command(
             "--witness: only an emulated bus in its own process keeps a record; run"
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
+    streamed = _stream(effective, stream, stream_rate)
     log, plot = _places(log_path, plot_path, witness, Path(loaded.name).stem)
     plan = Plan(
         config=effective,
@@ -78,6 +94,7 @@ def command(
             "config": effective.model_dump(mode="json"),
         },
         witness=witness,
+        stream=streamed,
     )
     _say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     ended = run(plan, _say)
@@ -93,6 +110,22 @@ def command(
         )
         answer(as_json(report) if as_json_wanted else report_text(report))
     sys.exit(reports.exit_status(ended.stop_reason))
+
+
+def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:
+    """Where rows go to be watched live."""
+    if place is None:
+        if rate_hz is not None:
+            raise UserError("--stream-rate: found without --stream; say where to, or leave it out")
+        return None
+    if _in_memory(config):
+        raise UserError(
+            "--stream: on the simulated clock a run is over before it can be watched; leave it out"
+            " and look at the log, or run with --set loop.clock=monotonic"
+        )
+    from controller.stream import RATE_HZ, stream_to
+
+    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
 
 
 def _in_memory(config: Config) -> bool:
@@ -162,4 +195,5 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
 
 
 def _say(text: str) -> None:
-    click.echo(text, err=True)
+    with contextlib.suppress(OSError):  # nobody listens: no reason not to run
+        click.echo(text, err=True)
