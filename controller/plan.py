@@ -10,6 +10,7 @@ from typing import Any
 from controller.config import Config
 from controller.program import Phase
 from controller.statistics import RunStatistics
+from controller.stream import Stream
 
 Tell = Callable[[str], None]
 """Called with what a person should know meanwhile."""
@@ -52,3 +53,5 @@ class Plan:
     """Record of the emulated bus; None: none"""
     program: tuple[Phase, ...] = ()
     """What is rendered in place of the wall; the run ends with it. Empty: the wall"""
+    stream: Stream | None = None
+    """Who watches live; None: nobody"""

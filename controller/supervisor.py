@@ -68,6 +68,7 @@ class Supervisor:
         self._refused: str | None = None
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
+        self._streamer: Child | None = None
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -79,6 +80,7 @@ class Supervisor:
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
             log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
+            self._start_streamer(children)
             children.callback(log.close)
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
@@ -146,6 +148,25 @@ class Supervisor:
             self._others,
         )
 
+    def _start_streamer(self, children: contextlib.ExitStack) -> None:
+        stream = self._plan.stream
+        if stream is None:
+            return
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "parent": os.getpid(),
+            "stream": asdict(stream),
+            "loop_hz": self._plan.config.loop.rate_hz,
+        }
+        self._streamer = Child(
+            "streamer",
+            ["controller.streamer"],
+            orders,
+            [self._telemetry.descriptor],
+            self._others,
+        )
+        children.callback(self._streamer.dismiss, END_S)
+
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
         orders = Orders(
             config=self._plan.config.model_dump_json(),
@@ -180,6 +201,7 @@ class Supervisor:
             log.look(now)
             if now > counted + COUNT_S:
                 self._count()
+                self._hear_streamer()
                 counted = now
             if emulator is not None and emulator.ended():
                 watch.asked()
@@ -267,6 +289,17 @@ class Supervisor:
                     self._tell(event["text"])
                 case "ended":
                     self._result = event["result"]
+
+    def _hear_streamer(self) -> None:
+        if self._streamer is None:
+            return
+        for line in self._streamer.lines():
+            self._tell(json.loads(line)["trouble"])
+        if self._streamer.ended():
+            self._tell(
+                f"--stream: its process {self._streamer.exit_text()}; the run goes on without it"
+            )
+            self._streamer = None
 
     def _count(self) -> None:
         rows, self._counted = self._telemetry.read(self._counted)
