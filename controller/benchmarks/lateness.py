@@ -26,12 +26,11 @@ from controller.benchmarks.lateness_client import PERIOD_NS, Orders
 from controller.benchmarks.rows import Histogram, Row, Section, ratio
 from controller.config_load import load_config
 from controller.errors import PlatformError
-from controller.logfile import read_log
 from controller.plan import Plan
 from controller.processes import Child
 from controller.realtime import pick_cores
-from controller.run import run
-from controller.telemetry import FLAG_WARM_UP
+from controller.supervisor import Supervisor
+from controller.telemetry import FLAG_WARM_UP, Telemetry
 from controller.theory.checks import FloatArray
 
 _ROUNDS, _TICKS = 8, 1000
@@ -203,20 +202,18 @@ def _program(core: int) -> Turn:
 
     Raises:
         PlatformError: The run ended before its time.
-        KeyboardInterrupt: It was interrupted.
     """
     sets = ("realtime.profile=best-effort", f"realtime.core={core}", f"loop.warm_up_s={_WARM_UP_S}")
     loaded = load_config("simulated", sets)
+    telemetry = Telemetry.create()
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "run.hwlog"
         seconds = 1e-9 * PERIOD_NS * _TICKS
-        plan = Plan(loaded.config, seconds, log, {"name": loaded.name}, None)
-        ended = run(plan, lambda _text: None)
-        if ended.stop_reason == "interrupted":  # the run took the signal that was meant for all
-            raise KeyboardInterrupt
-        if ended.stop_reason != "duration" or ended.result is None:
-            raise PlatformError(f"a run ended by itself: {ended.stop_reason}")
-        _, rows = read_log(log)
+        plan = Plan(loaded.config, seconds, Path(folder) / "log", {"name": loaded.name}, None)
+        # Without the handlers of a command: a Ctrl-C is meant for all of this.
+        ended = Supervisor(plan, telemetry, lambda _text: None).run()
+    if ended.stop_reason != "duration":
+        raise PlatformError(f"a run of the simulated servo ended by itself: {ended.stop_reason}")
+    rows, _ = telemetry.read(0)
     rows = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
     woken = rows["deadline_ns"] + rows["lateness_ns"]
     rate_hz = _rate(rows.size, int(woken[-1] - woken[0]))
