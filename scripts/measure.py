@@ -7,32 +7,20 @@ side with the bare loop (controller/benchmarks/bare_loop.py) on the same emulato
 rounds.
 """
 
-import json
-import math
 import signal
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 from haptic_wall_pytest.record import read_rows
 
+from controller.benchmarks import loops
 from hw.dynamixel.codec import Instruction
-from scripts.whole_program import (
-    FORGIVING,
-    PROGRAM,
-    emulated_bus,
-    measured_on,
-    page_options,
-    say_time,
-    wall_run,
-    with_sets,
-)
+from scripts.whole_program import PROGRAM, measured_on, page_options, say_time, wall_run
 from scripts.witnessed import witnessed
 
-ON_THE_WALL = ("wall.side=both", f"wall.position={math.pi}")
 START_S, SIMULATED_S, STOPPED_S = 4, 3, 8
 """What a run takes beside its length; one on the simulated clock; one that is stopped"""
 
@@ -57,58 +45,39 @@ def simulated_speed(folder: Path, rounds: int) -> list[str]:
     return lines
 
 
-def middle(reports: list[dict], *path: str) -> float:
-    """Median over rounds of one figure."""
-    figures = []
-    for report in reports:
-        value = report
-        for step in path:
-            value = value[step]
-        figures.append(value)
-    return statistics.median(figures)
-
-
-def beside_bare_loop(folder: Path, rounds: int, seconds: float) -> list[str]:
+def beside_bare_loop(rounds: int, seconds: float) -> list[str]:
     """The whole controller beside the bare loop, on the same emulator in alternating rounds.
 
     The servo simulated in the loop's process has no bus: nothing is lost, nothing waited for.
     """
     bare, ours, inside = [], [], []
-    with emulated_bus("--set", "servo.coulomb=0") as bus:
+    with loops.emulated_bus("--set", "servo.coulomb=0") as path:
         for _ in range(rounds):
-            done = subprocess.run(
-                [sys.executable, "-m", "controller.benchmarks.bare_loop", bus.port, str(seconds)],
-                check=True,
-                capture_output=True,
-                text=True,
-            )
-            bare.append(json.loads(done.stdout))
-            report = wall_run(
-                folder,
-                "xm430-w350",
-                f"--duration={seconds}",
-                *with_sets((f"servo.port={bus.port}", *ON_THE_WALL, *FORGIVING)),
-            )
-            report |= {name: report["bus"][name] for name in ("lost", "late")}
-            ours.append(report)
-            inside.append(wall_run(folder, "simulated", f"--duration={seconds}"))
+            bare.append(loops.bare(path, seconds, 1000.0))
+            ours.append(loops.ours(path, seconds, 1000.0))
+            inside.append(loops.of_run(loops.wall_run("simulated", seconds)))
+    figures = {
+        "ticks": lambda ran: ran.ticks,
+        "missed_ticks": lambda ran: ran.missed,
+        "lost": lambda ran: ran.lost,
+        "late": lambda ran: ran.late,
+    }
     rows = [
         "| medians of rounds | bare loop on the bus | haptic-wall on the bus |"
         " haptic-wall, servo in its process |",
         "|---|---|---|---|",
     ]
-    for name in ("ticks", "missed_ticks", "lost", "late"):
-        rows.append(
-            f"| {name} | {middle(bare, name):g} | {middle(ours, name):g} |"
-            f" {middle(inside, name) if name in inside[0] else 0:g} |"
-        )
-    for name in ("lateness_us", "bus_us", "work_us"):
+    for name, figure in figures.items():
+        middles = [statistics.median(map(figure, runs)) for runs in (bare, ours, inside)]
+        rows.append(f"| {name} | " + " | ".join(f"{each:g}" for each in middles) + " |")
+    for name in ("lateness", "bus", "work"):
         for percentile in ("p50", "p99"):
-            rows.append(
-                f"| {name} {percentile} | {middle(bare, name, percentile):.1f} |"
-                f" {middle(ours, name, percentile):.1f} |"
-                f" {middle(inside, name, percentile):.1f} |"
-            )
+            middles = [
+                statistics.median(ran.times_us[name][percentile] for ran in runs)
+                for runs in (bare, ours, inside)
+            ]
+            cells = " | ".join(f"{each:.1f}" for each in middles)
+            rows.append(f"| {name}_us {percentile} | {cells} |")
     return rows
 
 
@@ -192,7 +161,7 @@ def main() -> None:
         folder = Path(name)
         for title, lines in (
             ("Simulated clock", simulated_speed(folder, wanted.rounds)),
-            ("Beside a bare loop", beside_bare_loop(folder, wanted.rounds, wanted.seconds)),
+            ("Beside a bare loop", beside_bare_loop(wanted.rounds, wanted.seconds)),
             ("By the witness", by_the_witness(folder, wanted.rounds, wanted.seconds)),
             ("Stopping", stopping(folder, wanted.rounds)),
         ):

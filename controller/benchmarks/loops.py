@@ -10,9 +10,9 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +27,7 @@ from controller.run import run
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
 """How long a child may take to start, and to end [s]"""
+_TIMES: Final = ("lateness", "bus", "work")
 _WARM_UP_S: Final = 0.05
 """What is lost in it counts as well"""
 FORGIVING: Final = (
@@ -50,6 +51,10 @@ class Ran:
     """Periods in which it did not run"""
     lost: int
     """Ticks without a reply in time"""
+    late: int = 0
+    """Replies that came after that"""
+    times_us: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    """``lateness``, ``bus`` and ``work``, each with its ``p50`` and ``p99`` [µs]"""
 
 
 Loop = Callable[[str, float, float], Ran]
@@ -99,7 +104,13 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
     if told is None:
         raise PlatformError(f"{loop.name} told nothing: it {loop.exit_text()}")
     figures = json.loads(told)
-    return Ran(figures["ticks"], figures["missed_ticks"], figures["lost"])
+    return Ran(
+        figures["ticks"],
+        figures["missed_ticks"],
+        figures["lost"],
+        figures["late"],
+        {name: figures[f"{name}_us"] for name in _TIMES},
+    )
 
 
 def ours(path: str, seconds: float, rate_hz: float) -> Ran:
@@ -119,11 +130,29 @@ def ours(path: str, seconds: float, rate_hz: float) -> Ran:
     )
     # One that a trip has ended, with a machine that cannot do it, has missed all that was to come.
     missed = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
-    counts = (ended.result or {"bus": {"lost": 0, "corrupt": 0}})["bus"]
-    return Ran(ended.ticks, missed, counts["lost"] + counts["corrupt"])
+    return replace(of_run(ended), missed=missed)
 
 
 LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
+
+
+def of_run(ended: Ended) -> Ran:
+    """What a run of the whole program did.
+
+    Args:
+        ended: The run.
+    """
+    statistics = ended.statistics
+    times = (statistics.lateness, statistics.bus, statistics.work)
+    reports = [each.as_report(50, 99) for each in times]
+    bus = (ended.result or {}).get("bus") or {"lost": 0, "corrupt": 0, "late": 0}
+    return Ran(
+        ended.ticks,
+        ended.missed,
+        bus["lost"] + bus["corrupt"],
+        bus["late"],
+        dict(zip(_TIMES, reports, strict=True)),
+    )
 
 
 def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
