@@ -15,6 +15,7 @@ from random import Random
 import numpy as np
 from haptic_wall_pytest.record import rows_of
 
+from controller.benchmarks.loops import FORGIVING
 from controller.errors import LogFormatError
 from controller.logfile import read_log
 from controller.telemetry import ROW
@@ -33,7 +34,7 @@ from scripts.chaos_judge import (
     stalled,
 )
 from scripts.chaos_shots import HELD_UP, MAY_END, NO_REPORT, Lasting, Shot, Stage
-from scripts.whole_program import FORGIVING, PROGRAM, emulated_bus, with_sets
+from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
 SETTINGS = (

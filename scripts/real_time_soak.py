@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from haptic_wall_pytest.record import read_rows
 
+from controller.benchmarks.loops import FORGIVING
 from controller.logfile import read_log
 from hw.dynamixel.codec import Instruction
-from scripts.whole_program import FORGIVING, PROGRAM, emulated_bus, with_sets
+from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WALL = ("wall.side=both", f"wall.position={pi + 0.3}", "wall.stiffness=2", "wall.damping=0")
 

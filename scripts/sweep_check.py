@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from haptic_wall_pytest.record import read_rows
 
+from controller.benchmarks.loops import FORGIVING
 from controller.config_load import load_config
 from controller.experiments.critical import PointSearch
 from controller.experiments.sweep import experiment_config
@@ -33,7 +34,7 @@ from controller.logfile import read_log
 from controller.telemetry import FLAG_WARM_UP
 from controller.theory import critical_stiffness, max_virtual_damping
 from hw.dynamixel.codec import Instruction
-from scripts.whole_program import FORGIVING, PROGRAM, measured_on, page_options, say_time
+from scripts.whole_program import PROGRAM, measured_on, page_options, say_time
 
 PERIOD = 1e-3
 SERVOS = {

@@ -13,14 +13,6 @@ from controller.benchmarks.machine import machine, versions
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
-FORGIVING = (
-    "realtime.profile=best-effort",
-    "servo.watchdog_s=0.5",
-    "safety.heartbeat_s=2",
-    "safety.max_losses_in_row=400",
-    "safety.max_loss=0.9",
-)
-"""What the machine's own stalls must not end; none of it changes what is measured"""
 
 
 @dataclass(frozen=True, slots=True)
