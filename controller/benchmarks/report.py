@@ -43,7 +43,7 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
     try:
         for name, module in modules.items():
             tell(name)
-            report["sections"][name] = _section(module)
+            report["sections"][name] = measured_section(module)
     except KeyboardInterrupt:
         report["interrupted"] = True
     report["machine"]["steal_percent"] = stolen_percent(before, processor_time())
@@ -51,7 +51,12 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
     return report
 
 
-def _section(module: str) -> dict[str, Any]:
+def measured_section(module: str) -> dict[str, Any]:
+    """What the report says of one section.
+
+    Args:
+        module: Which has ``measure() -> Section``.
+    """
     began, before = time.monotonic(), processor_time()
     section: Section
     try:

@@ -26,11 +26,16 @@ PATIENT = ["servo.watchdog_s=2.54", "safety.heartbeat_s=10", "safety.max_losses_
 PATIENT += ["safety.max_loss=1"]
 """A machine that runs tests may stall for longer than a wall should."""
 
+NOTHING = {"rows": [], "notes": [], "histograms": [], "seconds": 0.0, "steal_percent": None}
+"""A section of a benchmark that has measured nothing"""
+
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
+    # What is measured has tests of its own, and takes minutes.
+    monkeypatch.setattr("controller.benchmarks.report.measured_section", lambda _: NOTHING)
     # What is drawn has tests of its own, and takes most of a second each time.
     monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
     (tmp_path / "config").symlink_to(ROOT / "config")
