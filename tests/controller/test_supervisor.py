@@ -1,0 +1,200 @@
+"""However a loop ends, its torque is switched off after it can speak no more, and it is said how.
+
+The children are played; the whole tree of real processes is in tests/test_runs.py.
+"""
+
+import json
+import os
+import signal
+import time
+
+import pytest
+
+from controller import supervisor
+from controller.config_load import load_config
+from controller.plan import Plan
+from controller.report import exit_status, explanation, run_report
+from controller.supervisor import Supervisor
+from controller.telemetry import State, Telemetry, Word
+
+RESULT = {
+    "stop_reason": "trip:overspeed",
+    "message": "",
+    "ticks": 7,
+    "missed": 0,
+    "elapsed_s": 0.007,
+    "torque_off": True,
+}
+
+
+class Child:
+    """A process that does as it is told by ``acts``; the recorder has nothing to do."""
+
+    def __init__(self, name, _arguments, _orders, _descriptors=(), _cores=None):
+        self.name = name
+        self.pidfd, self._end = os.pipe()
+        self.output, self._voice = os.pipe()
+        os.set_blocking(self.output, False)
+        self.code = None
+        self.sent = []
+        CHILDREN[name] = self
+
+    def say(self, event, **content):
+        os.write(self._voice, (json.dumps({"event": event, **content}) + "\n").encode())
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            os.close(self._end)
+
+    def lines(self):
+        try:
+            return os.read(self.output, 65536).decode().splitlines()
+        except BlockingIOError:
+            return []
+
+    def ended(self):
+        if self.name == "recorder":
+            self.end(0)
+        return self.code is not None
+
+    def well(self):
+        return self.code == 0
+
+    def doing(self):
+        return "was busy"
+
+    def exit_text(self):
+        return f"ended with {self.code}"
+
+    def wait(self, _timeout_s):
+        return self.ended()
+
+    def send(self, number):
+        self.sent.append(number)
+        if number == signal.SIGKILL:
+            self.end(-9)
+
+    def dismiss(self, _timeout_s):
+        self.end(-9)
+        for descriptor in (self.pidfd, self.output, self._voice):
+            os.close(descriptor)
+
+
+CHILDREN = {}
+
+
+class Stage:
+    """A supervisor with played children on a servo whose torque it can switch off, or not."""
+
+    def __init__(self, monkeypatch, folder):
+        config = load_config("xm430-w350", ["servo.port=/dev/null", "model.delay=0"]).config
+        self.telemetry = Telemetry.create()
+        self.words = self.telemetry.words
+        self.plan = Plan(config, None, folder / "run.hwlog", {}, None)
+        self.told = []
+        self.cuts = []
+        self.confirmed = True
+        self.loop_acts = lambda loop: loop
+        monkeypatch.setattr(supervisor, "Child", self.child)
+        monkeypatch.setattr(supervisor, "cut_torque", self.cut)
+        monkeypatch.setattr(
+            supervisor, "open_port", lambda _settings: os.open("/dev/null", os.O_RDWR)
+        )
+
+    def child(self, *arguments):
+        child = Child(*arguments)
+        if child.name == "loop":
+            self.words[Word.STATE] = State.RUNNING
+            self.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
+            self.loop_acts(child)
+        return child
+
+    def cut(self, *_):
+        loop = CHILDREN["loop"]
+        self.cuts.append((loop.ended(), self.words[Word.CUT]))
+        return self.confirmed
+
+    def run(self):
+        ended = Supervisor(self.plan, self.telemetry, self.told.append).run()
+        return ended, run_report(self.plan.config, ended, None, None)
+
+
+@pytest.fixture
+def stage(monkeypatch, tmp_path):
+    return Stage(monkeypatch, tmp_path)
+
+
+SILENT_AND_MARKED = [(True, 1)]
+"""When the torque was cut the loop was dead, and the memory said that the bus is not its own"""
+
+
+def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage):
+    stage.loop_acts = lambda loop: loop.end(1)
+    ended, report = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert exit_status(ended.stop_reason) == 3
+    assert ended.stop_reason == "trip:loop_died"
+    assert "the loop's process ended with 1; the supervisor switched the torque off" in explanation(
+        ended
+    )
+    assert report["torque_off"] is True
+
+
+def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage):
+    ended, _ = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert ended.stop_reason == "trip:loop_hung"
+    assert "no sign of life for 0.1" in explanation(ended)
+    assert "it was busy" in explanation(ended)
+
+
+def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
+    stage.confirmed = False
+    stage.loop_acts = lambda loop: loop.end(1)
+    ended, report = stage.run()
+    assert report["torque_off"] is False
+    assert "switch the servo's power off" in explanation(ended)
+    assert "switched the torque off" not in explanation(ended)
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, confirmed):
+    def trip(loop):
+        loop.say("ended", result={**RESULT, "torque_off": False})
+        loop.end(0)
+
+    stage.loop_acts, stage.confirmed = trip, confirmed
+    ended, report = stage.run()
+    assert ended.stop_reason == "trip:overspeed"
+    assert report["torque_off"] is confirmed
+    assert len(stage.cuts) == 1
+
+
+def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage):
+    stage.loop_acts = lambda loop: loop.say("ended", result=RESULT)
+    ended, _ = stage.run()
+    assert ended.stop_reason == "trip:overspeed"
+    assert any("no sign of life" in note for note in ended.warnings)
+
+
+def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
+    monkeypatch.setattr("controller.loop_watch.END_S", 0.1)
+    stage.words[Word.STOP] = 1
+    stage.loop_acts = lambda _: stage.words.__setitem__(
+        Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10
+    )
+    ended, _ = stage.run()
+    assert ended.stop_reason == "trip:loop_hung"
+    assert "being asked to" in explanation(ended)
+
+
+def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(Supervisor, "_hear", broken)
+    with pytest.raises(ZeroDivisionError):
+        stage.run()
+    assert stage.words[Word.STOP] == 1, "it was asked first"
+    assert stage.cuts == SILENT_AND_MARKED
