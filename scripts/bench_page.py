@@ -1,0 +1,90 @@
+"""Renews the figures of docs/bench.md with what ``haptic-wall bench`` finds on this machine.
+
+    scripts/bench_page [--report FILE] [--out FILE]
+
+A part of the page begins with ``<!-- bench: machine -->`` or ``<!-- bench: SECTION -->`` and ends
+with ``<!-- end -->``. Peers that are not installed are named there: .venv/bin/pip install -e
+'.[bench]' and the package rt-tests add them. FILE is what ``haptic-wall bench --json`` printed;
+without it everything is measured now, on a machine that does nothing else.
+"""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from controller.benchmarks import words
+from controller.cli.bench import SECTIONS
+from scripts.whole_program import PROGRAM, page_options, say_time
+
+PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)
+MINUTES = 6.0
+"""What all sections take together, about"""
+
+
+def renewed(text: str, report: Mapping[str, Any]) -> str:
+    """The page with the parts of what was measured made anew; the others stay.
+
+    Args:
+        text: The page.
+        report: What ``haptic-wall bench --json`` printed.
+    """
+
+    def part(found: re.Match[str]) -> str:
+        begin, name, old, end = found.groups()
+        if name == "machine":
+            body = on_machine(report)
+        elif name in report["sections"]:
+            body = figures(report["sections"][name])
+        else:
+            body = old
+        return f"{begin}{body}{end}"
+
+    return PART.sub(part, text)
+
+
+def on_machine(report: Mapping[str, Any]) -> str:
+    """What the figures were measured on."""
+    lines = [words.hardware(report), words.installed(report), words.meanwhile(report)]
+    return "\n".join(["", *(f"- {line}" for line in (*lines, *words.rights(report))), "", ""])
+
+
+def figures(section: Mapping[str, Any]) -> str:
+    """The table of a section, and its notes."""
+    took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}."
+    table = ["| what | figure | unit | quartiles of the rounds |", "|---|---|---|---|"]
+    for row in section["rows"]:
+        cells = (row["name"], words.figure(row["value"]), words.unit(row), words.quartiles(row))
+        table.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
+    notes = [f"- {note}" for note in section["notes"]]
+    return "\n".join(["", took, "", *table, "", *notes, *([""] if notes else []), ""])
+
+
+def main() -> None:
+    """Measure, or take what was measured, and write the page."""
+    parser = page_options("bench_page", __doc__, "bench.md")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="take the figures from it")
+    wanted = parser.parse_args()
+    if wanted.report is None:
+        say_time(60.0 * MINUTES)
+        done = subprocess.run(
+            [*PROGRAM, "bench", "--json"], check=False, stdout=subprocess.PIPE, text=True
+        )
+        if done.returncode:
+            sys.exit(f"haptic-wall bench ended with {done.returncode}; the page stays as it is")
+        told = done.stdout
+    else:
+        told = wanted.report.read_text(encoding="utf-8")
+    report = json.loads(told)
+    text = wanted.out.read_text(encoding="utf-8")
+    missing = [name for name in SECTIONS if f"<!-- bench: {name} -->" not in text]
+    if missing:
+        sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: put the comments into it")
+    wanted.out.write_text(renewed(text, report), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""The page on the benchmark has a place for every section, and the script fills it."""
+
+from controller.cli.bench import SECTIONS
+from scripts.bench_page import renewed
+from tests.docs.pages import text_of
+
+ROW = {"name": "p99 of a|b", "value": 12.25, "unit": "µs", "low": 11.0, "high": 14.5}
+SECTION = {"rows": [ROW], "notes": ["x is missing"], "seconds": 8.0, "steal_percent": 0.25}
+REPORT = {
+    "machine": {
+        "processor": "Made-up", "cores": 2, "system": "Linux 1", "kernel": "#1", "realtime": [],
+        "load_average": [0.1, 0.2, 0.3], "steal_percent": 0.5,
+    },
+    "versions": {"python": "3.11.7", "mujoco": None},
+    "seconds": 60.0,
+}  # fmt: skip
+
+
+def test_the_page_has_a_place_for_every_section():
+    text = text_of("docs/bench.md")
+    assert [n for n in ("machine", *SECTIONS) if f"<!-- bench: {n} -->" not in text] == []
+
+
+def test_what_was_measured_is_written_and_the_rest_stays():
+    page = "a\n<!-- bench: {} -->\nold\n<!-- end -->\nb\n"
+    text = "".join(page.format(name) for name in ("machine", "boundary", "detector"))
+    new = renewed(text, {**REPORT, "sections": {"boundary": SECTION}})
+    assert "| p99 of a/b | 12.2 | µs | 11 to 14.5 |" in new
+    assert "8 s, 0.25 % of the processors' time taken by the host." in new
+    assert "- x is missing\n" in new
+    assert "- Made-up, 2 cores, Linux 1, #1\n- python 3.11.7, mujoco not installed\n" in new
+    assert new.count("\nold\n") == 1  # of the detector, which was not measured
+    assert new.count("a\n<!-- bench:") == new.count("<!-- end -->\nb\n") == 3
+    assert renewed(new, {**REPORT, "sections": {"boundary": SECTION}}) == new
