@@ -11,6 +11,7 @@ from controller.benchmarks import telemetry_row, torque_frames
 from controller.benchmarks.highest_rate import Search, holds, kept_up
 from controller.benchmarks.loops import LOOPS, Ran, emulated_bus
 from controller.benchmarks.lost_reply import request_to_torque_s, waits_ns
+from controller.benchmarks.report import measured
 from controller.benchmarks.stage_times import STAGES, WALL, StageTimes
 from controller.benchmarks.torque_frames import deviations_us
 from controller.config_load import load_config
@@ -209,3 +210,15 @@ def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(monkeypatch):
     with pytest.raises(KeyboardInterrupt), emulated_bus() as path:
         raise KeyboardInterrupt
     assert not Path(path).exists()
+
+
+def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch):
+    def none(*_options):
+        raise PlatformError("the emulated bus did not start: it ended with 4")
+
+    monkeypatch.setattr(torque_frames, "emulated_bus", none)
+    report = measured({"torque_frames": "controller.benchmarks.torque_frames"}, lambda _name: None)
+    section = report["sections"]["torque_frames"]
+    assert section["rows"] == []
+    (note,) = section["notes"]
+    assert note.startswith("not measured: the emulated bus did not start")
