@@ -170,10 +170,14 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="files of runs that went wrong")
     wanted = parser.parse_args()
 
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
     def stop(_signal: int, _frame: FrameType | None) -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)  # once is enough: what is undone must be whole
         raise KeyboardInterrupt
 
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in numbers:
         signal.signal(number, stop)
     found = Hour(wanted.minutes, wanted.seed)
     print(f"this takes {wanted.minutes:g} min", file=sys.stderr, flush=True)

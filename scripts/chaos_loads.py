@@ -148,6 +148,7 @@ def main() -> None:
     """Do what the arguments say."""
     kind, *numbers = sys.argv[1:]
     if kind != "clock":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it ends it
         realtime.die_with_parent(os.getppid(), signal.SIGKILL)
     match kind:
         case "busy":

@@ -106,7 +106,8 @@ def page(hour: Hour) -> str:
         "## What was thrown, and what followed",
         "",
         "A run goes on unless it is said to have ended. Off: from the shot to the last torque that"
-        f" acted, by the witness, median and longest; the Bus Watchdog is set to"
+        f" acted, by the witness, median and longest (a load takes 0.1 s to begin); the"
+        f" Bus Watchdog is set to"
         f" {1e3 * WATCHDOG_S:.0f} ms ({1e3 * PATIENT_WATCHDOG_S:.0f} in long runs).",
         "",
         "| shot | thrown | ended a run | by | off, ms |",
@@ -123,7 +124,6 @@ def _promises(hour: Hour) -> list[str]:
     runs, grown = hour.runs, hour.growth_mb
     witnessed = [run for run in runs if run.witnessed]
     causes = Counter(run.cause for run in runs)
-    said = [text for run in runs for text in run.lost_said]
     after = sum(len(run.torque_problems) for run in runs)
     memory = ", ".join(f"{name} {mb:+.1f} MB" for name, mb in sorted(grown.items()))
     off = [ms for name in AT_ONCE for ms in hour.off_ms(name)]
@@ -140,9 +140,9 @@ def _promises(hour: Hour) -> list[str]:
         f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[STRANGERS]} while"
         f" others ran at real-time priority, {causes[None]} unexplained"
         f" | {_holds(not causes[None])} |",
-        f"| no lost log block | {sum(run.goals for run in runs)} goals witnessed,"
-        f" {sum(run.rows for run in runs)} rows; lost without a word in"
-        f" {sum(bool(run.log_problems) for run in runs)} runs, said by the report in {len(said)}"
+        f"| no lost log block | {sum(run.goals for run in runs)} torques witnessed,"
+        f" {sum(run.rows for run in runs)} rows; lost and said so: {sum(run.lost for run in runs)},"
+        f" lost without a word: in {sum(bool(run.log_problems) for run in runs)} runs"
         f" | {_holds(not any(run.log_problems for run in runs))} |",
         f"| memory flat within {FLAT_MB:g} MB | {memory or 'no run was long enough'}"
         f" | {_holds(all(mb <= FLAT_MB for mb in grown.values())) if grown else '–'} |",
@@ -199,6 +199,6 @@ def _notes(hour: Hour) -> list[str]:
     gone = sum(not run.witnessed for run in hour.runs)
     if gone:
         notes.append(f"In {gone} runs the bus was killed, and its record ends with it.")
-    for text in sorted({text for run in hour.runs for text in run.lost_said}):
-        notes.append(f"Said of the log: {text}.")
+    for text in sorted({text for run in hour.runs for text in run.warnings if "it lacks" in text}):
+        notes.append(f"Said of a log: {text}.")
     return [line for note in notes for line in (note, "")]

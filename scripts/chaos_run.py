@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -33,7 +34,7 @@ from scripts.chaos_judge import (
     missing_at_end,
     stalled,
 )
-from scripts.chaos_shots import HELD_UP, MAY_END, NO_REPORT, Lasting, Shot, Stage
+from scripts.chaos_shots import HELD_UP, HURT, MAY_END, NO_REPORT, Lasting, Shot, Stage
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
@@ -50,8 +51,10 @@ WALL = ("wall.position=3.14159", "wall.stiffness=8", "wall.damping=0.02", "model
 TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
 """A hand leans on the wall, so that there is a torque at nearly all times"""
 POLL_S, SAMPLE_S = 0.01, 2.0
-START_S, END_S, AFTER_S = 40.0, 20.0, 0.6
+START_S, END_S, AFTER_S = 40.0, 60.0, 0.6
 """How long a run may take to begin, and to end when asked; how long the torque is watched after"""
+RECOVER_S = 3.0
+"""Before a recorder has been replaced nobody is left to write where its supervisor is killed too"""
 PROMPT_PRIORITY = 60
 """Below emulator and loop; but a signal that ends a stop must not wait behind busy processes"""
 
@@ -94,8 +97,9 @@ class Run:
     """The witness lived to the end"""
     rows: int = 0
     goals: int = 0
-    lost_said: list[str] = field(default_factory=list)
-    """What the report says of rows that the log lacks"""
+    """Goals that the witness saw from the first row on"""
+    lost: int = 0
+    """Rows that the report says the log lacks"""
     torque_problems: list[str] = field(default_factory=list)
     log_problems: list[str] = field(default_factory=list)
     other_problems: list[str] = field(default_factory=list)
@@ -207,13 +211,16 @@ def _under_fire(
             until = time.monotonic() + lasting.seconds
             run.thrown.append(Thrown(shot.name, now, until, lasting.detail))
             pending.append((until, lasting))
-            next_shot = now + random.uniform(1.0, 5.0)
+            next_shot = now + random.uniform(RECOVER_S if shot.name in HURT else 1.0, 5.0)
         if asked_s is None and now >= start + course.seconds and not pending:
             asked_s = now
             process.send_signal(signal.SIGINT)
         if asked_s is not None and now > asked_s + END_S:
-            run.other_problems.append(f"it had not ended {END_S:g} s after it was asked to")
+            run.other_problems.append(
+                f"it had not ended {END_S:g} s after it was asked to ({_doing(stage.look())})"
+            )
             process.kill()
+            break
         time.sleep(POLL_S)
     run.ended_s = time.monotonic()
     run.memory = {name: [s for s in each if s[1] > 0.0] for name, each in samples.items()}
@@ -251,6 +258,16 @@ def _gone(pid: int | None, patience_s: float = 5.0) -> bool:
     return True
 
 
+def _doing(pids: dict[str, int]) -> str:
+    """Which processes are there, and in which state."""
+    words = []
+    for name, pid in pids.items():
+        with contextlib.suppress(OSError):
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+            words.append(f"{name} {state} in {Path(f'/proc/{pid}/wchan').read_text()}")
+    return ", ".join(words)
+
+
 def _resident_mb(pid: int) -> float:
     with contextlib.suppress(OSError):
         for line in Path(f"/proc/{pid}/status").read_text().splitlines():
@@ -270,7 +287,6 @@ def judge(
     """Set what the run says of itself against the witness, the log and the observers."""
     run.strangers = len(strangers)
     found = ending(rows_of(folder / "witness.csv"), course.watchdog_s)
-    run.goals = found.goals
     stopped_s = found.cut_s or found.last_goal_s or run.ended_s
     may_end = {**MAY_END, ASKED: frozenset({"interrupted"})}
     run.cause = explanation(run.reason, stopped_s, run.thrown, may_end)
@@ -296,7 +312,8 @@ def _judge_torque(run: Run, found: Ending) -> None:
 
 def _judge_log(run: Run, found: Ending, log: Path) -> None:
     """Whether every tick that the witness saw has its row."""
-    run.lost_said = [text for text in run.warnings if "the log" in text]
+    said = next(filter(None, map(SAID_LOST.search, run.warnings)), None)
+    run.lost = int(said[1]) if said else 0
     try:
         _, rows = read_log(log)
     except (OSError, LogFormatError) as error:
@@ -317,12 +334,19 @@ def _judge_log(run: Run, found: Ending, log: Path) -> None:
     behind = 0 if held_up else missing_at_end(found.goal_times, last_s)
     if behind:
         problems.append(f"{behind} ticks came after the last row")
-    after_first = len(found.goal_times) - int(np.searchsorted(found.goal_times, float(woke_s[0])))
-    surplus = after_first - STOP_FRAMES - rows.size - found.duplicates
+    first = int(np.searchsorted(found.goal_times, float(woke_s[0])))
+    run.goals = len(found.goal_times) - first - found.duplicates
+    surplus = run.goals - STOP_FRAMES - rows.size
     if surplus > 0 and not problems:
         problems.append(f"{surplus} goals have no row")
-    if problems and not run.lost_said:
+    if said is None:
         run.log_problems += problems
+    elif rows.size != int(said[2]) - run.lost:
+        run.log_problems.append(f"{rows.size} rows, where the report says: {said.string}")
+
+
+SAID_LOST = re.compile(r"it lacks (\d+) of (\d+) rows")
+"""How the report says that rows are lost"""
 
 
 def growth(run: Run) -> dict[str, float]:

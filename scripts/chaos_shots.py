@@ -277,3 +277,5 @@ SHOTS: Final = (*GENTLE, *HARD)
 MAY_END: Final[Mapping[str, frozenset[str]]] = {shot.name: shot.may_end for shot in SHOTS}
 HELD_UP: Final = ("emulator stopped for 0.1 to 1 s",)
 """Behind these the witness sees late what was sent in time"""
+HURT: Final = ("recorder killed",)
+"""What the program must have time to recover from"""

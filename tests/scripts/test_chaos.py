@@ -1,0 +1,213 @@
+"""On made-up records of a run each broken promise is found, and none is invented."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from haptic_wall_pytest.record import BusRow
+
+from hw.dynamixel.codec import Instruction
+from scripts.chaos_judge import (
+    Stall,
+    Thrown,
+    ending,
+    explanation,
+    gaps,
+    growth_mb,
+    missing_at_end,
+    stalled,
+)
+from scripts.chaos_page import Hour, page
+from scripts.chaos_run import ASKED, Run
+from scripts.chaos_shots import GENTLE, HARD, MAY_END
+
+ROOT = Path(__file__).parents[2]
+WATCHDOG_S = 0.04
+GOAL, ON, OFF = "6600020001", "400001", "400000"
+
+
+def state(time_s, torque):
+    return BusRow(time_s, "state", 1, None, 0.0, 0.0, torque, None, b"", "")
+
+
+def frame(time_s, torque, instruction, params, error=0):
+    return BusRow(time_s, "rx", 1, instruction, 0.0, 0.0, torque, error, bytes.fromhex(params), "")
+
+
+def goal(time_s, current):
+    data = current.to_bytes(2, "little", signed=True).hex()
+    return frame(time_s, 0.01 * current, Instruction.SYNC_WRITE, GOAL + data)
+
+
+def pressing(until_s):
+    """A record of a wall that presses at 1 kHz until then, torque enabled at 0."""
+    rows = [frame(0.0, 0.0, Instruction.WRITE, ON)]
+    for tick in range(round(until_s * 1000)):
+        rows += [goal(tick * 1e-3 + 1e-4, -50), state(tick * 1e-3 + 5e-4, -0.5)]
+    return rows
+
+
+def ended(cut_s):
+    """The same, cut in time."""
+    return [
+        *pressing(cut_s),
+        goal(cut_s, 0),
+        frame(cut_s + 2e-4, 0.0, Instruction.WRITE, OFF),
+        *(state(cut_s + 1e-3 * n, 0.0) for n in range(1, 200)),
+    ]
+
+
+def test_a_run_that_was_cut_in_time_has_no_offence():
+    found = ending(ended(0.5), WATCHDOG_S)
+    assert found.offences == []
+    assert found.cut_s == pytest.approx(0.5002)
+    assert found.torque_until_s == pytest.approx(0.4995)
+    assert found.goals == 501
+
+
+@pytest.mark.parametrize(
+    ("late", "offence"),
+    [
+        (state(0.55, -0.5), "-0.5 N·m 49.8 ms after the cut"),
+        (goal(0.55, -50), "a goal of -50 was sent after the cut"),
+        (frame(0.55, 0.0, Instruction.WRITE, ON), "torque was switched on again after the cut"),
+    ],
+)
+def test_torque_after_a_trip_is_found(late, offence):
+    assert ending([*ended(0.5), late], WATCHDOG_S).offences == [offence]
+
+
+def test_a_torque_off_that_was_damaged_on_its_way_is_no_cut():
+    rows = [*pressing(0.5), frame(0.5, -0.5, Instruction.WRITE, OFF, error=3), state(0.51, -0.5)]
+    assert ending(rows, WATCHDOG_S).cut_s is None
+
+
+def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut():
+    alone = pressing(0.5)
+    inside = [*alone, state(0.499 + WATCHDOG_S, -0.5), state(0.6, 0.0)]
+    assert ending(inside, WATCHDOG_S).offences == []
+    (offence,) = ending([*alone, state(0.65, -0.5)], WATCHDOG_S).offences
+    assert "after the Bus Watchdog should have ended it" in offence
+
+
+def test_the_start_up_may_switch_torque_on_and_off():
+    probe = [
+        frame(0.0, 0.0, Instruction.WRITE, OFF),
+        frame(0.1, 0.0, Instruction.WRITE, ON),
+        goal(0.2, 10),
+        frame(0.3, 0.0, Instruction.WRITE, OFF),
+        frame(0.4, 0.0, Instruction.WRITE, ON),
+    ]
+    assert ending([*probe, *ended(0.5)], WATCHDOG_S).offences == []
+
+
+SHOTS = [
+    Thrown("recorder killed", 5.0, 5.0),
+    Thrown("loop stopped for 0.1 to 1 s", 10.0, 10.4),
+    Thrown("encoder jumps", 30.0, 30.5),
+]
+
+
+@pytest.mark.parametrize(
+    ("reason", "stopped_s", "cause"),
+    [
+        ("trip:loop_hung", 10.1, "loop stopped for 0.1 to 1 s"),
+        ("trip:overspeed", 30.01, "encoder jumps"),
+        ("trip:overspeed", 29.0, None),  # before the shot
+        ("trip:loop_hung", 20.0, None),  # long after
+        ("trip:loop_died", 10.1, None),  # not what this shot may cause
+        ("trip:loop_died", 5.1, None),  # nothing may come of a killed recorder
+        ("interrupted", 10.1, None),  # nobody asked
+    ],
+)
+def test_only_a_shot_shortly_before_that_may_cause_it_explains_an_end(reason, stopped_s, cause):
+    assert explanation(reason, stopped_s, SHOTS, MAY_END) == cause
+
+
+def test_a_stall_explains_only_what_stalls_cause_and_only_where_it_was_long_enough():
+    stalls = [Stall(10.0, 10.03)]
+    assert stalled("trip:torque_lost", 10.05, stalls, 0.02)
+    assert not stalled("trip:torque_lost", 10.05, stalls, 0.04)
+    assert not stalled("trip:torque_lost", 15.0, stalls, 0.02)
+    assert not stalled("trip:overspeed", 10.05, stalls, 0.02)
+
+
+def test_gaps_in_a_log_are_found():
+    whole = np.arange(1000)
+    assert gaps(whole) == []
+    assert gaps(whole[3:]) == [(0, 3)]
+    assert gaps(np.delete(whole, slice(500, 750))) == [(500, 250)]
+    assert gaps(np.concatenate([whole[:600], whole[500:]])) == [(600, -100)]
+
+
+def test_ticks_behind_the_last_row_are_found_but_for_the_frames_of_the_stop():
+    goals = [tick * 1e-3 + 1e-4 for tick in range(1000)]
+    assert missing_at_end(goals, 0.999) == 0
+    assert missing_at_end(goals, 0.996) == 0
+    assert missing_at_end(goals, 0.749) == 246
+
+
+def test_growth_is_found_and_what_settles_is_not():
+    minutes = np.arange(0.0, 600.0, 2.0)
+    settling = [(t, 60.0 + 10.0 * min(t, 80.0) / 80.0) for t in minutes]
+    assert growth_mb(settling) == 0.0
+    leaking = [(t, 60.0 + 6.0 * max(0.0, t - 90.0) / 390.0) for t in minutes]
+    assert growth_mb(leaking) == pytest.approx(6.0, abs=1.5)
+    assert growth_mb([(t, 60.0 + 20.0 * (t > 300.0)) for t in minutes]) == 20.0
+    assert growth_mb(settling[:60]) is None
+
+
+def a_run(reason="interrupted", cause=ASKED, **more):
+    return Run(reason=reason, cause=cause, thrown=[Thrown(ASKED, 9.0, 9.5)], **more)
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (a_run("trip:overspeed", None), "ended by trip:overspeed, which nothing explains"),
+        (a_run(torque_problems=["0.5 N·m late"]), "0.5 N·m late"),
+        (a_run(log_problems=["3 rows are missing at 5"]), "3 rows are missing at 5"),
+        (a_run(other_problems=["the loop outlived the run"]), "the loop outlived the run"),
+        (a_run("trip:loop_died", "loop killed", off_s=0.07), "70 ms from a shot at the loop"),
+        (
+            a_run(memory={"loop": [(t, 60.0 + (t > 300)) for t in range(0, 600, 2)]}),
+            "",
+        ),
+        (
+            a_run(memory={"loop": [(t, 60.0 + 6 * (t > 300)) for t in range(0, 600, 2)]}),
+            "the loop grew by 6.0 MB",
+        ),
+    ],
+)
+def test_the_page_says_each_promise_that_did_not_hold(run, words):
+    hour = Hour(60.0, 1, [a_run(), run], whole=True)
+    text = page(hour)
+    assert ("Did not hold" in text) == bool(words)
+    assert words in text
+    assert ("**no**" in text) == bool(words)
+
+
+def test_a_page_of_an_hour_that_was_broken_off_says_so():
+    assert "broken off" in page(Hour(60.0, 1, [a_run()]))
+    assert "broken off" not in page(Hour(60.0, 1, [a_run()], whole=True))
+
+
+def test_a_gentle_shot_explains_nothing_and_a_hard_one_something():
+    assert all(not shot.may_end for shot in GENTLE)
+    assert all(shot.may_end for shot in HARD)
+    assert len(MAY_END) == len(GENTLE) + len(HARD)
+
+
+@pytest.mark.parametrize("script", ["chaos", "day"])
+def test_the_scripts_say_what_they_do(script):
+    done = subprocess.run(
+        [sys.executable, "-m", f"scripts.{script}", "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert f"docs/{script}.md" in done.stdout
+    assert "--out" in done.stdout
