@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ from pydantic import ValidationError
 
 from controller.config import Config
 from controller.errors import LogFormatError, UserError
-from controller.logfile import SUFFIX, read_log
+from controller.log_rows import LogRows
+from controller.log_windows import WINDOW, Window, windows
+from controller.logreader import SUFFIX, Damage, LogReader
 from controller.telemetry import FLAG_WARM_UP
 from controller.wall import SIGNS
 from hw.servo import Outcome
@@ -73,6 +76,10 @@ class Recording:
     known: Knowledge
     notes: tuple[str, ...]
     """What was mended or left out, in sentences"""
+    since_s: float = -math.inf
+    """Samples before were in the recording before this one, and are here for what comes [s]"""
+    of: int = 1
+    """How many recordings there are in all"""
 
     @property
     def samples(self) -> int:
@@ -94,43 +101,67 @@ class Part:
     """Commanded [N·m/rad]; None: not recorded"""
 
 
-def read_recording(path: Path) -> Recording:
+def read_recordings(path: Path) -> Iterator[Recording]:
     """Read a log of ours, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
     Args:
-        path: What ends in .hwlog is a log; anything else is a CSV. The torque, the one commanded
-            at that sample, may be missing.
+        path: What ends in .hwlog is a log, of which a long one comes in several recordings that
+            overlap, so that never the whole is in memory; anything else is a CSV, one recording.
+            The torque, the one commanded at that sample, may be missing.
 
     Raises:
         UserError: There is nothing in it to look at; the message says what was found.
         LogFormatError: It is not a log of ours.
         OSError: It cannot be read.
     """
-    return _from_log(path) if path.suffix == SUFFIX else _from_csv(path)
+    if path.suffix == SUFFIX:
+        yield from _from_log(path)
+    else:
+        yield _from_csv(path)
 
 
-def _from_log(path: Path) -> Recording:
-    metadata, rows = read_log(path)
-    if rows.size:
-        rows = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
-    if rows.size < LEAST:
+def _from_log(path: Path) -> Iterator[Recording]:
+    log = LogReader(path)
+    for piece in log.pieces():
+        if isinstance(piece, Damage):
+            log.warn(piece)
+    rows = LogRows.of(log)
+    count, origin_ns = 0, 0
+    for block in _with_wall_on(rows):
+        origin_ns = origin_ns if count else int(block["deadline_ns"][0])
+        count += len(block)
+    if count < LEAST:
         raise UserError(
-            f"LOG {path}: found {rows.size} rows with the wall on, wanted at least {LEAST}; record"
+            f"LOG {path}: found {count} rows with the wall on, wanted at least {LEAST}; record"
             " a longer run"
         )
     try:
-        config = Config.model_validate(metadata.get("config"))
+        config = Config.model_validate(log.metadata.get("config"))
     except ValidationError as error:
         raise LogFormatError(
             f"LOG {path}: its configuration is not one this program knows"
             f" ({error.error_count()} differences); read it with the haptic-wall that wrote it"
         ) from error
+    of = -(-count // WINDOW)
+    for window in windows(_with_wall_on(rows)):
+        yield replace(_of_rows(window, origin_ns, config, log.metadata), of=of)
+
+
+def _with_wall_on(rows: LogRows) -> Iterator[NDArray[np.void]]:
+    for block in rows.blocks():
+        on = block[(block["flags"] & FLAG_WARM_UP) == 0]
+        if on.size:
+            yield on
+
+
+def _of_rows(window: Window, origin_ns: int, config: Config, metadata: dict[str, Any]) -> Recording:
+    rows = window.rows
     good = rows["outcome"] == Outcome.OK
     belief = config.belief()
     gain = belief.torque_gain.value
     age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
     whole = Part(
-        times=(rows["deadline_ns"] - rows["deadline_ns"][0]) * 1e-9,
+        times=(rows["deadline_ns"] - origin_ns) * 1e-9,
         positions=np.where(good, rows["position"], np.nan),
         torques=rows["torque"].astype(np.float64),
         stiffness=rows["stiffness"].astype(np.float64),
@@ -149,7 +180,9 @@ def _from_log(path: Path) -> Recording:
         surface=math.nan if "phases" in metadata else config.wall.position,
         side=0 if "phases" in metadata else SIGNS[config.wall.side],
     )
-    return Recording(config.period_s, _parted(whole, config.period_s, notes), known, tuple(notes))
+    since_s = float(whole.times[window.seen]) if window.seen else -math.inf
+    parts = _parted(whole, config.period_s, notes)
+    return Recording(config.period_s, parts, known, tuple(notes), since_s)
 
 
 def _from_csv(path: Path) -> Recording:

@@ -19,8 +19,7 @@ from controller.cli.options import (
 from controller.errors import UserError
 
 if TYPE_CHECKING:
-    from controller.detection import DetectionRecord
-    from controller.recording import Knowledge, Recording
+    from controller.detected import Detected
 
 _NUMBER = click.FLOAT
 
@@ -50,9 +49,8 @@ def command(
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
-    from controller.detection import KnownWall, detect
-    from controller.oscillation import DetectorSettings
-    from controller.recording import read_recording
+    from controller.detected import detect_all
+    from controller.recording import read_recordings
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
@@ -65,80 +63,43 @@ def command(
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     try:
-        recording = read_recording(log)
+        detected = detect_all(read_recordings(log), given)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"
         ) from None
-    if not recording.parts:
-        raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(recording.notes)}")
-    known = _known(recording.known, given)
-    settings = DetectorSettings(
-        period=recording.period,
-        inertia=known["inertia"],
-        damping=known["damping"],
-        coulomb=known["coulomb"],
-        position_step=recording.known.position_step,
-    )
-    lag = 0.0 if math.isnan(known["lag"]) else known["lag"]
-    found = [
-        detect(
-            part.times,
-            part.positions,
-            part.torques,
-            settings,
-            lag=lag,
-            wall=KnownWall(
-                math.nan if part.stiffness is None else part.stiffness,
-                recording.known.virtual_damping,
-                recording.known.surface,
-                recording.known.side,
-            ),
-        )
-        for part in recording.parts
-    ]
+    if not detected.drawn:
+        raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(detected.notes)}")
     if plot is not None:
         from controller.detect_plot import plot_detection
 
+        parts, found = zip(*detected.drawn, strict=True)
         with writing("--plot", plot):
-            plot_detection(recording.parts, found, plot)
-    report = _report(recording, found, {**known, "lag": lag}, plot)
+            plot_detection(parts, found, plot)
+    report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))
 
 
-def _known(recorded: Knowledge, given: dict[str, float | None]) -> dict[str, float]:
-    """What was given, else what the record knows."""
+def _report(detected: Detected, plot: Path | None) -> dict[str, Any]:
+    known = detected.known
+    alarm = detected.first_alarm_s
     return {
-        name: getattr(recorded, name) if value is None else value for name, value in given.items()
-    }
-
-
-def _report(
-    recording: Recording,
-    found: list[DetectionRecord],
-    known: dict[str, float],
-    plot: Path | None,
-) -> dict[str, Any]:
-    worst = max(found, key=lambda record: (record.worst, record.amplitude[record.worst_at]))
-    at = worst.worst_at
-    alarms = [record.first_alarm_s for record in found if not math.isnan(record.first_alarm_s)]
-    return {
-        "state": worst.worst.name.lower(),
-        "frequency_hz": float(worst.frequency_hz[at]),
-        "amplitude_rad": float(worst.amplitude[at]) or None,
-        "growth_per_s": float(worst.growth[at]),
-        "first_alarm_s": alarms[0] if alarms else None,
-        "samples": recording.samples,
-        "parts": len(recording.parts),
-        "period_s": recording.period,
+        "state": detected.state.name.lower(),
+        "frequency_hz": detected.frequency_hz,
+        "amplitude_rad": detected.amplitude or None,
+        "growth_per_s": detected.growth,
+        "first_alarm_s": None if math.isnan(alarm) else alarm,
+        "samples": detected.samples,
+        "parts": detected.parts,
+        "period_s": detected.period,
         "known": {
             "inertia": known["inertia"],
             "damping": known["damping"],
             "coulomb": known["coulomb"],
             "delay": known["lag"],
-            "position_step": recording.known.position_step,
+            "position_step": detected.position_step,
         },
-        "notes": list(recording.notes),
+        "notes": detected.notes,
         "plot": plot,
     }
 

@@ -12,7 +12,7 @@ from controller.cli.log import command
 from controller.config_load import load_config
 from controller.errors import UserError
 from controller.logfile import LogWriter, append_end, read_log
-from controller.recording import read_recording
+from controller.recording import read_recordings
 from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
 
@@ -193,7 +193,7 @@ def test_a_cut_is_a_log_of_its_own(log, tmp_path):
     assert read_log(second)[0]["cut"]["earlier"] == cut_metadata["cut"]
     answer(log, "--from", 0.5, "--cut", second)
     assert json.loads(answer(second, "--json"))["stop_reason"] == "duration"
-    assert read_recording(second).samples == 501
+    assert [recording.samples for recording in read_recordings(second)] == [501]
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 
 from controller.errors import UserError
-from controller.recording import read_recording
+from controller.recording import read_recordings
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
+
+
+def read_recording(path):
+    (found,) = read_recordings(path)
+    return found
 
 
 def swing(times):
