@@ -11,7 +11,7 @@ from controller.benchmarks.rows import Row, Section
 from hw.errors import ServoError
 
 _LOW_HZ, _HIGH_HZ = 500.0, 8000.0
-_STEPS, _TRIES, _SECONDS = 6, 2, 1.0
+_STEPS, _TRIES, _SECONDS = 6, 2, 0.8
 """The last step decides on 4 %; a rate is tried again, since the machine stalls at times"""
 _MOST_FAILED = 0.01
 _WHAT: Final = "highest rate with less than 1 % of the periods skipped or without a reply in time"
