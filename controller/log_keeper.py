@@ -16,8 +16,9 @@ from controller.processes import Child
 from controller.telemetry import CAPACITY, Word
 
 AGAIN_S = 1.0
-"""From the start of one recorder to that of the next [s], at least: one that cannot live must not
-keep the machine busy."""
+AGAIN_MOST_S = 10.0
+"""From the start of one recorder to that of the next [s], at least, after one death and after many:
+recorders that cannot live must not keep the machine busy."""
 STUCK_S = 10.0
 """How long a recorder may write nothing while half of the memory waits for it [s]."""
 LAST_S = 5.0
@@ -75,7 +76,8 @@ class LogKeeper:
                 self._bury(self._recorder.exit_text())
             elif stuck and self._trouble is None:
                 self._bury(f"had written nothing for {now - self._moved:.0f} s")
-        if self._recorder is None and now - self._begun > AGAIN_S:
+        pause = min(AGAIN_MOST_S, AGAIN_S * self._deaths.total())
+        if self._recorder is None and now - self._begun > pause:
             self._start_another(now)
 
     def end(self) -> list[str]:
@@ -85,6 +87,8 @@ class LogKeeper:
         for _ in range(LAST_ATTEMPTS):
             if self._recorder is None:
                 self._start_another(time.monotonic())
+            if self._recorder is None:
+                continue
             how = self._see_to_its_end()
             self._hear()
             written = words[Word.TAIL] == words[Word.HEAD]
@@ -105,7 +109,7 @@ class LogKeeper:
         """Wait for the recorder while it gets on; how it ended where that was not well."""
         recorder = self._recorder
         if recorder is None:
-            return "could not be started"
+            return None
         tail = -1
         while not recorder.ended() and self._words[Word.TAIL] != tail:
             tail = self._words[Word.TAIL]
@@ -148,9 +152,9 @@ class LogKeeper:
     def _notes(self) -> list[str]:
         head, recorded = self._words[Word.HEAD], self._words[Word.RECORDED]
         missing = head - recorded
+        well = "" if missing else "; another one went on, and no row is missing from the log"
         notes = [
-            f"the recorder {how}{f' ({times} times)' if times > 1 else ''}; another one went on,"
-            f" and {'some rows are' if missing else 'no row is'} missing from the log"
+            f"the recorder {how}{f' ({times} times)' if times > 1 else ''}{well}"
             for how, times in self._deaths.items()
         ]
         if missing:

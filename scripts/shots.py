@@ -134,6 +134,13 @@ class Shot:
     goes_on: bool = False
     """The run must not end of it"""
 
+    @property
+    def strikes_the_torque(self) -> bool:
+        """Whether nobody renders the wall any more: a time for the torque to be gone counts."""
+        return not self.goes_on and (
+            "loop" in self.name or not self.name.startswith(("supervisor", "recorder"))
+        )
+
 
 def sent(number: signal.Signals, *names: str) -> Callable[[Target], None]:
     """A signal to some processes."""
@@ -206,6 +213,6 @@ SHOTS = (
     Shot("recorder: SIGSTOP for 1 s", sent(STOP, "recorder"), sent(CONT, "recorder"), goes_on=True),
     Shot("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
     Shot("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
-    Shot("servo unplugged", lambda target: target.fault("unplug")),
-    Shot("adapter unplugged", lambda target: target.fault("unplug-adapter")),
+    Shot("adapter: unplugged", lambda target: target.fault("unplug-adapter")),
+    Shot("cable: no byte arrives any more", lambda target: target.fault("drop")),
 )

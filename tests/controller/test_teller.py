@@ -1,0 +1,35 @@
+"""What is said is said in order, and nobody waits for a terminal that stands still."""
+
+import threading
+
+from controller.teller import Teller
+
+
+def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():
+    goes_on = threading.Event()
+    heard = []
+
+    def tell(text):
+        assert goes_on.wait(30.0)
+        heard.append(text)
+
+    with Teller(tell) as teller:
+        teller("first")
+        teller("second")
+        assert heard == [], "the call came back all the same"
+        goes_on.set()
+    assert heard == ["first", "second"]
+
+
+def test_a_terminal_that_is_gone_is_no_reason_to_end():
+    heard = []
+
+    def tell(text):
+        if text == "first":
+            raise BrokenPipeError
+        heard.append(text)
+
+    with Teller(tell) as teller:
+        teller("first")
+        teller("second")
+    assert heard == ["second"]
