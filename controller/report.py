@@ -54,7 +54,9 @@ def explanation(ended: Ended) -> str | None:
     kind, _, name = ended.stop_reason.partition(":")
     if kind != "trip":
         return None
-    message = ended.cause or (ended.result or {}).get("message", "")
+    if ended.cause:
+        return f"{ended.cause}; {EXPLANATIONS[Trip(name)]}"
+    message = (ended.result or {}).get("message", "")
     return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
 
 

@@ -55,10 +55,9 @@ EXPLANATIONS = {
     " a restart, or another program on the bus",
     Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
     Trip.SERVO_LOST: "the port is gone; check that the adapter is plugged in and powered",
-    Trip.LOOP_HUNG: "the loop gave no sign of life in time, or did not end when it should have;"
-    " look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
-    Trip.LOOP_DIED: "the loop's process ended without a word; if it was killed, by whom (the"
-    " kernel says in its log when memory ran out)? else please report it with the log",
+    Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
+    Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
+    " nobody did, please report it with the log",
     Trip.INTERNAL_ERROR: "the loop met an error it does not know; torque is off, please report it"
     " with the log",
 }
