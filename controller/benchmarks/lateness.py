@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import statistics
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ import numpy as np
 from controller.benchmarks import cyclictest
 from controller.benchmarks.bins import percentile
 from controller.benchmarks.lateness_client import PERIOD_NS, Orders
-from controller.benchmarks.rows import Histogram, Row, Section, ratio
+from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
 from controller.config_load import load_config
 from controller.errors import PlatformError
 from controller.plan import Plan
@@ -134,16 +133,16 @@ def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
 def _rows(name: str, seen: _Seen) -> list[Row]:
     shows_not = _SHOWS_NOT.get(name, _SHOWS_NOT_PEOPLE)
     rows = [
-        Row(f"{name}, lateness, p{q:g}", statistics.median(seen.percentile(q)), "µs", shows_not)
+        over_rounds(f"{name}, lateness, p{q:g}", seen.percentile(q), "µs", shows_not)
         for q in _PERCENTILES
     ]
     rates = [turn.rate_hz for turn in seen.turns if turn.rate_hz is not None]
     if rates:
         what = f"{name}, rate delivered of {1e9 / PERIOD_NS:g} Hz asked"
-        rows.append(Row(what, statistics.median(rates), "Hz", shows_not))
+        rows.append(over_rounds(what, rates, "Hz", shows_not))
     busy = [100.0 * turn.busy for turn in seen.turns if turn.busy is not None]
     if busy:
-        rows.append(Row(f"{name}, processor time", statistics.median(busy), "%", shows_not))
+        rows.append(over_rounds(f"{name}, processor time", busy, "%", shows_not))
     return rows
 
 

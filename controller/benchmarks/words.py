@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 
@@ -23,6 +24,14 @@ def quartiles(row: Mapping[str, Any]) -> str:
 def unit(row: Mapping[str, Any]) -> str:
     """A row's unit; nothing of a ratio."""
     return "" if row["unit"] == "1" else str(row["unit"])
+
+
+def grouped(
+    rows: Iterable[Mapping[str, Any]],
+) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
+    """What rows do not show, with the rows that follow each other and share it."""
+    for shows_not, each in itertools.groupby(rows, lambda row: str(row["shows_not"])):
+        yield shows_not, list(each)
 
 
 def title(name: str) -> str:

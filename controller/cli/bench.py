@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import signal
 import sys
 import textwrap
@@ -63,12 +62,12 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
     report = measured(chosen, lambda name: click.echo(f"measuring {name} ...", err=True))
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+        answer(as_json(report) if as_json_wanted else _text(report))
         if html is not None:
             from controller.benchmarks.page import page
 
             with writing("--html", html):
                 html.write_text(page(report), encoding="utf-8")
-        answer(as_json(report) if as_json_wanted else _text(report))
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
 
@@ -83,7 +82,7 @@ def _text(report: Mapping[str, Any]) -> str:
     for name, section in report["sections"].items():
         took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}"
         lines += ["", f"{words.title(name)} ({took})"]
-        for shows_not, rows in itertools.groupby(section["rows"], lambda row: row["shows_not"]):
+        for shows_not, rows in words.grouped(section["rows"]):
             lines += [_line(row) for row in rows]
             lines += _folded(f"does not show {shows_not}", 4)
         for note in section["notes"]:

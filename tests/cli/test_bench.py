@@ -138,8 +138,9 @@ def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(capsys, tm
     text = page.read_text(encoding="utf-8")
     for row in FOUND.rows:
         assert html.escape(row.name) in text
-        assert f'<td class="text">{row.shows_not}</td>' in text
-    assert all(f"<td>{told}</td>" in text for told in ("12.2", "423,000", "0.875", "11.6 to 13.4"))
+        assert f'<td class="text" rowspan="1">{row.shows_not}</td>' in text
+    assert all(f"<td>{told}</td>" in text for told in ("12.2", "423,000", "0.875"))
+    assert '<td class="spread">11.6 to 13.4</td>' in text
     assert FOUND.notes[0] in text
     assert "sudo this" in text
     (picture,) = re.findall(r'src="(.*?)"', text)
