@@ -80,8 +80,8 @@ class Supervisor:
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
             log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
-            self._start_streamer(children)
             children.callback(log.close)
+            self._start_streamer(children)
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
             self._warnings += log.end()
