@@ -22,7 +22,8 @@ from controller.errors import PlatformError
 from controller.plan import Ended, Plan
 from controller.processes import Child, first_line
 from controller.realtime import pick_cores
-from controller.run import run
+from controller.supervisor import Supervisor
+from controller.telemetry import Telemetry
 
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
@@ -155,17 +156,16 @@ def of_run(ended: Ended) -> Ran:
 
 
 def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
-    """One ``haptic-wall run``, its log thrown away.
+    """One run of the whole program on the monotonic clock, its log thrown away.
+
+    A Ctrl-C ends it as it ends anything: the handlers of ``haptic-wall run``, which only ask the
+    run to stop, would lose one that comes when the loop has just ended.
 
     Raises:
         ServoError: The servo could not be started.
-        KeyboardInterrupt: It was interrupted.
     """
     loaded = load_config(preset, (*FORGIVING, *sets))
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.hwlog"
         plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
-        ended = run(plan, lambda _text: None)
-    if ended.stop_reason == "interrupted":  # the run has taken the signal, and meant was all
-        raise KeyboardInterrupt
-    return ended
+        return Supervisor(plan, Telemetry.create(), lambda _text: None).run()
