@@ -141,8 +141,8 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
 def _tell(found: Hour, run: Run, until: float) -> None:
     left = max(0.0, until - time.monotonic())
     print(
-        f"run {len(found.runs)}: {run.ended_s - run.began_s:.0f} s, {len(run.thrown)} shots,"
-        f" {run.reason} ({run.cause or 'UNEXPLAINED'})"
+        f"run {len(found.runs)}: {max(0.0, run.stopped_s - run.began_s):.0f} s,"
+        f" {len(run.thrown)} shots, {run.reason} ({run.cause or 'UNEXPLAINED'})"
         + "".join(f"; {problem}" for problem in run.problems)
         + f"; {left / 60:.1f} min left",
         file=sys.stderr,

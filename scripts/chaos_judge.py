@@ -15,9 +15,9 @@ from hw.dynamixel.tables import MODELS
 AFTER_S = 2.0
 """A shot may still show so long after it was over [s]"""
 _AT_ONCE_S = 0.05
-"""The last frame before a shot that struck at once came so long before it at most [s]"""
-SETTLED_S = 90.0
-"""When memory must be flat [s]: the ring of rows has been touched as a whole by then"""
+"""The last frame before what struck at once came so long before it at most [s]"""
+SETTLED_S = 60.0
+"""From when on memory must be flat [s]"""
 WINDOW_S = 60.0
 """Over which memory is averaged, at either end [s]"""
 STOP_FRAMES = 4
@@ -153,7 +153,7 @@ def explanation(
 
     Args:
         reason: The stop reason.
-        stopped_s: When the run stopped, on the monotonic clock [s].
+        stopped_s: When the loop last spoke, on the monotonic clock [s].
         thrown: The shots at this run.
         may_end: The stop reasons that each shot may cause.
     """
@@ -169,13 +169,13 @@ def stalled(reason: str, stopped_s: float, stalls: Sequence[Stall], least_s: flo
 
     Args:
         reason: The stop reason.
-        stopped_s: When the run stopped, on the monotonic clock [s].
+        stopped_s: When the loop last spoke, on the monotonic clock [s].
         stalls: What was seen.
         least_s: Shorter stalls explain nothing [s].
     """
     return reason in STALLED and any(
         stall.until_s - stall.from_s >= least_s
-        and stall.from_s <= stopped_s <= stall.until_s + AFTER_S
+        and stall.from_s - _AT_ONCE_S <= stopped_s <= stall.until_s + AFTER_S
         for stall in stalls
     )
 
