@@ -11,7 +11,8 @@ def figure(value: float | None) -> str:
     """Three digits; large numbers in groups of thousands; a dash for what is not known."""
     if value is None:
         return "–"
-    return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    rounded = float(f"{value:.3g}")  # 999.9 are 1,000
+    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:.3g}"
 
 
 def quartiles(row: Mapping[str, Any]) -> str:

@@ -6,6 +6,7 @@ import pytest
 from controller.benchmarks.bins import binned, percentile
 from controller.benchmarks.machine import ProcessorTime, processor_time, stolen_percent
 from controller.benchmarks.rows import Histogram, over_rounds, ratio
+from controller.benchmarks.words import figure
 
 
 def test_a_percentile_is_one_of_the_values():
@@ -40,6 +41,14 @@ def test_a_sample_is_counted_in_the_bin_that_holds_it():
     (at,) = np.flatnonzero(counts == 2)
     assert edges[at] <= 10.0
     assert edges[at + 1] > 10.1
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.04567, "0.0457"), (12.25, "12.2"), (999.97, "1,000"), (423456.0, "423,000"), (None, "–")],
+)
+def test_figures_have_three_digits(value, text):
+    assert figure(value) == text
 
 
 def test_quartiles_tell_how_far_the_rounds_are_apart():
