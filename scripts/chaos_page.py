@@ -144,8 +144,8 @@ def _promises(hour: Hour) -> list[str]:
         f" {sum(run.rows for run in runs)} rows; lost and said so: {sum(run.lost for run in runs)},"
         f" lost without a word: in {sum(bool(run.log_problems) for run in runs)} runs"
         f" | {_holds(not any(run.log_problems for run in runs))} |",
-        f"| memory flat within {FLAT_MB:g} MB | last minute of a long run against its second, at most,"
-        f" the shared ring of rows left out: {memory or 'no run was long enough'}"
+        f"| memory flat within {FLAT_MB:g} MB | last minute of a long run against its second,"
+        f" at most, the shared ring of rows left out: {memory or 'no run was long enough'}"
         f" | {_holds(all(mb <= FLAT_MB for mb in grown.values())) if grown else '–'} |",
         "| nothing left behind | processes that outlived their run, runs that did not end:"
         f" {sum(len(run.other_problems) for run in runs)}"
