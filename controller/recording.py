@@ -13,20 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from controller.config import Config
-from controller.errors import LogFormatError, UserError
-from controller.log_rows import LogRows
-from controller.log_windows import WINDOW, Window, windows
-from controller.logreader import SUFFIX, Damage, LogReader
-from controller.telemetry import FLAG_WARM_UP
-from controller.wall import SIGNS
-from hw.servo import Outcome
+from controller.errors import UserError
+from controller.logreader import SUFFIX
 
 Floats = NDArray[np.float64]
 
@@ -115,74 +107,11 @@ def read_recordings(path: Path) -> Iterator[Recording]:
         OSError: It cannot be read.
     """
     if path.suffix == SUFFIX:
-        yield from _from_log(path)
+        from controller.log_recording import recordings_of_log
+
+        yield from recordings_of_log(path)
     else:
         yield _from_csv(path)
-
-
-def _from_log(path: Path) -> Iterator[Recording]:
-    log = LogReader(path)
-    for piece in log.pieces():
-        if isinstance(piece, Damage):
-            log.warn(piece)
-    rows = LogRows.of(log)
-    count, origin_ns = 0, 0
-    for block in _with_wall_on(rows):
-        origin_ns = origin_ns if count else int(block["deadline_ns"][0])
-        count += len(block)
-    if count < LEAST:
-        raise UserError(
-            f"LOG {path}: found {count} rows with the wall on, wanted at least {LEAST}; record"
-            " a longer run"
-        )
-    try:
-        config = Config.model_validate(log.metadata.get("config"))
-    except ValidationError as error:
-        raise LogFormatError(
-            f"LOG {path}: its configuration is not one this program knows"
-            f" ({error.error_count()} differences); read it with the haptic-wall that wrote it"
-        ) from error
-    of = -(-count // WINDOW)
-    for window in windows(_with_wall_on(rows)):
-        yield replace(_of_rows(window, origin_ns, config, log.metadata), of=of)
-
-
-def _with_wall_on(rows: LogRows) -> Iterator[NDArray[np.void]]:
-    for block in rows.blocks():
-        on = block[(block["flags"] & FLAG_WARM_UP) == 0]
-        if on.size:
-            yield on
-
-
-def _of_rows(window: Window, origin_ns: int, config: Config, metadata: dict[str, Any]) -> Recording:
-    rows = window.rows
-    good = rows["outcome"] == Outcome.OK
-    belief = config.belief()
-    gain = belief.torque_gain.value
-    age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
-    whole = Part(
-        times=(rows["deadline_ns"] - origin_ns) * 1e-9,
-        positions=np.where(good, rows["position"], np.nan),
-        torques=rows["torque"].astype(np.float64),
-        stiffness=rows["stiffness"].astype(np.float64),
-    )
-    notes: list[str] = []
-    if not good.all():
-        notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
-    known = Knowledge(
-        inertia=belief.inertia.value / gain,
-        damping=belief.damping.value / gain,
-        coulomb=belief.coulomb.value / gain,
-        lag=age + belief.delay.value,
-        position_step=_count(whole.positions),
-        virtual_damping=float(np.median(rows["damping"])),
-        # An experiment's program has walls of its own, one after the other.
-        surface=math.nan if "phases" in metadata else config.wall.position,
-        side=0 if "phases" in metadata else SIGNS[config.wall.side],
-    )
-    since_s = float(whole.times[window.seen]) if window.seen else -math.inf
-    parts = _parted(whole, config.period_s, notes)
-    return Recording(config.period_s, parts, known, tuple(notes), since_s)
 
 
 def _from_csv(path: Path) -> Recording:
@@ -222,10 +151,10 @@ def _from_csv(path: Path) -> Recording:
     steps = np.diff(times)
     usual = steps[np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)]
     period = float(np.mean(usual))
-    step = _count(columns["position_rad"])
+    step = position_count(columns["position_rad"])
     whole = _even(Part(times, columns["position_rad"], torques, None), period, notes)
     return Recording(
-        period, _parted(whole, period, notes), Knowledge(position_step=step), tuple(notes)
+        period, parted(whole, period, notes), Knowledge(position_step=step), tuple(notes)
     )
 
 
@@ -294,7 +223,7 @@ def _even(whole: Part, period: float, notes: list[str]) -> Part:
     return Part(grid, positions, torques, None)
 
 
-def _parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
+def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
     """The record cut where samples are missing for long."""
     seen = np.flatnonzero(np.isfinite(whole.positions))
     breaks = np.flatnonzero(np.diff(whole.times[seen]) > _GAP * period)
@@ -326,7 +255,7 @@ def _parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _count(positions: Floats) -> float:
+def position_count(positions: Floats) -> float:
     """The encoder's count, if all steps of the position are whole counts [rad]; else 0."""
     moved = np.abs(np.diff(positions[np.isfinite(positions)]))
     least = float(np.max(moved, initial=0.0)) * 1e-9

@@ -55,3 +55,21 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
     assert (status, report["stop_reason"], report["plot"]) == (0, "duration", None)
     assert any("no picture: interrupted" in warning for warning in report["warnings"])
     assert signal.getsignal(number) is before
+
+
+def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
+    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
+    status, out, _ = run(capsys, "--log", "run.hwlog", "--set", "safety.max_speed=1e-9")
+    assert cli.main(["log", "run.hwlog", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["stop_reason"] == json.loads(out)["stop_reason"]
+    assert told["unrecorded_rows"] == 0
+    assert told["rows"] >= json.loads(out)["ticks"]
+    assert (status == 3) == told["stop_reason"].startswith("trip:")
+
+
+def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
+    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
+    for name in ("a", "b"):
+        assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
+    assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()

@@ -3,6 +3,7 @@
 import errno
 import io
 import logging
+import os
 from pathlib import Path
 
 import numpy as np
@@ -223,6 +224,20 @@ def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path):
     numbers, damage, ends = pieces(path)
     assert (numbers, ends) == ([0, 1, 2], [{"stop_reason": "duration"}])
     assert [piece.last for piece in damage] == [False]
+
+
+def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(os, "fdatasync", lambda _: asked.append("rows"))
+    monkeypatch.setattr(os, "fsync", lambda _: asked.append("folder"))
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+        log.sync()
+        assert asked == ["rows", "folder"]
+        log.append(rows(3, 3))
+        log.sync()
+    assert asked == ["rows", "folder", "rows"]
 
 
 def test_a_log_is_synced_without_harm_to_a_device(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controller import detected as seen
-from controller import log_windows, recording, sketch
+from controller import log_recording, log_windows, recording, sketch
 from controller.config_load import load_config
 from controller.csv_export import write_csv
 from controller.log_cut import cut_log
@@ -119,7 +119,7 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
     path = logs[2]
     monkeypatch.setattr(seen, "_WHOLE", 2000)
     whole = seen.detect_all(recording.read_recordings(path), NOTHING)
-    for module in (log_windows, recording):
+    for module in (log_windows, log_recording):
         monkeypatch.setattr(module, "WINDOW", 6_000)
     found = list(recording.read_recordings(path))
     assert [r.of for r in found] == [5] * 5
