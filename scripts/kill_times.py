@@ -8,10 +8,12 @@ that acts, recorded every millisecond. What the program said of it, its exit sta
 the log lacks and the processes that stayed behind are in the table.
 """
 
+import contextlib
 import json
 import random
 import signal
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -94,6 +96,9 @@ def one_shot(shot: Shot, folder: Path) -> Hit | None:
             shot.then(aimed_at)
             time.sleep(AFTER_S)
             went_on = aimed_at.run.poll() is None
+            if not shot.goes_on:  # its report and picture may take a while
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    aimed_at.run.wait(20.0)
         left = survivors(aimed_at)
     time_ms, by = until_no_torque(record, fired)
     if shot.goes_on:
