@@ -73,16 +73,17 @@ class ActingTorque:
         """
         if periods > 1:
             return self._skipped(periods)
-        ring, size, fraction = self._ring, len(self._ring), self._fraction
-        newer = self._at - 1 - self._whole
-        older = ring[(newer - 1) % size] if fraction else 0.0
-        return fraction * older + (1.0 - fraction) * ring[newer % size]
+        ring, fraction = self._ring, self._fraction
+        newer = self._at - 1 - self._whole  # at least -len(ring): lists count from the end too
+        if fraction == 0.0:
+            return ring[newer]
+        return fraction * ring[newer - 1] + (1.0 - fraction) * ring[newer]
 
     def send(self, torque: float) -> None:
         """Keep the torque sent with the present sample [N·m]."""
-        at = self._at
-        self._ring[at] = self._last = torque
-        self._at = (at + 1) % len(self._ring)
+        ring, at = self._ring, self._at
+        ring[at] = self._last = torque
+        self._at = (at + 1) % len(ring)
 
     def _skipped(self, periods: int) -> float:
         # Beyond the ring's length nothing but the last torque is left: no need to count on.

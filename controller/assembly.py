@@ -14,10 +14,11 @@ from controller.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.oscillation import DetectorSettings
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
+from controller.rehearsal import Rehearsal, StandInClock
 from controller.safety import Safety, SafetyLimits
 from controller.telemetry import Telemetry
 from controller.theory import peak
-from controller.tick import TickParts
+from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
 from controller.wall import SIGNS, Law, Wall
 from controller.watch import Answer, Watch, WatchSettings
@@ -168,3 +169,29 @@ def tick_parts(
         ramp_ticks=max(1, round(RAMP_S / period)),
         pipelined=config.servo.schedule == "pipelined",
     )
+
+
+def rehearsal(
+    config: Config,
+    servo: Servo,
+    ladder: GuardLadder,
+    injected: Sequence[float],
+    program: Sequence[Phase],
+) -> Rehearsal:
+    """The same tick once more, of parts that nobody else has.
+
+    Args:
+        config: The effective configuration.
+        servo: The one that a stand-in is wanted of; nothing is asked of it.
+        ladder: The guard's decisions.
+        injected: ``most_injected`` of the ladder.
+        program: What is rendered in place of the wall.
+    """
+    clock = StandInClock()
+    stand_in = servo.stand_in(clock)
+    law = rendered(config, stand_in, program)
+    memory = Telemetry.scratch()
+    parts = tick_parts(config, clock, stand_in, memory, ladder.anew(), law, injected)
+    tick = Tick(parts)
+    tick.wall_on()
+    return Rehearsal(tick.run, clock, config.period_ns, servo.idle)

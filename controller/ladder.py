@@ -78,6 +78,11 @@ class GuardLadder:
         self._raise_rung = 0
         self.rung = 0
 
+    def anew(self) -> GuardLadder:
+        """One for the same ages that has seen none."""
+        percentile = 100.0 - self._percent_above
+        return GuardLadder(self._decisions, self._ages, percentile, self._window, self._run_length)
+
     @property
     def decisions(self) -> Sequence[Decision]:
         """All of them, one for each age."""

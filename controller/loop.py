@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hw.clock import Clock, SimulatedClock
+
+if TYPE_CHECKING:
+    from controller.rehearsal import Rehearsal
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
@@ -72,22 +75,30 @@ class SpinWaiter:
     the kernel for 50 ms of every second.
 
     Args:
-        margin_ns: How long before the deadline to stop sleeping [ns].
+        spin_ns: How long before the deadline to stop sleeping [ns].
+        rehearsal: Of the tick, after each sleep; it ends earlier by what that needs.
     """
 
-    __slots__ = ("margin_ns", "slept_ns")
+    __slots__ = ("_rehearsal", "_spin_ns", "margin_ns", "slept_ns")
 
-    def __init__(self, margin_ns: int) -> None:
-        self.margin_ns = margin_ns
+    def __init__(self, spin_ns: int, rehearsal: Rehearsal | None = None) -> None:
+        self._spin_ns = self.margin_ns = spin_ns
+        self._rehearsal = rehearsal
         self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """See ``Waiter``."""
         now = time.monotonic_ns()
+        rehearsal = self._rehearsal
+        if rehearsal is not None:
+            self.margin_ns = self._spin_ns + rehearsal.need_ns
         remaining = deadline_ns - self.margin_ns - now
         if remaining > 0:
             time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
             self.slept_ns = now = time.monotonic_ns()
+            if rehearsal is not None:
+                rehearsal(deadline_ns - now)
+                now = time.monotonic_ns()
         else:
             self.slept_ns = 0
         while now < deadline_ns:
@@ -111,16 +122,22 @@ def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
     return min(max(overshoots[int(0.95 * naps)] + 10_000, SPIN_MIN_NS), SPIN_MAX_NS)
 
 
-def waiter_for(clock: Clock, spin_ns: int | None, period_ns: int) -> Waiter:
+def waiter_for(
+    clock: Clock, spin_ns: int | None, period_ns: int, rehearsal: Rehearsal | None = None
+) -> Waiter:
     """The waiter that suits a clock.
 
     Args:
         clock: Simulated or monotonic.
         spin_ns: Spin margin [ns]; None: measured now.
         period_ns: Between deadlines [ns]; of it a measured margin leaves time to sleep.
+        rehearsal: Of the tick, before each deadline, where the period leaves time for that too.
     """
     if isinstance(clock, SimulatedClock):
         return ClockWaiter(clock)
     if spin_ns is None:
         spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
-    return SpinWaiter(spin_ns)
+    most_ns = int(SPIN_SHARE * period_ns) - spin_ns
+    if rehearsal is None or not spin_ns or not rehearsal.practise(most_ns):
+        return SpinWaiter(spin_ns)
+    return SpinWaiter(spin_ns, rehearsal)

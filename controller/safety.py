@@ -100,16 +100,16 @@ class Safety:
         """Judge a good reading: its position, and how far it is from the one before."""
         self._count(0)
         self._in_row = 0
-        position = reading.position
+        _, position, _, sampled_ns, _, alert = reading
         if not math.isfinite(position):
             return Trip.NOT_A_NUMBER
-        if reading.alert:
+        if alert:
             return Trip.HARDWARE_ERROR
         limits = self._limits
-        elapsed = (reading.sampled_ns - self._sampled_ns) * 1e-9
+        elapsed = (sampled_ns - self._sampled_ns) * 1e-9
         moved = abs(position - self._position)  # NaN the first time: compares false
         self._position = position
-        self._sampled_ns = reading.sampled_ns
+        self._sampled_ns = sampled_ns
         if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
             return Trip.OVERSPEED
         return None

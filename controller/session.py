@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
+from controller.assembly import guard_ladder, most_injected, rehearsal, rendered, tick_parts
 from controller.config import Config
 from controller.late_ticks import LateTicks
 from controller.loop import Waiter, next_deadline, waiter_for
@@ -98,10 +98,11 @@ def run_session(
         simulated = isinstance(clock, SimulatedClock)
         ladder = guard_ladder(config, servo, simulated)
         injected = most_injected(config, servo, ladder)
+        rehearsed = None if simulated else rehearsal(config, servo, ladder, injected, program)
         freeze_garbage()
         reserve_memory()
         late = prepare()
-        waiter = waiter_for(clock, _spin_ns(config), config.period_ns)
+        waiter = waiter_for(clock, _spin_ns(config), config.period_ns, rehearsed)
         checks: list[Check] = []
         if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
             checks = servo.start()
@@ -125,6 +126,8 @@ def run_session(
         torque_off = servo.stop()
         telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
         on_block()
+        if rehearsed is not None and rehearsed.fault:
+            tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
     finally:
         servo.close()
     decision = ladder.decision
@@ -208,12 +211,13 @@ class _Grid:
         wait, run, now = waiter.wait, tick.run, self._clock.now_ns
         limit_ns, long_ns, rest = _never if late is None else late.limits
         deadline, missed = self._deadline, self._missed
+        stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: looked at in every tick
         served = woke = ended = deadline
         block = BLOCK
         try:
             while deadline < end:
                 woke = wait(deadline)
-                if words[Word.STOP] or words[Word.CUT]:
+                if words[stop] or words[cut]:
                     ended = woke
                     return "interrupted"
                 served = deadline

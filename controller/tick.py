@@ -27,6 +27,10 @@ the other of 0.05 to 0.2, so that changing it leaves either."""
 DAMPS = 0.5
 """Share of the damping that may be put in that an alarm puts in: where the wall oscillates, the
 delay may be believed too short, and then the damping's ceiling is lower than believed."""
+_OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
+_WAITING = Outcome.WAITING
+_HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
+_TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
 SURFACE = 0.003
 """Penetration at which a two-sided wall counts as untouched [rad]: two counts of 4096."""
 
@@ -139,6 +143,7 @@ class Tick:
             missed: Whole periods skipped since the tick before.
         """
         parts = self._parts
+        servo, wall, watch = parts.servo, parts.wall, parts.watch
         periods = 1 + missed
 
         velocity = self._sense(woke_ns)
@@ -146,12 +151,12 @@ class Tick:
 
         flags = 0
         wall_torque = 0.0
-        contact = parts.wall.in_contact(position)
+        contact = wall.in_contact(position)
         if self.warm_up:
             flags = FLAG_WARM_UP
         elif self._sampled_ns is not None:
             self._look(position, contact, periods)
-            wall_torque = parts.wall.torque(position, velocity)
+            wall_torque = wall.torque(position, velocity)
         if contact:
             flags |= FLAG_CONTACT
         torque = parts.ring.push(wall_torque, periods)
@@ -161,15 +166,16 @@ class Tick:
             torque = 0.0
         if abs(torque) > self._limit:
             flags |= FLAG_SATURATED
-        if self._words[Word.CUT]:
+        words = self._words
+        if words[_CUT]:
             return  # the supervisor has taken the bus: not one byte more
         # From the sending of the request to the sending of the torque: what either takes on its
         # way is the same, and so is no part of the age.
         sent_ns = self._now()
-        sent = parts.servo.write(torque)
-        parts.watch.sent(sent)
+        sent = servo.write(torque)
+        watch.sent(sent)
         if parts.pipelined:
-            parts.servo.request()
+            servo.request()
 
         sampled_ns = self._sampled_ns
         age_ns = 0 if sampled_ns is None else sent_ns - sampled_ns
@@ -184,27 +190,23 @@ class Tick:
             self._outcome,
             missed,
             flags,
-            parts.wall.phase,
-            parts.watch.current,
+            wall.phase,
+            watch.current,
             position,
             velocity,
             wall_torque,
             sent,
-            parts.wall.stiffness,
-            parts.wall.damping + parts.wall.injected,
+            wall.stiffness,
+            wall.damping + wall.injected,
             self._delay_s,
             self._measured_torque,
         )
-        self.done = parts.wall.done
-        self.ticks += 1
-        self.missed += missed
-        words = self._words
-        words[7] = self.ticks  # Word.TICKS, Word.MISSED, Word.HEARTBEAT_NS: plain numbers are
-        words[8] = self.missed  # twice as quick as enumeration members
-        ended_ns = self._now()
-        words[1] = ended_ns
-        self._bus_ns = parts.servo.waited_ns
-        self._work_ns = ended_ns - woke_ns - self._bus_ns
+        self.done = wall.done
+        self.ticks = words[_TICKS] = self.ticks + 1
+        self.missed = words[_MISSED] = self.missed + missed
+        self._bus_ns = bus_ns = servo.waited_ns
+        words[_HEARTBEAT_NS] = ended_ns = self._now()
+        self._work_ns = ended_ns - woke_ns - bus_ns
 
     def _sense(self, woke_ns: int) -> float:
         """Take the reading; the velocity it implies [rad/s]."""
@@ -213,39 +215,37 @@ class Tick:
         if not parts.pipelined:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
-        self._outcome = reading.outcome
-        self._measured_torque = reading.torque
-        if reading.outcome == Outcome.WAITING:
+        outcome, position, _, sampled_ns, self._measured_torque, _ = reading
+        self._outcome = outcome
+        if outcome is _WAITING:
             # Held as they are until the next sample: a loop with a longer period, which is what
             # the theory knows. With dx = 0 in between the damping would act in one tick of many.
             return self._velocity
-        if reading.outcome != Outcome.OK:
+        if outcome is not _OK:
             # The last position once more, so dx = 0. Before the first good reading nothing acts.
             self.trip = parts.safety.failed()
             self._velocity = 0.0
-            if parts.pipelined and reading.outcome == Outcome.LOST:
+            if parts.pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return 0.0
         self.trip = parts.safety.good(reading)
-        self._position = reading.position
+        self._position = position
         last_ns = self._sampled_ns
-        self._sampled_ns = sampled_ns = reading.sampled_ns
+        self._sampled_ns = sampled_ns
         # The periods that really passed between the samples, whatever came in between: lost
         # readings, skipped periods, and a tick that was served late, which the grid counts only
         # afterwards. Whole ones, so that jitter of the instants does not reach the velocity.
         period_ns = parts.period_ns
-        periods = 1
-        if last_ns is not None:
-            periods = max(1, (sampled_ns - last_ns + period_ns // 2) // period_ns)
-        self._velocity = parts.velocity.update(reading.position, periods)
-        return self._velocity
+        periods = 1 if last_ns is None else (sampled_ns - last_ns + period_ns // 2) // period_ns
+        self._velocity = velocity = parts.velocity.update(position, periods if periods > 1 else 1)
+        return velocity
 
     def _look(self, position: float, contact: bool, periods: int) -> None:
         """Watch the motion for an oscillation, and the wall for energy it gives."""
         parts = self._parts
         watch, wall = parts.watch, parts.wall
         watch.passed(periods)
-        if self._outcome != Outcome.OK:
+        if self._outcome is not _OK:
             return
         watch.sample(position, wall, self._measured_torque)
         if watch.failed and self.trip is None:
@@ -269,8 +269,8 @@ class Tick:
         """Count the age; move the commanded stiffness and damping along the ray if need be."""
         parts = self._parts
         wall, watch = parts.wall, parts.watch
-        if self._words[9] != self._raises:  # Word.RAISE
-            self._raises = self._words[9]
+        if self._words[_RAISE] != self._raises:
+            self._raises = self._words[_RAISE]
             watch.raise_again()
         share = watch.share
         changed = parts.ladder.observe(age_ns, may_raise)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from math import isnan
 from typing import Literal
 
 from controller.acting import ActingTorque
@@ -77,6 +78,7 @@ class Watch:
         "_settings",
         "_since_turn",
         "_size",
+        "_stiffness",
         "_ticks",
         "_turned_at",
         "_wait",
@@ -110,6 +112,7 @@ class Watch:
         self._since_turn = 0
         self._turned_at = 0.0
         self._size = math.nan
+        self._stiffness = math.nan
         self.acted = 0.0
         self.spanned = 1
         self.share = self.damping_share = 1.0
@@ -146,14 +149,12 @@ class Watch:
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
-        torque = self._mean / periods
-        if not math.isnan(measured):
-            torque = measured
-        self.acted = torque
+        self.acted = torque = self._mean / periods if isnan(measured) else measured
         self._mean = 0.0
         self._periods = 0
         detector = self._detector
-        detector.stiffness = law.stiffness
+        if law.stiffness != self._stiffness:
+            self._stiffness = detector.stiffness = law.stiffness
         balance = detector.balance
         balance.virtual_damping = self._damping = law.damping + law.injected
         balance.surface = law.position
@@ -162,7 +163,7 @@ class Watch:
             self._note(state)
         self._follow(position, law.position, periods)
         if detector.alarm:
-            if math.isnan(self.first_alarm_s):
+            if isnan(self.first_alarm_s):
                 self.first_alarm_s = self._ticks * self._period
             if not self._settings.patient or self._outgrown(position - law.position):
                 self._answer()
@@ -188,7 +189,7 @@ class Watch:
     def _follow(self, position: float, surface: float, periods: int) -> None:
         """Know when, and how far from the wall, the motion last went another way than before."""
         moved = position - self._position
-        if math.isnan(moved):
+        if isnan(moved):
             self._turned_at = abs(position - surface)
         elif moved:
             if moved * self._last_move < 0.0:
@@ -200,7 +201,7 @@ class Watch:
 
     def _outgrown(self, away: float) -> bool:
         """Whether the motion goes clearly further than before the alarm."""
-        if math.isnan(self._size):
+        if isnan(self._size):
             self._size = self._turned_at + 2.0 * self._settings.detector.position_step
         return abs(away) > _OUTGROWN * self._size
 
@@ -248,7 +249,7 @@ class Watch:
 def oscillation_report(watch: Watch) -> dict[str, object]:
     """What was seen, for the report: None for what there was not."""
     seen = watch.state > State.QUIET
-    alarmed = not math.isnan(watch.first_alarm_s)
+    alarmed = not isnan(watch.first_alarm_s)
     known = seen and math.isfinite(watch.frequency_hz)
     return {
         "state": watch.state.name.lower(),

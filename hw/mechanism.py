@@ -136,21 +136,30 @@ class Mechanism:
         Raises:
             ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
         """
-        if not math.isfinite(torque):
-            raise ValueError(f"torque is {torque}; command a finite number of N·m")
+        acting = self.limited(torque)
         self.advance(now_ns)
-        limit, step_size = self._torque_limit, self._torque_step
-        acting = min(max(torque, -limit), limit)
-        if step_size > 0.0:
-            steps = round(acting / step_size)
-            if abs(steps * step_size) > limit:
-                steps -= int(math.copysign(1, steps))
-            acting = steps * step_size
         if self._delay_ns == 0:
             self._torque = acting
             self._brake(braking)
         else:
             self._pending.append((now_ns + self._delay_ns, acting, braking))
+        return acting
+
+    def limited(self, torque: float) -> float:
+        """What a command for ``torque`` [N·m] makes, within the limit and in whole steps [N·m].
+
+        Raises:
+            ValueError: The torque is not a finite number.
+        """
+        if not math.isfinite(torque):
+            raise ValueError(f"torque is {torque}; command a finite number of N·m")
+        limit, step_size = self._torque_limit, self._torque_step
+        acting = min(max(torque, -limit), limit)
+        if step_size > 0.0:
+            steps = round(acting / step_size)
+            acting = steps * step_size
+            if abs(acting) > limit:
+                acting = (steps - int(math.copysign(1, steps))) * step_size
         return acting
 
     def encoder(self) -> int:
@@ -165,9 +174,15 @@ class Mechanism:
 
     def measured_position(self) -> float:
         """The position the encoder gives [rad]: past the play, and quantised if it counts."""
-        if self._counts_per_radian == 0.0:
-            return self._followed
-        return self.encoder() / self._counts_per_radian
+        return self.measured()[0]
+
+    def measured(self) -> tuple[float, int]:
+        """The same, and what the encoder counts; 0 where it counts nothing."""
+        per_radian = self._counts_per_radian
+        if per_radian == 0.0:
+            return self._followed, 0
+        counts = round(self._followed * per_radian)
+        return counts / per_radian, counts
 
     def _brake(self, braking: float) -> None:
         if braking != self._braking:
@@ -186,24 +201,22 @@ class Mechanism:
             if until_ns == begin_ns:
                 return
         turns: list[float] | None = [] if self._backlash > 0.0 else None
-        if self._hand is None:
-            duration = (until_ns - self.time_ns) * 1e-9
-            self._state = step(self._state, self._parameters, self._torque, duration, turns=turns)
-            self.time_ns = until_ns
+        state, parameters, torque, hand = self._state, self._parameters, self._torque, self._hand
+        now_ns, start_ns = self.time_ns, self._start_ns
+        if hand is None:
+            state = step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
         else:
-            while self.time_ns < until_ns:
-                elapsed_ns = self.time_ns - self._start_ns
-                reference, slope, turn_ns = self._hand.pull(elapsed_ns)
-                cut_ns = min(until_ns, self._start_ns + turn_ns)
-                duration = (cut_ns - self.time_ns) * 1e-9
+            while now_ns < until_ns:
+                reference, slope, turn_ns = hand.pull(now_ns - start_ns)
+                cut_ns = min(until_ns, start_ns + turn_ns)
                 pull = Pull(STIFFNESS, DAMPING, reference, slope)
-                self._state = step(
-                    self._state, self._parameters, self._torque, duration, pull, turns=turns
-                )
-                self.time_ns = cut_ns
+                state = step(state, parameters, torque, (cut_ns - now_ns) * 1e-9, pull, turns=turns)
+                now_ns = cut_ns
+        self._state = state
+        self.time_ns = until_ns
         if turns is None:
-            self._followed = self._state.position
+            self._followed = state.position
         else:
             half = 0.5 * self._backlash
-            for position in (*turns, self._state.position):
+            for position in (*turns, state.position):
                 self._followed = min(max(self._followed, position - half), position + half)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
+from hw.clock import Clock
+
 
 class Outcome(IntEnum):
     """What became of one request for the position."""
@@ -146,6 +148,13 @@ class Servo(Protocol):
         """
         ...
 
+    def idle(self) -> None:
+        """Do beforehand what can be: called while the loop waits for a deadline, or not at all.
+
+        Nothing is sent, and nothing is read from a bus.
+        """
+        ...
+
     def stop(self) -> bool:
         """Zero torque, torque off, read back. Safe to call at any time, and twice.
 
@@ -156,4 +165,15 @@ class Servo(Protocol):
 
     def close(self) -> None:
         """Let go of the servo; stops it first if it was started and not stopped."""
+        ...
+
+    def stand_in(self, clock: Clock) -> Servo:
+        """Something of the same make to rehearse a cycle with; it moves nothing and needs no end.
+
+        It is started, and has nothing in common with this servo and its bus: what is done to it
+        has no effect. It answers at once, with positions that it makes up.
+
+        Args:
+            clock: Its time.
+        """
         ...

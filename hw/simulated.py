@@ -25,12 +25,14 @@ class SimulatedServo:
     """A servo whose motion is computed whenever it is asked or commanded."""
 
     __slots__ = (
-        "_clock",
         "_grain_ns",
         "_mechanism",
+        "_now_ns",
         "_reading",
         "_running",
         "_true",
+        "_written",
+        "_written_ns",
         "counts",
         "facts",
         "trouble",
@@ -50,7 +52,10 @@ class SimulatedServo:
         """
         true = settings.true
         self._true = true
-        self._clock = clock
+        self._now_ns = clock.now_ns
+        self._written: float | None = None
+        """A torque, and when it was written [ns]: it matters when time passes next"""
+        self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanism = Mechanism(true, self._instant())
         self._reading: Reading | None = None
@@ -71,20 +76,17 @@ class SimulatedServo:
         now_ns = self._instant()
         self._mechanism = Mechanism(self._true, now_ns, hand_waits=True)
         self._mechanism.let_hand(now_ns)
-        self._reading = None
+        self._reading = self._written = None
         self._running = True
         self.counts = BusCounts()
         return []
 
     def request(self) -> None:
         """Sample the position now."""
-        now_ns = self._clock.now_ns()
-        mechanism = self._mechanism
-        mechanism.advance(now_ns - now_ns % self._grain_ns)
-        counts = mechanism.encoder() if self.facts.counts_per_rev else 0
-        self._reading = Reading(
-            Outcome.OK, mechanism.measured_position(), counts, now_ns, math.nan, alert=False
-        )
+        now_ns = self._now_ns()
+        self._pass_until(now_ns - now_ns % self._grain_ns)
+        position, counts = self._mechanism.measured()
+        self._reading = Reading(Outcome.OK, position, counts, now_ns, math.nan, False)
 
     def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
         """The sample of the last ``request``, at once.
@@ -111,19 +113,40 @@ class SimulatedServo:
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        return self._mechanism.command(torque, self._instant())
+        self._written = acting = self._mechanism.limited(torque)
+        self._written_ns = self._instant()
+        return acting
 
     def stop(self) -> bool:
         """Torque off; the servo moves on by itself. Always succeeds."""
         if self._running:
-            self._mechanism.command(0.0, self._instant())
+            self._pass_until(self._instant())
+            self._mechanism.command(0.0, self._mechanism.time_ns)
             self._running = False
         return True
 
-    def _instant(self) -> int:
-        now_ns = self._clock.now_ns()
-        return now_ns - now_ns % self._grain_ns
+    def idle(self) -> None:
+        """See ``Servo``: move on to the present, so that less of it is left to the next request."""
+        self._pass_until(self._instant())
 
     def close(self) -> None:
         """Stop it if it runs."""
         self.stop()
+
+    def stand_in(self, clock: Clock) -> SimulatedServo:
+        """See ``Servo``: another simulated servo, on a clock of its own."""
+        other = SimulatedServo(SimulatedSettings(self._true), clock)
+        other.start()
+        return other
+
+    def _pass_until(self, now_ns: int) -> None:
+        """Move until ``now_ns`` [ns], with the torque that was written meanwhile."""
+        mechanism = self._mechanism
+        if self._written is not None:
+            mechanism.command(self._written, self._written_ns)
+            self._written = None
+        mechanism.advance(now_ns)
+
+    def _instant(self) -> int:
+        now_ns = self._now_ns()
+        return now_ns - now_ns % self._grain_ns

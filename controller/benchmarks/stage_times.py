@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from controller.delay import DelayRing
 from controller.ladder import GuardLadder
 from controller.passivity_control import PassivityControl
+from controller.rehearsal import Rehearsal
 from controller.telemetry import Telemetry
 from controller.tick import Tick
 from controller.velocity import BackwardDifference
@@ -90,6 +91,8 @@ class StageTimes:
                 self._time(stack, part, name, stage)
             self._time(stack, Nothing, "work", REST)
             stack.enter_context(patch.object(Tick, "run", self._whole(Tick.run, nothing)))
+            unheard = self._unheard(Rehearsal.__call__)
+            stack.enter_context(patch.object(Rehearsal, "__call__", unheard))
             yield
 
     def _time(self, stack: ExitStack, part: type, name: str, stage: str) -> None:
@@ -140,6 +143,18 @@ class StageTimes:
             self.around_ns.append(around - spent[REST])
 
         return timed
+
+    def _unheard(self, rehearse: Method) -> Method:
+        """``Rehearsal``, whose ticks are none of the loop's."""
+        kept = self._ticks, self.inside_ns, self.around_ns
+
+        def untimed(rehearsal: Rehearsal, left_ns: int) -> None:
+            count = len(self._ticks)
+            rehearse(rehearsal, left_ns)
+            for each in kept:
+                del each[count:]
+
+        return untimed
 
     def times_us(self, from_tick: int) -> dict[str, NDArray[np.float64]]:
         """Time of each stage in each tick, without waiting for a bus and without the timing [µs].

@@ -6,6 +6,7 @@ import math
 from contextlib import suppress
 from typing import Final
 
+from hw.clock import Clock
 from hw.dynamixel.cut import torque_off
 from hw.dynamixel.drivable import drivable
 from hw.dynamixel.hardware_errors import error_names, what_to_do
@@ -14,6 +15,7 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.reach import Reach
 from hw.dynamixel.samples import Sample
+from hw.dynamixel.stand_in import StandInLine
 from hw.dynamixel.startup import start_up
 from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, WATCHDOG_UNIT_NS
 from hw.dynamixel.torque_law import torque_law
@@ -288,6 +290,17 @@ class DynamixelServo:
                 self.stop()
         finally:
             self._line.close()
+
+    def idle(self) -> None:
+        """See ``Servo``: all there is to do needs the bus."""
+
+    def stand_in(self, clock: Clock) -> DynamixelServo:
+        """See ``Servo``: the same driver on a line that nobody else is on."""
+        other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
+        other._most = other.facts.torque_limit
+        other._heard_ns = clock.now_ns()
+        other._running = True
+        return other
 
     def _off(self) -> bool:
         """Zero goal if torque is ours, torque off, read back."""
