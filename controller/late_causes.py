@@ -30,6 +30,7 @@ class Cause(StrEnum):
     HOST = "the host stole the core"
     KERNEL = "the kernel or the firmware held the core"
     WOKEN_LATE = "woken late by the kernel"
+    BLOCKED = "the tick waited for something else than the bus"
     WORK = "the tick's own work"
     UNKNOWN = "unknown"
 
@@ -120,6 +121,9 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
     if late.awake_ns >= enough and beyond.minor_faults * _FAULT_NS >= _ENOUGH * late.awake_ns:
         return Cause.FAULTS
     if late.gone_ns >= enough:
+        # How often it waits for the bus varies: one switch more than usual says nothing there.
+        if beyond.voluntary > (1 if late.bus_ns else 0):
+            return Cause.BLOCKED
         return Cause.HOST if machine.virtual else Cause.KERNEL
     return Cause.WORK if late.on_core_ns >= enough else Cause.UNKNOWN
 
@@ -155,6 +159,8 @@ def evidence(cause: Cause, late: Late, machine: Machine) -> str:
             parts = [awake, "no other process had it", _stolen(late)]
         case Cause.KERNEL:
             parts = [awake, "no other process had it: interrupts, or firmware"]
+        case Cause.BLOCKED:
+            parts = [awake, "it gave the core away: a lock, a file, a terminal"]
         case Cause.WORK:
             parts = [awake]
         case Cause.UNKNOWN:
@@ -175,7 +181,9 @@ def _waited(late: Late) -> str:
 def _why_others(machine: Machine) -> str:
     if machine.shared:
         return "the recorder and the supervisor share the loop's only core"
-    return "" if machine.real_time else "the loop has no real-time scheduler"
+    if machine.real_time:
+        return "one of the loop's real-time priority or above"
+    return "the loop has no real-time scheduler"
 
 
 def _stolen(late: Late) -> str:

@@ -166,7 +166,7 @@ class LateTicks:
         cause = likely_cause(late, self._machine)
         self._late += 1
         self._causes[cause] += 1
-        self._overshoots.add(deadline_ns, waiter)
+        self._overshoots.add(deadline_ns, waiter, 1)
         if len(self._worst) < WORST or overdue_ns > self._worst[0].overdue_ns:
             lateness_ns = woke_ns - deadline_ns
             kept = _Kept(overdue_ns, deadline_ns, lateness_ns, missed, late, cause)
@@ -186,7 +186,7 @@ class LateTicks:
         """
         if free_ns < _SLACK * self._cost_ns:
             return self._rest_ticks
-        self._overshoots.add(deadline_ns, waiter)
+        self._overshoots.add(deadline_ns, waiter, self._rest_ticks)  # it stands for as many
         counters = self._reader.read()
         grown = counters.less(self._last)
         self._last = counters
@@ -202,23 +202,21 @@ class LateTicks:
     def report(self) -> dict[str, Any]:
         """What became late, why, and what was counted since ``begin``; JSON can hold it."""
         grown = self._reader.read().less(self._begun)
-        steal_ns = self._reader.steal_ns()
-        known = steal_ns is not None and self._begun_steal_ns is not None
         return {
-            "limit_us": self.limits[0] * 1e-3,
+            "limit_us": self.limits[0] / 1e3,
             "late_ticks": self._late,
             "causes": {cause.value: n for cause, n in self._causes.items() if n},
             "worst": [self._told(kept) for kept in reversed(self._worst)],
             "sleep_overshoot_us": self._overshoots.as_report(),
-            "on_core_s": grown.on_core_ns * 1e-9,
+            "on_core_s": grown.on_core_ns / 1e9,
             "run_queue_delay_ms": (
-                grown.run_delay_ns * 1e-6 if self._machine.knows_run_delay else None
+                _milli(grown.run_delay_ns) if self._machine.knows_run_delay else None
             ),
             "minor_faults": grown.minor_faults,
             "major_faults": grown.major_faults,
             "voluntary_switches": grown.voluntary,
             "involuntary_switches": grown.involuntary,
-            "steal_ms": (steal_ns - self._begun_steal_ns) * 1e-6 if known else None,
+            "steal_ms": _milli(_growth(self._begun_steal_ns, self._reader.steal_ns())),
             "garbage_collections": self._collections - self._begun_collections,
             "stops": self._stops - self._begun_stops,
         }
@@ -238,9 +236,7 @@ class LateTicks:
 
     def _steal_since(self) -> int | None:
         before, self._steal_ns = self._steal_ns, self._reader.steal_ns()
-        if before is None or self._steal_ns is None:
-            return None
-        return self._steal_ns - before
+        return _growth(before, self._steal_ns)
 
     def _on_collection(self, phase: Literal["start", "stop"], _info: dict[str, int]) -> None:
         now_ns = time.monotonic_ns()
@@ -259,14 +255,14 @@ class Overshoots:
         self._max_ns = 0
         self._n = 0
 
-    def add(self, deadline_ns: int, waiter: Waiter) -> None:
-        """Count the sleep before a deadline [ns], if there was one."""
+    def add(self, deadline_ns: int, waiter: Waiter, times: int) -> None:
+        """Count the sleep before a deadline [ns], if there was one, a number of times."""
         if waiter.slept_ns == 0:
             return
         overshoot_ns = max(0, waiter.slept_ns + waiter.margin_ns - deadline_ns)
         octave = max(4, overshoot_ns.bit_length())
-        self._counts[8 * octave + ((overshoot_ns >> (octave - 4)) & 7)] += 1
-        self._n += 1
+        self._counts[8 * octave + ((overshoot_ns >> (octave - 4)) & 7)] += times
+        self._n += times
         self._max_ns = max(self._max_ns, overshoot_ns)
 
     def as_report(self) -> dict[str, float | None]:
@@ -274,7 +270,7 @@ class Overshoots:
         return {
             "p50": self._percentile_us(0.5),
             "p99": self._percentile_us(0.99),
-            "max": self._max_ns * 1e-3 if self._n else None,
+            "max": self._max_ns / 1e3 if self._n else None,
         }
 
     def _percentile_us(self, share: float) -> float | None:
@@ -283,8 +279,16 @@ class Overshoots:
             left -= count
             if count and left <= 0:
                 octave, eighth = divmod(place, 8)
-                return min((8.5 + eighth) * 2.0 ** (octave - 4), self._max_ns) * 1e-3
+                return min((8.5 + eighth) * 2.0 ** (octave - 4), self._max_ns) / 1e3
         return None
+
+
+def _growth(before_ns: int | None, after_ns: int | None) -> int | None:
+    return None if before_ns is None or after_ns is None else after_ns - before_ns
+
+
+def _milli(time_ns: int | None) -> float | None:
+    return None if time_ns is None else time_ns / 1e6
 
 
 def _cost_ns(read: Callable[[], object]) -> int:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from controller.realtime import Setting
 
+START = "real time:"
+"""How the table at the start begins"""
 _ENOUGH_SHARE = 0.9
 """Of each second, for real-time processes: the loop sleeps for longer than the rest"""
 
@@ -100,7 +102,7 @@ def start_table(settings: Sequence[Setting], setup: Sequence[Found]) -> str:
         setup: As ``machine_setup`` gave it; told in short.
     """
     granted = sum(setting.ok for setting in settings)
-    head = f"real time: {granted} of {len(settings)} granted"
+    head = f"{START} {granted} of {len(settings)} granted"
     better = [row for row in setup if row.remedy]
     tail = f"could be better: {'; '.join(row.found for row in better)}" if better else ""
     if granted == len(settings):

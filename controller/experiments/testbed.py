@@ -17,6 +17,7 @@ from controller import __version__
 from controller.config import Config
 from controller.errors import UserError
 from controller.logfile import SUFFIX, read_log
+from controller.machine_setup import START
 from controller.plan import Ended, Plan
 from controller.program import Phase
 from controller.report import explanation
@@ -94,6 +95,7 @@ class Testbed:
         self.config = Config.model_validate(raw)
         self.folder = folder
         self._tell = tell
+        self._start_told = ""
         self._witness = witness
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -138,7 +140,7 @@ class Testbed:
             witness=log.with_suffix(".witness.csv") if self._witness else None,
             program=tuple(phases),
         )
-        ended = run(plan, self._tell)
+        ended = run(plan, self._tell_new)
         if ended.stop_reason == "interrupted":
             raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
         if ended.stop_reason != "duration":
@@ -152,3 +154,11 @@ class Testbed:
             raise UserError(f"{said}, so nothing is measured from it; make room, or name a place")
         on = (rows["flags"] & FLAG_WARM_UP) == 0
         return Played(rows[on], tuple(phases), ended, log)
+
+    def _tell_new(self, text: str) -> None:
+        """Pass on what is told, but what the machine grants only once: the same at each start."""
+        if text.startswith(START):
+            if text == self._start_told:
+                return
+            self._start_told = text
+        self._tell(text)
