@@ -54,7 +54,8 @@ EXPLANATIONS = {
     Trip.TORQUE_LOST: "the servo answers, but its torque is gone: its Bus Watchdog after a stall,"
     " a restart, or another program on the bus",
     Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
-    Trip.SERVO_LOST: "the port is gone; check that the adapter is plugged in and powered",
+    Trip.SERVO_LOST: "the port is gone, or the servo answers no more; check that both are plugged"
+    " in and powered",
     Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
     Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
     " nobody did, please report it with the log",
