@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.log_rows import LogRows
+from controller.log_rows import LogRows, gathered
 from controller.logreader import Damage, End
 from controller.oscillation import State
 from controller.statistics import RunStatistics
@@ -146,7 +146,7 @@ def summarised(rows: LogRows) -> LogSummary:
     """The summary of a log, or of a stretch of it."""
     begins = rows.stretch.start_s <= 0.0 and "cut" not in rows.log.metadata
     summary = LogSummary(begins)
-    for piece in rows.pieces():
+    for piece in gathered(rows.pieces()):
         summary.add(piece)
     return summary
 

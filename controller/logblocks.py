@@ -8,6 +8,7 @@ knows of them tells an intact block from a damaged one, and ``numpy.load`` reads
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import warnings
 import zlib
@@ -96,6 +97,7 @@ def block_at(file: BinaryIO, start: int, end: int, checked: bool) -> Block | Non
     return Block(np.frombuffer(data, dtype), data_start + needed)
 
 
+@functools.lru_cache(maxsize=8)  # all blocks of a log name the same one
 def _dtype(descr: bytes) -> np.dtype[Any] | None:
     """The type that a header names; None: none, or one that holds Python objects."""
     try:

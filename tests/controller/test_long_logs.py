@@ -76,9 +76,10 @@ def test_memory_does_not_grow_with_the_log(logs, tmp_path, work):
             case "cut":
                 cut_log(tmp_path / "a.hwlog", log, "a", 0.0, 1.0)
 
-    do(logs[0])  # what is loaded and compiled on first use
-    short, long = (peak(lambda path=path: do(path)) for path in logs[:2])
-    # The rows are 0.3 and 1.6 MB; what is held are a few blocks of 40 kB.
+    some = logs[:2] if work == "csv" else logs[1:]
+    do(some[0])  # what is loaded and compiled on first use
+    short, long = (peak(lambda path=path: do(path)) for path in some)
+    # The rows grow by 1.3 MB or more; what is held are a few blocks, and 1.3 MB for a summary.
     assert long < short + 0.3
 
 
