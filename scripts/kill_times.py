@@ -242,7 +242,8 @@ def main() -> None:
         "",
         "Written by `scripts/kill_times`; run it to see the figures of your machine. A hand leans"
         " on the wall, the loop runs at 1 kHz with the Bus Watchdog at 40 ms and"
-        " `safety.heartbeat_s` at 0.1 s (0.5 s and 2 s where the run must go on), and a process of the run is killed, stopped or made to"
+        " `safety.heartbeat_s` at 0.1 s (0.5 s and 2 s where the run must go on), and a process of"
+        " the run is killed, stopped or made to"
         f" hang, {wanted.rounds} times in each way. What each of the processes is, and who notices"
         " whose death, is in the [record on the process tree](decisions/process-tree.md).",
         measured_on(),
