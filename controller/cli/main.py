@@ -38,7 +38,7 @@ COMMANDS = {
     "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
     "detect": ("controller.cli.detect", "The oscillation in a recorded log or CSV."),
     "rendered": ("controller.cli.rendered", "What the servo renders, against the commanded."),
-    "log": ("controller.cli.log", "Summary of a log; export as CSV."),
+    "log": ("controller.cli.log", "What a log holds; export it, draw it, cut it."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
