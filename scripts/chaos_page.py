@@ -185,6 +185,10 @@ def _notes(hour: Hour) -> list[str]:
         if hour.room
         else "The disk was full because the recorder's files were not allowed to grow."
     )
+    notes.append(
+        "A supervisor is killed only while a recorder lives: with both dead nobody is left to write"
+        " the rows that wait."
+    )
     lengths = [1e3 * (stall.until_s - stall.from_s) for stall in hour.stalls]
     worst = f", the longest {max(lengths):.0f} ms" if lengths else ""
     notes.append(

@@ -34,7 +34,7 @@ from scripts.chaos_judge import (
     missing_at_end,
     stalled,
 )
-from scripts.chaos_shots import HELD_UP, HURT, MAY_END, NO_REPORT, Lasting, Shot, Stage
+from scripts.chaos_shots import HELD_UP, MAY_END, NO_REPORT, Lasting, Shot, Stage
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
@@ -53,8 +53,6 @@ TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
 POLL_S, SAMPLE_S = 0.01, 2.0
 START_S, END_S, AFTER_S = 40.0, 60.0, 0.6
 """How long a run may take to begin, and to end when asked; how long the torque is watched after"""
-RECOVER_S = 3.0
-"""Before a recorder has been replaced nobody is left to write where its supervisor is killed too"""
 PROMPT_PRIORITY = 60
 """Below emulator and loop; but a signal that ends a stop must not wait behind busy processes"""
 
@@ -197,6 +195,7 @@ def _under_fire(
     run.began_s = start = next_sample = time.monotonic()
     next_shot = start + random.uniform(1.0, 4.0)
     asked_s: float | None = None
+    shot: Shot | None = None
     samples = defaultdict(list)
     while process.poll() is None:
         now = time.monotonic()
@@ -208,13 +207,16 @@ def _under_fire(
             next_sample += SAMPLE_S
             for name, pid in stage.look().items():
                 samples[name].append((now - start, _resident_mb(pid)))
-        if alive and asked_s is None and now >= next_shot:
+        if shot is None:
             shot = next(course.shots)
+        if alive and asked_s is None and now >= next_shot and shot.ready(stage):
             lasting = shot.throw(stage)
             until = time.monotonic() + lasting.seconds
-            run.thrown.append(Thrown(shot.name, now, until, lasting.detail))
+            struck_s = now if lasting.from_s is None else lasting.from_s
+            run.thrown.append(Thrown(shot.name, struck_s, until, lasting.detail))
             pending.append((until, lasting))
-            next_shot = now + random.uniform(RECOVER_S if shot.name in HURT else 1.0, 5.0)
+            next_shot = now + random.uniform(1.0, 5.0)
+            shot = None
         if asked_s is None and now >= start + course.seconds and not pending:
             asked_s = now
             process.send_signal(signal.SIGINT)

@@ -38,6 +38,8 @@ class Stage:
     random: Random
     pids: dict[str, int] = field(default_factory=dict)
     """The last known: children of a dead supervisor cannot be found any more"""
+    killed: set[int] = field(default_factory=set)
+    """Processes that were sent SIGKILL; on a busy machine one may take seconds to die of it"""
 
     def look(self) -> dict[str, int]:
         """The processes of the run that are there, as far as they can be found."""
@@ -55,6 +57,8 @@ class Stage:
         if pid is not None and Path(f"/proc/{pid}").exists():
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, number)
+            if number == signal.SIGKILL:
+                self.killed.add(pid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,8 @@ class Lasting:
     seconds: float
     undo: Callable[[], None] = lambda: None
     detail: str = ""
+    from_s: float | None = None
+    """When it struck [s]; None: when it was asked for"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +81,13 @@ class Shot:
     may_end: frozenset[str] = frozenset()
     """Stop reasons that it explains; none: a run must not end of it"""
     allowed: Callable[[], bool] = lambda: True
+    ready: Callable[[Stage], bool] = lambda _stage: True
+    """Whether it may be thrown now; else it waits"""
+
+
+def somebody_writes(stage: Stage) -> bool:
+    """A killed recorder has been replaced. With its supervisor dead too nobody could do that."""
+    return stage.look().get("recorder") not in stage.killed
 
 
 def trips(*names: str) -> frozenset[str]:
@@ -111,12 +124,13 @@ def kill(*names: str) -> Callable[[Stage], Lasting]:
 
     def throw(stage: Stage) -> Lasting:
         stage.look()
+        struck_s = time.monotonic()
         if len(names) > 1:
             for name in names:
                 stage.send(name, signal.SIGSTOP)
         for name in names:
             stage.send(name, signal.SIGKILL)
-        return Lasting(0.0)
+        return Lasting(0.0, from_s=struck_s)
 
     return throw
 
@@ -127,6 +141,7 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
     def throw(stage: Stage) -> Lasting:
         stage.look()
         seconds = stage.random.uniform(least_s, most_s)
+        struck_s = time.monotonic()
         stage.send(name, signal.SIGSTOP)
         if seconds < 0.1:  # shorter than whoever undoes it may take to come round
             time.sleep(seconds)
@@ -246,8 +261,13 @@ GENTLE: Final = (
 """A run must live through these"""
 HARD: Final = (
     Shot("loop killed", kill("loop"), trips("loop_died")),
-    Shot("supervisor killed", kill("supervisor"), frozenset({NO_REPORT})),
-    Shot("supervisor and loop killed", kill("supervisor", "loop"), frozenset({NO_REPORT})),
+    Shot("supervisor killed", kill("supervisor"), frozenset({NO_REPORT}), ready=somebody_writes),
+    Shot(
+        "supervisor and loop killed",
+        kill("supervisor", "loop"),
+        frozenset({NO_REPORT}),
+        ready=somebody_writes,
+    ),
     Shot("loop stopped for 0.1 to 1 s", stop("loop", 0.15, 1.0), STOPPED | SILENT),
     Shot(
         "loop's core held for 0.1 to 0.4 s",
@@ -277,5 +297,3 @@ SHOTS: Final = (*GENTLE, *HARD)
 MAY_END: Final[Mapping[str, frozenset[str]]] = {shot.name: shot.may_end for shot in SHOTS}
 HELD_UP: Final = ("emulator stopped for 0.1 to 1 s",)
 """Behind these the witness sees late what was sent in time"""
-HURT: Final = ("recorder killed",)
-"""What the program must have time to recover from"""
