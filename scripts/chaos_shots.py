@@ -147,7 +147,12 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
             time.sleep(seconds)
             stage.send(name, signal.SIGCONT)
             return Lasting(0.0, detail=f"{1e3 * seconds:.0f} ms")
-        return Lasting(seconds, lambda: stage.send(name, signal.SIGCONT), f"{1e3 * seconds:.0f} ms")
+        return Lasting(
+            seconds,
+            lambda: stage.send(name, signal.SIGCONT),
+            f"{1e3 * seconds:.0f} ms",
+            struck_s,
+        )
 
     return throw
 
