@@ -210,3 +210,26 @@ def test_cycles_are_counted_and_none_is_lost_on_a_good_bus(rig):
     counts = rig.servo.counts
     assert counts.cycles == 10
     assert (counts.lost, counts.late, counts.corrupt) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("make", RIGS, ids=lambda make: make.__name__)
+def test_a_stand_in_takes_the_same_cycles_and_touches_nothing(make):
+    alone, beside = make(), make()
+    clock = SimulatedClock()
+    stand_in = beside.servo.stand_in(clock)  # also of a servo that is not started
+    for rig in (alone, beside):
+        rig.servo.start()
+    extra = Rig(beside.servo.stand_in(clock), clock)
+    for number in range(60):
+        torque = 0.3 * math.sin(0.2 * number)
+        expected = cycle(alone, torque)
+        for other in (Rig(stand_in, clock), extra):
+            reading, sent = cycle(other, torque)
+            assert reading.outcome is Outcome.OK
+            assert math.isfinite(reading.position)
+            assert not reading.alert
+            assert sent == expected[1]
+        beside.servo.idle()
+        assert cycle(beside, torque) == expected
+    assert beside.servo.counts == alone.servo.counts
+    assert beside.servo.stop() and alone.servo.stop()
