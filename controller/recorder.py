@@ -26,6 +26,8 @@ PAUSE_S = 0.25
 SYNC_S = 0.75
 """How long blocks gather until the disk is made to keep them [s]; a power cut loses no more than
 both, and what the disk itself takes."""
+BEHIND = 8192
+"""Rows that wait where a recorder before this one did not keep up"""
 BLOCK = 4096
 """Rows in a block at most: what has gathered while the disk was full comes in parts that fit."""
 
@@ -127,14 +129,28 @@ def _open(orders: Mapping[str, Any]) -> LogWriter:
     return LogWriter(path, orders["metadata"], ROW)
 
 
+def may_stand_back(words: memoryview[int]) -> bool:
+    """Whether a recorder that begins now may leave the processor to everybody else.
+
+    One that takes over what another did not get to write must not starve in its turn: on a busy
+    machine such a process may not run for seconds. What stands back once cannot come forward again
+    without rights that few have.
+
+    Args:
+        words: The control words.
+    """
+    return not words[Word.FINISHED] and words[Word.HEAD] - words[Word.TAIL] <= BEHIND
+
+
 def main() -> None:
     """Record until the supervisor says that no more rows will come."""
     orders = json.loads(sys.stdin.readline())
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
-    # Behind everything else: the kernel threads that carry the loop's bytes want this core too.
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     telemetry = Telemetry(orders["telemetry"])
+    if may_stand_back(telemetry.words):
+        # The kernel threads that carry the loop's bytes want this core too.
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     orphaned = False
 
     def be_orphaned(_signal: int, _frame: object) -> None:

@@ -9,7 +9,7 @@ import pytest
 from controller import log_keeper
 from controller.log_keeper import STUCK_S, LogKeeper
 from controller.logfile import LogWriter, read_log
-from controller.recorder import Recorder
+from controller.recorder import Recorder, may_stand_back
 from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
 
 VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
@@ -209,3 +209,16 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run)
     assert any("lacks 1 of 2001 rows" in note for note in notes)
     assert len(rows) == 2000
     assert len(run.recorders) == 1 <= log_keeper.LAST_ATTEMPTS
+
+
+def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
+    run.go(5.0)
+    assert may_stand_back(run.words)
+    run.recorders[-1].writes = False  # it does not come to run
+    run.go(10.0)
+    assert not may_stand_back(run.words)
+    run.recorders[-1].writes = True
+    run.go(1.0)
+    assert may_stand_back(run.words)
+    run.words[Word.FINISHED] = 1
+    assert not may_stand_back(run.words)
