@@ -14,6 +14,8 @@ from controller.thread_counters import Counters
 
 _ENOUGH = 0.5
 """Share of the delay that one kind of waiting has to make up to be its cause"""
+_WORTH_SAYING = 0.1
+"""Share of the delay below which a wait for the core is no evidence"""
 _FAULT_NS = 5_000
 """What a minor page fault costs at most [ns]: 0.5 µs on a quick machine, 5 µs on a virtual one"""
 
@@ -156,7 +158,7 @@ def evidence(cause: Cause, late: Late, machine: Machine) -> str:
             host = "a busy host does that" if machine.virtual else ""
             parts = [timer, "nothing else ran on the core", _stolen(late), host]
         case Cause.HOST:
-            parts = [awake, "no other process had it", _stolen(late)]
+            parts = [awake, "no other process had it", _stolen(late) if late.steal_ns else ""]
         case Cause.KERNEL:
             parts = [awake, "no other process had it: interrupts, or firmware"]
         case Cause.BLOCKED:
@@ -170,7 +172,7 @@ def evidence(cause: Cause, late: Late, machine: Machine) -> str:
 
 def _waited(late: Late) -> str:
     words = []
-    if late.beyond.run_delay_ns > 0:
+    if late.beyond.run_delay_ns >= _WORTH_SAYING * late.total_ns:
         words.append(f"waited {_ms(late.beyond.run_delay_ns)} for the core")
     count = late.beyond.involuntary
     if count > 0:

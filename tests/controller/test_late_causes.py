@@ -104,6 +104,13 @@ def test_a_kernel_that_does_not_count_the_wait_still_counts_switches():
     assert "2 involuntary switches" in evidence(Cause.OTHER, tick, blind)
 
 
+def test_what_explains_nothing_is_left_out():
+    tick = late(bus=3000, steal_ms=0, beyond=counted(delay=4))
+    assert evidence(Cause.BUS, tick, LOOP) == "waited 3 ms for the reply"
+    tick = late(held=5000, steal_ms=0)
+    assert "steal" not in evidence(Cause.HOST, tick, LOOP)
+
+
 @pytest.mark.parametrize(
     ("machine", "words"),
     [
