@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,8 @@ def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, 
         return
     part, record = _taken(part, record, new)
     detected.samples += new.size
-    detected.parts += int(part.times[0] > recording.since_s or recording.since_s == -math.inf)
+    goes_on = part.times[0] == recording.since_s
+    detected.parts += int(not goes_on)
     at = record.worst_at
     if (record.worst, record.amplitude[at]) > (detected.state, detected.amplitude):
         detected.state = record.worst
@@ -106,6 +108,8 @@ def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, 
         detected.first_alarm_s = record.first_alarm_s
     if part.times.size > _WHOLE:
         part, record = _taken(part, record, _telling(part, record, SLICES // recording.of + 1))
+    if goes_on and detected.drawn:
+        part, record = _joined(detected.drawn.pop(), (part, record))
     detected.drawn.append((part, record))
 
 
@@ -135,6 +139,23 @@ def _taken(
             float(times[np.argmax(alarm)]) if alarm.any() else math.nan,
         ),
     )
+
+
+def _joined(
+    first: tuple[Part, DetectionRecord], second: tuple[Part, DetectionRecord]
+) -> tuple[Part, DetectionRecord]:
+    """A part and what follows it without a gap."""
+
+    def both(a: Any, b: Any) -> Any:  # noqa: ANN401 - arrays of any type, or None
+        return None if a is None or b is None else np.concatenate([a, b])
+
+    part = Part(
+        *(both(getattr(first[0], f.name), getattr(second[0], f.name)) for f in fields(Part))
+    )
+    arrays = ("state", "frequency_hz", "amplitude", "growth", "alarm")
+    joined = {name: both(getattr(first[1], name), getattr(second[1], name)) for name in arrays}
+    record = replace(first[1], **joined)
+    return _taken(part, record, np.arange(part.times.size))
 
 
 def _telling(part: Part, record: DetectionRecord, slices: int) -> NDArray[np.intp]:

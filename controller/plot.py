@@ -324,12 +324,11 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
     if not where.any():
         return
     edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
-    begin, end = edges.reshape(-1, 2).T
-    starts = time[begin]
-    widths = time[np.minimum(end, len(time) - 1)] - starts
-    ax.broken_barh(
-        list(zip(starts, widths, strict=True)),
-        (0.0, 1.0),
+    # One outline for all: a long run has thousands of them.
+    ax.fill_between(
+        np.repeat(time[np.minimum(edges, len(time) - 1)], 2),
+        0.0,
+        np.tile([0.0, 1.0, 1.0, 0.0], len(edges) // 2),
         transform=ax.get_xaxis_transform(),
         color=color,
         linewidth=0,
