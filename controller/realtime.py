@@ -132,8 +132,7 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
-            "add 'YOU - rtprio 95' to /etc/security/limits.d/haptic-wall.conf and log in again,"
-            " or once: sudo prlimit --rtprio=95 --pid $$",
+            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --rtprio=95 --pid $$",
         )
     )
     settings.append(
@@ -141,8 +140,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "memory",
             "all memory locked",
             _memory,
-            "add 'YOU - memlock unlimited' to /etc/security/limits.d/haptic-wall.conf and log in"
-            " again, or once: sudo prlimit --memlock=unlimited --pid $$",
+            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --memlock=unlimited"
+            " --pid $$",
         )
     )
     settings.append(_attempt("timer slack", "1 ns", _timer_slack, ""))
@@ -151,7 +150,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "cpu latency",
             "0 µs",
             _cpu_latency,
-            "sudo chmod o+w /dev/cpu_dma_latency (until the next boot)",
+            "sudo scripts/setup-testbed and log in again, or until the next boot: sudo chmod o+w"
+            " /dev/cpu_dma_latency",
         )
     )
     return settings
