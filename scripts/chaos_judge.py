@@ -20,8 +20,10 @@ SETTLED_S = 60.0
 """From when on memory must be flat [s]"""
 WINDOW_S = 60.0
 """Over which memory is averaged, at either end [s]"""
-STOP_FRAMES = 4
-"""Frames of a stop, which belong to no tick"""
+STOP_FRAMES = 8
+"""Goals of start and stop at most, which belong to no tick"""
+READ_LATE_S = 0.1
+"""By which an emulator that did not come to run may note a frame late [s]"""
 _REGISTERS = MODELS["XM430-W350"].registers
 _TORQUE_ENABLE = _REGISTERS["torque_enable"].address
 _GOAL_CURRENT = _REGISTERS["goal_current"].address
@@ -205,14 +207,14 @@ def gaps(seq: NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def missing_at_end(goal_times: Sequence[float], last_row_s: float) -> int:
-    """Goals that the witness has seen after the last row of a log, but for those of the stop.
+    """Goals that the witness has seen well after the last row of a log, but for those of the stop.
 
     Args:
         goal_times: When goals arrived [s].
         last_row_s: When the tick of the last row woke [s].
     """
-    after = len(goal_times) - int(np.searchsorted(goal_times, last_row_s))
-    return max(0, after - 1 - STOP_FRAMES)
+    after = len(goal_times) - int(np.searchsorted(goal_times, last_row_s + READ_LATE_S))
+    return max(0, after - STOP_FRAMES)
 
 
 def growth_mb(samples: Sequence[tuple[float, float]]) -> float | None:

@@ -178,9 +178,11 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
     if text:
         report = json.loads(text)
         run.reason, run.warnings = report["stop_reason"], report["warnings"]
-    elif process.returncode == -signal.SIGKILL:
+    elif run.began_s and process.returncode == -signal.SIGKILL:
         run.reason = NO_REPORT
-    elif run.began_s:
+    elif not run.began_s:
+        run.reason = f"did not start: {run.said[-300:]}"
+    else:
         run.reason = f"ended with {process.returncode}: {run.said[-300:]}"
     return run
 
