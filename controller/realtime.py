@@ -132,7 +132,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
-            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --rtprio=95 --pid $$",
+            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --rtprio=95"
+            " --pid $$",
         )
     )
     settings.append(
