@@ -150,8 +150,7 @@ def _promises(hour: Hour) -> list[str]:
         "| nothing left behind | processes that outlived their run, runs that did not end:"
         f" {sum(len(run.other_problems) for run in runs)}"
         f" | {_holds(not any(run.other_problems for run in runs))} |",
-        "",
-        *(f"- Did not hold: {words}" for words in hour.broken),
+        *(f"\n- Did not hold: {words}" for words in hour.broken),
     ]
 
 
