@@ -1,4 +1,7 @@
-"""The guard against a thousand random plants: no more than is safe, no less than was promised."""
+"""The guard against random plants: no more than is safe, no less than was promised.
+
+A thousand of them with ``--thorough``, otherwise a quarter.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,6 @@ from controller.guard import Decision, GuardSettings, Request, Side, Situation, 
 from controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
 
-PLANTS = 1000
 MARGIN, CAP = 0.8, 0.7
 SIDES: tuple[Side, ...] = ("above", "below", "both")
 
@@ -74,11 +76,11 @@ def random_belief(random: np.random.Generator, period: float) -> Belief:
 
 
 @pytest.fixture(scope="module")
-def cases() -> list[Case]:
+def cases(thorough: bool) -> list[Case]:
     random = np.random.default_rng(20)
     settings = GuardSettings("stable", MARGIN, CAP)
     found = []
-    for i in range(PLANTS):
+    for i in range(1000 if thorough else 250):
         period = float(random.choice([0.5e-3, 1e-3, 2e-3]))
         situation = Situation(
             belief=random_belief(random, period),
@@ -126,7 +128,7 @@ def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling(
     asked = np.array([case.decision.request.damping for case in cases])
     given = np.array([case.decision.damping for case in cases])
     np.testing.assert_allclose(given, np.minimum(asked, CAP * ceiling), rtol=1e-3)
-    assert 200 < np.count_nonzero(given < asked) < 900
+    assert 0.2 < np.mean(given < asked) < 0.9
 
 
 def test_limits_are_on_the_edge_for_an_independent_model(cases: list[Case]) -> None:
@@ -154,7 +156,7 @@ def test_poles_are_inside_the_circle_whatever_the_true_servo(cases: list[Case]) 
 def test_one_sided_walls_return_no_device_faster_than_it_came(cases: list[Case]) -> None:
     random = np.random.default_rng(22)
     pushing = [c for c in cases if c.decision.request.side != "both" and c.decision.stiffness]
-    assert len(pushing) > 400
+    assert len(pushing) > 0.4 * len(cases)
     # a missed sample is the worst phase nearly always; the others are spread
     phases = np.array([1e-9, 0.35, 0.7, 1.0])
     loops = [case.at_corner() for case in pushing]
@@ -164,12 +166,12 @@ def test_one_sided_walls_return_no_device_faster_than_it_came(cases: list[Case])
 
 def test_the_linear_condition_alone_would_command_what_is_unstable(cases: list[Case]) -> None:
     unstable = 0
-    for case in cases[::10]:
+    for case in cases[::5]:
         linear = case.decision.limits.linear
         loop, gain = case.at_corner(), case.situation.belief.torque_gain.high
         assert linear is not None
         unstable += radius(loop._replace(stiffness=MARGIN * linear * gain)) > 1
-    assert unstable > 30
+    assert unstable > 0.3 * len(cases[::5])
 
 
 def test_the_exact_limit_alone_would_throw_devices_back(cases: list[Case]) -> None:

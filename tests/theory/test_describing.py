@@ -69,8 +69,8 @@ def test_friction_takes_what_the_damping_does() -> None:
 class Simulated:
     """Walls without friction run in time, all at once, with what is done to position and torque."""
 
-    def __init__(self, loops: list[Loop], cycles: list[LimitCycle], scale: float) -> None:
-        """At a turning point, with the past of an oscillation ``scale`` times the cycle's."""
+    def __init__(self, loops: list[Loop], cycles: list[LimitCycle], scales: list[float]) -> None:
+        """At a turning point, with the past of an oscillation so many times the cycle's."""
         self.column = {
             name: np.array([getattr(loop, name) for loop in loops])
             for name in ("stiffness", "virtual_damping", "delay")
@@ -84,7 +84,7 @@ class Simulated:
         self.motion = [np.array([p[i][0] for p in parts]) for i in (0, 1)]
         self.push = [np.array([p[i][1] for p in parts]) for i in (0, 1)]
         self.w = 2 * np.pi * np.array([cycle.frequency for cycle in cycles])
-        self.start = scale * np.array([cycle.amplitude for cycle in cycles])
+        self.start = np.array(scales) * np.array([cycle.amplitude for cycle in cycles])
 
     def run(self, steps: int, effects: list[object]) -> Array:
         limit = np.array([getattr(e, "limit", np.inf) for e in effects])
@@ -177,6 +177,13 @@ CASES = {
 }
 
 
+def both_ways(
+    loops: list[Loop], cycles: list[LimitCycle], below: float, above: float
+) -> tuple[list[Loop], list[LimitCycle], list[float]]:
+    """Each loop twice, to be started below and above its cycle."""
+    return loops * 2, cycles * 2, [below] * len(loops) + [above] * len(loops)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
     effect, share, damper, amplitude, frequency = CASES[name]
@@ -187,12 +194,12 @@ def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
             loops.append(loop)
             cycles.append(stable[-1])
     assert len(loops) >= 8
-    for scale in (0.9, 1.2):
-        seen = Simulated(loops, cycles, scale).run(15_000, [effect] * len(loops))
-        for i, cycle in enumerate(cycles):
-            found = measured(seen[:, i], cycle)
-            assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
-            assert frequency[0] < found[1] / cycle.frequency < frequency[1]
+    loops, cycles, scales = both_ways(loops, cycles, 0.9, 1.2)
+    seen = Simulated(loops, cycles, scales).run(15_000, [effect] * len(loops))
+    for i, cycle in enumerate(cycles):
+        found = measured(seen[:, i], cycle)
+        assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
+        assert frequency[0] < found[1] / cycle.frequency < frequency[1]
 
 
 def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
@@ -200,10 +207,10 @@ def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
     loops = walls(12, 6, (1.3, 2.5), SPRINGS)
     cycles = [predicted(loop, effect)[0] for loop in loops]
     assert not any(cycle.stable for cycle in cycles)
-    for scale, grows in ((0.9, False), (1.1, True)):
-        seen = Simulated(loops, cycles, scale).run(8_000, [effect] * len(loops))
-        for i, cycle in enumerate(cycles):
-            assert (np.max(np.abs(seen[-300:, i])) > 3 * cycle.amplitude) == grows
+    loops, cycles, scales = both_ways(loops, cycles, 0.9, 1.1)
+    seen = Simulated(loops, cycles, scales).run(8_000, [effect] * len(loops))
+    for i, cycle in enumerate(cycles):
+        assert (np.max(np.abs(seen[-300:, i])) > 3 * cycle.amplitude) == (scales[i] > 1)
 
 
 def test_a_stable_wall_has_no_cycle_by_friction_or_saturation_and_an_unstable_one_has() -> None:

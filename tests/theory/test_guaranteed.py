@@ -74,7 +74,7 @@ def test_every_member_is_stable_up_to_the_limit_and_the_worst_is_not_above_it(
     thorough: bool,
 ) -> None:
     random = np.random.default_rng(1)
-    for _ in range(1000 if thorough else 50):
+    for _ in range(1000 if thorough else 25):
         ranges, virtual, *rest = random_ranges(random)
         found = guaranteed_limit(ranges, virtual, *rest)
         assert 0 < found.stiffness <= found.upper
