@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from controller.dense_picture import in_pieces, outline
 from controller.detection import DetectionRecord
 from controller.oscillation import State
 from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
@@ -26,7 +27,7 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
     Raises:
         OSError: The file cannot be written.
     """
-    with picture(path, PAGE, 4.4) as figure:
+    with in_pieces(), picture(path, PAGE, 4.4) as figure:
         motion, pace = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
         for number, (part, record) in enumerate(zip(parts, found, strict=True)):
             first = number == 0
@@ -45,12 +46,11 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
                     label="amplitude" if first and sign > 0 else None,
                 )
             for state, shade in _SHADES.items():
+                times, heights = outline(part.times, record.state == state)
                 motion.fill_between(
-                    part.times,
+                    times,
                     0.0,
-                    1.0,
-                    where=record.state == state,
-                    step="post",
+                    heights,
                     transform=motion.get_xaxis_transform(),
                     color=shade,
                     lw=0.0,

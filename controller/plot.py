@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from controller.config import Config
+from controller.dense_picture import in_pieces, outline
 from controller.errors import LogFormatError
 from controller.log_rows import LogRows
 from controller.sketch import TIMES, Floats, Sketch, sketched
@@ -120,7 +121,8 @@ def plot_run(
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
     figure.align_ylabels(axes)
-    figure.savefig(path, format="png")
+    with in_pieces():
+        figure.savefig(path, format="png")
 
 
 def _run(sketch: Sketch, metadata: Mapping[str, Any]) -> _Run:
@@ -323,12 +325,11 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
     """Shade the stretches of time in which ``where`` holds."""
     if not where.any():
         return
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
-    # One outline for all: a long run has thousands of them.
+    times, heights = outline(time, where)
     ax.fill_between(
-        np.repeat(time[np.minimum(edges, len(time) - 1)], 2),
+        times,
         0.0,
-        np.tile([0.0, 1.0, 1.0, 0.0], len(edges) // 2),
+        heights,
         transform=ax.get_xaxis_transform(),
         color=color,
         linewidth=0,

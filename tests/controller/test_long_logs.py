@@ -10,6 +10,7 @@ from controller import detected as seen
 from controller import log_recording, log_windows, recording, sketch
 from controller.config_load import load_config
 from controller.csv_export import write_csv
+from controller.dense_picture import MOST, outline
 from controller.log_cut import cut_log
 from controller.log_rows import LogRows
 from controller.log_summary import summarised
@@ -135,3 +136,15 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
     assert drawn < 8 * (seen.SLICES + 5)
     times = np.concatenate([part.times for part, _ in parted.drawn])
     assert np.all(np.diff(times) > 0)
+
+
+def test_shade_stays_simple_and_where_it_was():
+    time = np.arange(100_000) * 1e-3
+    few = (time >= 20.0) & (time < 30.0)
+    corners, heights = outline(time, few)
+    assert corners.tolist() == [20.0, 20.0, 30.0, 30.0]
+    assert heights.tolist() == [0.0, 1.0, 1.0, 0.0]
+    corners, heights = outline(time, few & (np.arange(time.size) % 3 > 0))
+    assert corners.size == heights.size <= 4 * MOST
+    assert 20.0 <= corners.min() < corners.max() <= 30.5
+    assert outline(time, np.zeros_like(few))[0].size == 0
