@@ -209,9 +209,9 @@ class Supervisor:
         self._mourn(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
-                self._warnings.append(
-                    f"the loop could not read torque off back; {self._cut_text()}"
-                )
+                text = self._cut_text()
+                first = "the loop could not read torque off back; " if self._torque_off else ""
+                self._warnings.append(first + text)
             return str(self._result["stop_reason"])
         if self._refused is not None:
             return "refused"
