@@ -70,6 +70,11 @@ class Realtime(Section):
         "the start",
         json_schema_extra={"unit": "µs"},
     )
+    rehearse: bool = Field(
+        True,
+        description="Run the tick on stand-ins shortly before each deadline, so that it is in the "
+        "processor's caches: ticks get shorter, and the loop's core busier",
+    )
 
 
 class Wall(Section):

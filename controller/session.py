@@ -98,7 +98,9 @@ def run_session(
         simulated = isinstance(clock, SimulatedClock)
         ladder = guard_ladder(config, servo, simulated)
         injected = most_injected(config, servo, ladder)
-        rehearsed = None if simulated else rehearsal(config, servo, ladder, injected, program)
+        rehearsed = None
+        if config.realtime.rehearse and not simulated:
+            rehearsed = rehearsal(config, servo, ladder, injected, program)
         freeze_garbage()
         reserve_memory()
         late = prepare()
