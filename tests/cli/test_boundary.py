@@ -169,6 +169,14 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
     assert {each["factor"] for each in found["design"]["improvements"]} == {None}
 
 
+def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
+    monkeypatch.setattr("controller.boundary_plot.plot_boundary", lambda _q, _f, path: path.touch())
+    status, out, err = call(capsys, *LOOP, "--plot", "/nowhere/plane.png")
+    assert (status, out) == (2, "")
+    assert "cannot be written" in err
+    assert "Traceback" not in err
+
+
 @pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
 def test_the_picture_is_drawn(capsys, tmp_path, more):
     from matplotlib.image import imread
@@ -211,7 +219,6 @@ def test_the_picture_is_drawn(capsys, tmp_path, more):
         (["--baud", "57600"], "give the whole delay"),
         (["--latency-timer", "-1"], "--latency-timer -1: wanted milliseconds"),
         (["--plot", "plane.pdf"], "pictures are PNG"),
-        (["--plot", "/nowhere/plane.png"], "cannot be written"),
     ],
 )
 def test_wrong_input_is_exit_status_2_and_names_the_option(capsys, arguments, message):

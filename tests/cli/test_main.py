@@ -185,10 +185,13 @@ def test_a_full_disk_is_told_in_a_sentence():
     assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
-def test_closed_standard_streams_do_not_disturb_a_run(closed, tmp_path):
+@pytest.mark.parametrize(
+    ("closed", "clock"), [("<&- >&- 2>&-", "monotonic"), ("<&-", "simulated"), (">&-", "simulated")]
+)
+def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
     """As a service manager may start it: what it opens must not take their numbers."""
     command = f"exec {sys.executable} -m controller.cli.main run simulated --duration 0.1"
+    command = f"{command} --set loop.clock={clock}"
     done = subprocess.run(
         ["sh", "-c", f"{command} --log run.hwlog --plot run.png {closed}"],
         capture_output=True,

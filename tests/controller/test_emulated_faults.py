@@ -10,7 +10,11 @@ import pytest
 from controller.config import Config
 from controller.config_load import load_config
 from controller.errors import ConfigError
+from controller.session import run_session
 from controller.supervisor import emulator_arguments
+from controller.telemetry import Telemetry
+from hw.clock import SimulatedClock
+from hw.errors import UnfitServoError
 
 EMULATED = "emulated-xm430"
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
@@ -75,7 +79,8 @@ def test_they_travel_between_processes_and_to_the_emulator():
 
 
 def run(folder, *sets):
-    changes = [word for text in ("loop.clock=simulated", *sets) for word in ("--set", text)]
+    """A run as a process of its own."""
+    changes = [word for text in sets for word in ("--set", text)]
     done = subprocess.run(
         [*PROGRAM, "run", EMULATED, "--json", "--duration", "1", *changes],
         capture_output=True,
@@ -86,28 +91,30 @@ def run(folder, *sets):
     return done.returncode, json.loads(done.stdout or "null"), done.stderr
 
 
-def test_they_happen_on_the_bus_in_memory_as_the_seed_says(tmp_path):
+def simulated(*sets):
+    config = load_config(EMULATED, ["loop.clock=simulated", *sets]).config
+    return run_session(config, SimulatedClock(), Telemetry.create(), 1.0)
+
+
+def test_they_happen_on_the_bus_in_memory_as_the_seed_says():
     counts = []
     for seed in (0, 0, 1):
-        spec = "servo.faults=corrupt:p=0.05,way=reply"
-        status, report, _ = run(tmp_path, spec, f"servo.fault_seed={seed}")
-        assert status == 0
-        counts.append((report["bus"]["corrupt"], report["bus"]["lost"]))
-        assert 0.02 < sum(counts[-1]) / report["bus"]["cycles"] < 0.09
+        found = simulated("servo.faults=corrupt:p=0.05,way=reply", f"servo.fault_seed={seed}")
+        assert found.stop_reason == "duration"
+        counts.append((found.bus["corrupt"], found.bus["lost"]))
+        assert 0.02 < sum(counts[-1]) / found.bus["cycles"] < 0.09
     assert counts[0] == counts[1] != counts[2]
 
 
-def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on(tmp_path):
-    status, _, message = run(tmp_path, "servo.supply=9")
-    assert status == 4
-    assert "supplied with 9 V" in message
+def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on():
+    with pytest.raises(UnfitServoError, match="supplied with 9 V"):
+        simulated("servo.supply=9")
 
 
 @pytest.mark.realtime
 def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path):
     status, report, message = run(
         tmp_path,
-        "loop.clock=monotonic",
         "servo.faults=drop:every=20,way=reply",
         "safety.max_loss=1",
         "safety.max_losses_in_row=900",

@@ -34,16 +34,19 @@ def metadata(preset="simulated", *sets):
     return {"name": preset, "config": config.model_dump(mode="json")}
 
 
-def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration"):
-    """The figure that was drawn; the file is checked to be a PNG."""
+def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True):
+    """The figure that was drawn; the file is checked to be a PNG, where that is waited for."""
     from matplotlib.figure import Figure
 
     figures = []
     save = Figure.savefig
 
-    def keep(figure, *args, **kwargs):
+    def keep(figure, path, **how):
         figures.append(figure)
-        save(figure, *args, **kwargs)
+        if saved:
+            save(figure, path, **how)
+        else:
+            path.write_bytes(PNG)
 
     monkeypatch.setattr(Figure, "savefig", keep)
     sketch = sketched([rows[:70], rows[70:]], len(rows), int(rows["deadline_ns"][0]))
@@ -84,7 +87,7 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(monkeypatch, tmp_path):
     rows = run_rows()
     rows["stiffness"][400:] = 5.0
     facts = metadata("simulated", "wall.stiffness=1e6")
-    figure = draw(monkeypatch, tmp_path, rows, facts)
+    figure = draw(monkeypatch, tmp_path, rows, facts, saved=False)
     assert "K 5 N·m/rad (of 1e+06 requested)" in figure.get_suptitle()
     assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
 
@@ -92,7 +95,9 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(monkeypatch, tmp_path):
 def test_a_wall_below_is_drawn_below(monkeypatch, tmp_path):
     rows = run_rows(side=-1)
     rows["position"] += 0.2  # never touched: the wall must be in the picture all the same
-    figure = draw(monkeypatch, tmp_path, rows, metadata("simulated", "wall.side=below"))
+    figure = draw(
+        monkeypatch, tmp_path, rows, metadata("simulated", "wall.side=below"), saved=False
+    )
     assert figure.axes[0].get_ylim()[0] < 0.0
     assert "wall (fills below)" in legend(figure.axes[0])
 
@@ -101,7 +106,7 @@ def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
     rows = run_rows()
     for field in ("lateness_ns", "work_ns", "bus_ns", "flags"):
         rows[field] = 0
-    figure = draw(monkeypatch, tmp_path, rows, metadata("paper-table2"))
+    figure = draw(monkeypatch, tmp_path, rows, metadata("paper-table2"), saved=False)
     assert [ax.get_ylabel() for ax in figure.axes] == [
         "position [rad]",
         "torque [N·m]",
@@ -112,7 +117,7 @@ def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
 
 def test_the_title_tells_a_trip_and_a_guard_that_is_off(tmp_path, monkeypatch):
     facts = metadata("simulated", "guard.mode=off")
-    figure = draw(monkeypatch, tmp_path, run_rows(), facts, "trip:overspeed")
+    figure = draw(monkeypatch, tmp_path, run_rows(), facts, "trip:overspeed", saved=False)
     first, second = figure.get_suptitle().splitlines()
     assert first.endswith("ENDED BY A SAFETY TRIP: overspeed")
     assert second.endswith("guard off")
@@ -122,7 +127,7 @@ def test_saturation_shows_the_limit(monkeypatch, tmp_path):
     rows = run_rows()
     rows["torque"] = np.clip(rows["wall_torque"], -0.4, 0.4)
     rows["flags"][rows["torque"] != rows["wall_torque"]] |= FLAG_SATURATED
-    figure = draw(monkeypatch, tmp_path, rows, metadata("xm430-w350"))
+    figure = draw(monkeypatch, tmp_path, rows, metadata("xm430-w350"), saved=False)
     assert "limit ±0.4 N·m" in legend(figure.axes[1])
     assert "cut by the limit" in legend(figure.axes[1])
 
@@ -142,7 +147,7 @@ def test_failed_readings_leave_gaps(monkeypatch, tmp_path):
 def test_a_long_run_is_drawn_as_its_envelope(monkeypatch, tmp_path):
     rows = run_rows(50_000)
     rows["position"][31_234] = 0.7
-    figure = draw(monkeypatch, tmp_path, rows, metadata())
+    figure = draw(monkeypatch, tmp_path, rows, metadata(), saved=False)
     drawn = figure.axes[0].get_lines()[0].get_ydata()
     assert len(drawn) < 10_000
     assert max(drawn) == 0.7

@@ -4,6 +4,7 @@ Runs go by the simulated clock, for a moment: what is held here is that the comm
 what is shown. Nothing is asserted about time.
 """
 
+import functools
 import gc
 import json
 import os
@@ -11,11 +12,15 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import Executor
 
 import pytest
 
 from controller.cli import main as cli
 from controller.config_load import load_config
+from controller.experiments import maps
+from controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from controller.paper import items
 from tests.docs.pages import ROOT, commands, text_of
 
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
@@ -43,6 +48,39 @@ def folder(tmp_path, monkeypatch):
     yield tmp_path
     gc.enable()  # a run switches it off
     gc.unfreeze()
+
+
+MEASURING = ("delay", "identify", "map", "rendered", "sweep")
+
+
+@pytest.fixture
+def cut_short(monkeypatch, thorough):
+    """What takes seconds is stopped as soon as it begins; all of it has tests of its own."""
+    if thorough:
+        return
+
+    def interrupted(*_, **__):
+        raise ExperimentInterruptedError("interrupted")
+
+    monkeypatch.setattr(Testbed, "play", interrupted)
+    monkeypatch.setattr("controller.experiments.sweep.sweep", lambda *_, **__: False)
+    nobody = functools.partial(maps.critical_map, executor=Nobody())
+    monkeypatch.setattr(maps, "critical_map", nobody)
+    monkeypatch.setattr(
+        "controller.boundary_plot.plot_boundary", lambda _question, _found, path: path.touch()
+    )
+    few = [item for item in items.ITEMS if item.name == "fig8"]
+    monkeypatch.setattr(items, "ITEMS", few)
+    for name in ("REPLIES", "WAKES"):
+        monkeypatch.setattr(f"controller.doctor.measure.{name}", 20)
+    monkeypatch.setattr("controller.doctor.measure.SERIES_S", 0.02)
+
+
+class Nobody(Executor):
+    """Is interrupted before it takes a task."""
+
+    def submit(self, *_, **__):
+        raise KeyboardInterrupt
 
 
 def call(words):
@@ -76,9 +114,11 @@ def run_quickly(words, folder, capsys):
         status = call(["run", *words, *extra, "--set", f"servo.port={nowhere}"])
         assert f"Port {nowhere} does not exist" in capsys.readouterr().err
         return status, 4
-    if "--witness" in words:  # a record is kept by an emulator in its own process only
-        at = words.index("--witness")
-        words = words[:at] + words[at + 2 :]
+    # A record is kept by an emulator in its own process only; what is watched runs in real time.
+    for option in ("--witness", "--stream", "--stream-rate"):
+        if option in words:
+            at = words.index(option)
+            words = words[:at] + words[at + 2 :]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
@@ -96,8 +136,9 @@ def look(words, folder, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("cut_short")
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
-def test_commands_of_the_program(found, folder, capsys):
+def test_commands_of_the_program(found, folder, capsys, thorough):
     _, (first, *words) = found
     if first == "scripts/run":
         words = ["run", *words]
@@ -111,8 +152,10 @@ def test_commands_of_the_program(found, folder, capsys):
     if words[0] == "commission":
         words = [*words, "--plan"]  # what it does has tests of its own, and takes a minute
     if words[0] == "log":
-        assert call(["run", "--log", words[1], "--duration=0.1", "--set=loop.clock=simulated"]) == 0
-    assert call(words) == 0
+        seconds = 4 if "--from" in words else 0.1
+        quick = [f"--duration={seconds}", "--set=loop.clock=simulated"]
+        assert call(["run", "--log", words[1], *quick]) == 0
+    assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
     if (csv := value_of(words, "--csv")) is not None:
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
 
