@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TOOLS = ("sh", "basename", "dirname", "readlink", "cat", "cksum", "flock", "grep", "head", "mkdir")
-TOOLS += ("chmod", "ln", "sleep")
+TOOLS += ("chmod", "ln", "mktemp", "rm", "sleep")
 
 # Makes a virtual environment that holds itself and the commands; notes every installation.
 PYTHON = """#!/bin/sh
@@ -140,9 +140,8 @@ def test_the_test_script_runs_every_check_and_fails_if_one_does(project):
     assert done.stdout.splitlines() == [
         "ruff check",
         "ruff format --check",
+        "pytest -n auto --dist worksteal -k wall",
         "mypy",
-        "pytest -n auto --dist loadfile -m not realtime -k wall",
-        "pytest -m realtime -k wall",
     ]
     assert done.returncode == 1
     assert call(project, "test").returncode == 0

@@ -20,30 +20,31 @@ EXAMPLES = ROOT / "docs" / "examples"
 HEAD = "import pytest\nimport dynamixel_sdk as sdk\n"
 
 
-def emulators():
-    """Processes of ours that run an emulated bus."""
+def emulators(folder):
+    """Processes that run an emulated bus whose files are in this folder."""
+    own = os.fsencode(folder) + b"/dynamixel-bus-"
     found = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         try:
             words = entry.read_bytes().split(b"\0")
         except OSError:
             continue
-        if b"emulate" in words and any(b"dynamixel-bus-" in word for word in words):
+        if b"emulate" in words and any(own in word for word in words):
             found.append(int(entry.parent.name))
     return set(found)
 
 
 @pytest.fixture
-def outside(pytester):
+def outside(pytester, monkeypatch):
     """Runs tests in an empty folder; no bus may be left over."""
-    before = emulators()
+    monkeypatch.setenv("TMPDIR", str(pytester.path))
 
     def run(text, *arguments):
         pytester.makepyfile(HEAD + textwrap.dedent(text))
         return pytester.runpytest_subprocess("-W", "error", *arguments, timeout=300)
 
     yield run
-    assert emulators() <= before
+    assert emulators(pytester.path) == set()
 
 
 def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside):
@@ -132,10 +133,10 @@ def test_it_ends_with_the_tests_however_they_end(tmp_path):
         assert time.monotonic() < end
         time.sleep(0.02)
     pid = int((tmp_path / "pid").read_text())
-    assert pid in emulators()
+    assert pid in emulators(tmp_path)
     process.kill()
     process.wait()
-    while pid in emulators():
+    while pid in emulators(tmp_path):
         assert time.monotonic() < end
         time.sleep(0.02)
 
