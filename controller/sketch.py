@@ -117,7 +117,8 @@ def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterato
         waiting.append(block)
         held += len(block)
         while end is not None and held >= end - begun:
-            rows = np.concatenate(waiting)
+            # Parting one long block must not copy the rest of it for every part.
+            rows = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
             if end > begun:
                 yield rows[: end - begun]
             waiting, held, begun = [rows[end - begun :]], held - (end - begun), end
