@@ -294,7 +294,7 @@ def test_another_process_on_the_core_is_called_so():
 @pytest.mark.realtime
 def test_a_run_that_was_stopped_and_continued_says_so(tmp_path):
     """The whole program: the loop's process is stopped for longer than a period, and resumed."""
-    words = ["run", "simulated", "--duration=1", "--json", "--log=run.hwlog", "--plot=run.png"]
+    words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--plot=run.png"]
     words += ["--set=safety.heartbeat_s=5", "--set=loop.warm_up_s=0.5"]
     command = [sys.executable, "-m", "controller.cli.main", *words]
     with subprocess.Popen(
@@ -304,8 +304,10 @@ def test_a_run_that_was_stopped_and_continued_says_so(tmp_path):
         told = list(iter(run.stderr.readline, "simulated servo: torque is on\n"))
         time.sleep(0.8)  # past the warm-up: a stop in it is no tick of the wall
         os.kill(loop, signal.SIGSTOP)
-        time.sleep(0.02)
+        time.sleep(0.05)
         os.kill(loop, signal.SIGCONT)
+        time.sleep(0.05)  # a tick or more
+        run.send_signal(signal.SIGINT)
         output, _ = run.communicate(timeout=60)
     assert any("of 5 granted" in line for line in told), "wanted against got, at the start"
     timing = json.loads(output)["timing"]
