@@ -38,6 +38,7 @@ def windows(blocks: Iterable[NDArray[np.void]]) -> Iterator[Window]:
             yield Window(rows, seen)
             since = rows["deadline_ns"][-1] - round(BEFORE_S * 1e9)
             again = rows[rows["deadline_ns"] > since].copy()
+            del rows  # not to be held beside the next
             held, seen, new = [again], len(again), 0
         held.append(block)
         new += len(block)
