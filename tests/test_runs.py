@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from controller.cli import main as cli
 from controller.logfile import read_log
 from controller.telemetry import ROW, Telemetry, Word
 
@@ -239,20 +240,24 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path):
     assert report["torque_off"] is False
 
 
-def refused(tmp_path, *arguments, status=4):
-    """The one message a refused run leaves."""
-    done = subprocess.run(
-        [*PROGRAM, "run", *arguments, "--json"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == status
-    assert done.stdout == ""
-    assert "Traceback" not in done.stderr
-    return done.stderr
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Makes a run that is refused, and gives the one message it leaves."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments, status=4):
+        capsys.readouterr()
+        try:
+            ended = cli.main(["run", *arguments, "--json"])
+        except SystemExit as left:
+            ended = left.code
+        said = capsys.readouterr()
+        assert ended == status
+        assert said.out == ""
+        assert "Traceback" not in said.err
+        return said.err
+
+    return run
 
 
 def on(port, *more):
@@ -260,26 +265,26 @@ def on(port, *more):
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path):
-    assert "/dev/ttyNONE does not exist" in refused(tmp_path, *on("/dev/ttyNONE"))
+def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path, refused):
+    assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
     with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
-        assert "id 7" in refused(tmp_path, *on(port, "servo.id=7"))
-        wrong_model = refused(tmp_path, *on(port, "servo.model=XM540-W270"))
+        assert "id 7" in refused(*on(port, "servo.id=7"))
+        wrong_model = refused(*on(port, "servo.model=XM540-W270"))
         assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
-        no_current = refused(tmp_path, *on(port, "servo.id=2"))
+        no_current = refused(*on(port, "servo.id=2"))
         assert "XL430-W250" in no_current
-        limp = refused(tmp_path, *on(port, "servo.model=XL430-W250"), status=2)
+        limp = refused(*on(port, "servo.model=XL430-W250"), status=2)
         assert "servo.model" in limp and "did you mean XM430-W350" in limp
-        wrong_baud = refused(tmp_path, *on(port, "servo.baud=1000000"))
+        wrong_baud = refused(*on(port, "servo.baud=1000000"))
         assert "1000000" in wrong_baud
 
 
-def test_a_port_that_another_run_holds_is_busy(tmp_path):
+def test_a_port_that_another_run_holds_is_busy(tmp_path, refused):
     with emulator(tmp_path) as (_, port):
         arguments = ["run", *on(port), "--log", "run.hwlog"]
         with started(*arguments, cwd=tmp_path) as process:
             ticking(process, tmp_path)
-            message = refused(tmp_path, *on(port))
+            message = refused(*on(port))
             assert port in message
             assert f"pid {process.pid}" in message or "is used by" in message
             process.send_signal(signal.SIGHUP)

@@ -178,8 +178,10 @@ def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
-def test_the_picture_is_drawn(capsys, tmp_path, more):
+def test_the_picture_is_drawn(capsys, tmp_path, more, monkeypatch):
     from matplotlib.image import imread
+
+    monkeypatch.setattr("controller.boundary_plot._SHARES", np.linspace(1e-3, 1 - 1e-3, 20))
 
     plot = tmp_path / "plane.png"
     assert call(capsys, *LOOP, *more, "--plot", str(plot))[0] == 0
