@@ -1,5 +1,6 @@
 """Options of the whole test suite."""
 
+import gc
 import os
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
@@ -12,6 +13,17 @@ def pytest_addoption(parser):
     parser.addoption(
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
     )
+
+
+def pytest_configure():
+    """Thousands of tests are made and kept: looking for garbage among them takes a fifth of it."""
+    gc.disable()
+
+
+def pytest_collection_finish():
+    """What is there now stays, and is not looked through again."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)
