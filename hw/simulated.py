@@ -113,8 +113,11 @@ class SimulatedServo:
         """
         if not self._running:
             raise RuntimeError("a torque was written while torque is off; call start first")
-        self._written = acting = self._mechanism.limited(torque)
-        self._written_ns = self._instant()
+        acting = self._mechanism.limited(torque)
+        now_ns = self._instant()
+        if self._written is not None:  # the one before acted until now, though nobody looked
+            self._pass_until(now_ns)
+        self._written, self._written_ns = acting, now_ns
         return acting
 
     def stop(self) -> bool:

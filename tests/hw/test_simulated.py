@@ -64,6 +64,19 @@ def test_a_torque_sent_acts_the_device_delay_later():
     assert servo.collect(0).position == pytest.approx(0.5 * 100.0 * 0.0015**2, rel=1e-9)
 
 
+def test_each_torque_acts_until_the_next_is_written():
+    """Also where nobody looks in between."""
+    servo, clock = started()
+    servo.write(1.0)
+    clock.wait_until(2 * MS)
+    servo.write(0.0)
+    clock.wait_until(3 * MS)
+    servo.request()
+    pushed = 0.5 * 100.0 * 0.002**2
+    drifted = 100.0 * 0.002 * 0.001
+    assert servo.collect(0).position == pytest.approx(pushed + drifted, rel=1e-9)
+
+
 def test_a_reading_answers_one_request():
     servo, _ = started()
     with pytest.raises(RuntimeError, match="call request first"):
