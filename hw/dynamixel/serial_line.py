@@ -61,7 +61,7 @@ class FdLine:
             ServoLostError: The port is gone.
         """
         # To look first takes a third of the time of the error that says there is nothing.
-        if not self._arrived and not self._poll(0):
+        if not self._arrived and not self._poll(0) and self._descriptor >= 0:
             return b""
         self._arrived = False
         try:

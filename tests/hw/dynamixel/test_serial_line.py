@@ -112,6 +112,8 @@ def test_a_port_that_hangs_up_is_a_lost_servo(ends: Ends, line: FdLine) -> None:
 def test_a_closed_line_is_lost_and_touches_nobody_elses_file(line: FdLine) -> None:
     line.close()
     readable, writable = os.pipe()  # one of them has the line's old number
+    with pytest.raises(ServoLostError):
+        line.read()
     os.write(writable, b"somebody else's")
     for use in (lambda: line.wait(0), line.read, lambda: line.write(b"x")):
         with pytest.raises(ServoLostError):
