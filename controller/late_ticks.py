@@ -24,8 +24,9 @@ LATE_NS = 100_000
 """A tick that took this much longer than it need not have is late [ns]; ..."""
 LATE_SHARE = 0.1
 """... and this share of a period."""
-LONG_WAIT_SHARE = 0.8
-"""A wait for the bus of this share of a period is long: a reply is given up after it."""
+LONG_WAIT_SHARE = 0.7
+"""A wait for the bus of this share of a period is long. A reply is given up 0.8 of one after the
+wake-up, and sending the request takes a part of that: so a tick whose reply is lost counts."""
 WORST = 10
 """How many of the latest ticks are kept"""
 REST_NS = 20_000_000
@@ -147,9 +148,16 @@ class LateTicks:
         counters = self._reader.read()
         grown = counters.less(self._last)
         self._last = counters
+        steal_ns = None
+        # Nor is what this explanation costs the next tick's fault: at high rates one would
+        # else make the next tick late, and that another explanation, for ever.
+        self._ended_ns = max(ended_ns, counters.at_ns)
+        overdue_ns = ended_ns - due_ns
+        if overdue_ns > self._period_ns:
+            steal_ns = self._steal_since()
+            self._ended_ns += self._steal_cost_ns
         lost = replies_lost > self._replies_lost
         self._replies_lost = replies_lost
-        overdue_ns = ended_ns - due_ns
         late = Late(
             asleep_ns,
             held_ns - asleep_ns,
@@ -159,7 +167,7 @@ class LateTicks:
             self._continued,
             self._collected_ns,
             grown.less(self._usual, (grown.at_ns - overdue_ns) / max(1, self._usual.at_ns)),
-            self._steal_since() if overdue_ns > self._period_ns else None,
+            steal_ns,
         )
         self._continued = False
         self._collected_ns = 0
@@ -173,25 +181,28 @@ class LateTicks:
             insort(self._worst, kept, key=attrgetter("overdue_ns"))
             del self._worst[:-WORST]
 
-    def rest(self, deadline_ns: int, waiter: Waiter, free_ns: int) -> int:
+    def rest(self, deadline_ns: int, waiter: Waiter, free_ns: int, replies_lost: int) -> int:
         """Read the counters in the slack, so that a later reading has one to compare with.
 
         Args:
             deadline_ns: The last one [ns].
             waiter: Who waited for it.
             free_ns: Until the next deadline [ns].
+            replies_lost: In all, from the servo's start on.
 
         Returns:
             After how many ticks to come again.
         """
+        # What happened so long ago made none of the ticks late that are yet to come.
+        self._replies_lost = replies_lost
+        self._continued = False
+        self._collected_ns = 0
         if free_ns < _SLACK * self._cost_ns:
             return self._rest_ticks
         self._overshoots.add(deadline_ns, waiter, self._rest_ticks)  # it stands for as many
         counters = self._reader.read()
         grown = counters.less(self._last)
         self._last = counters
-        self._continued = False
-        self._collected_ns = 0
         if grown.at_ns * 2 > self._rest_ticks * self._period_ns:
             self._usual = self._usual.less(grown, -1.0)
         self._rests += 1

@@ -236,8 +236,8 @@ class _Grid:
                 rest -= 1
                 if ended - served - waited > limit_ns or waited > long_ns:
                     self._explain(served, woke, ended, missed)
-                elif rest < 0 and late is not None:
-                    rest = late.rest(served, waiter, deadline - ended)
+                elif rest <= 0 and late is not None:
+                    rest = late.rest(served, waiter, deadline - ended, servo.counts.lost)
                 block -= 1
                 if block == 0:
                     self._on_block()

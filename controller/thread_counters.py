@@ -66,6 +66,9 @@ class CounterReader:
         self._line = f"\ncpu{core} ".encode()
         self._schedstat = _opened("/proc/thread-self/schedstat")
         self._stat = _opened("/proc/stat")
+        if self._schedstat is not None and not _tells(self._schedstat):
+            os.close(self._schedstat)
+            self._schedstat = None
         self.knows_run_delay = self._schedstat is not None
 
     def close(self) -> None:
@@ -104,6 +107,12 @@ class CounterReader:
         begin = text.find(self._line)
         words = text[begin : text.find(b"\n", begin + 1)].split() if begin >= 0 else []
         return int(words[_STEAL]) * _NS_PER_CLOCK_TICK if len(words) > _STEAL else None
+
+
+def _tells(schedstat: int) -> bool:
+    """Whether a thread that has run has run by this file: without the accounting all are zero."""
+    words = os.pread(schedstat, 100, 0).split()
+    return len(words) == 3 and words[0] != b"0"
 
 
 def _opened(path: str) -> int | None:

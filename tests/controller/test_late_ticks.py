@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from controller import thread_counters
 from controller.config_load import load_config
 from controller.late_causes import Cause, Machine
 from controller.late_ticks import WORST, LateTicks
@@ -116,21 +117,71 @@ def test_what_is_usual_is_no_cause(ticks, readings):
     for k in range(1, 50):
         readings.now = 20 * k * PERIOD
         readings.delay = 20 * k * 30_000
-        ticks.rest(20 * k * PERIOD, slept_until(20 * k * PERIOD), PERIOD)
+        ticks.rest(20 * k * PERIOD, slept_until(20 * k * PERIOD), PERIOD, 0)
     serve(ticks, readings, 995 * PERIOD, 700_000, delay=15 * 30_000)
     assert ticks.report()["causes"] == {Cause.WOKEN_LATE: 1}
 
 
 def test_no_reading_where_there_is_no_time_for_it(ticks, readings):
     before = readings.reads
-    ticks.rest(PERIOD, slept_until(PERIOD), -1)
+    ticks.rest(PERIOD, slept_until(PERIOD), -1, 0)
     assert readings.reads == before
+
+
+def test_what_happened_long_before_is_no_cause(ticks, readings):
+    """Where there is no time for a reading either."""
+    ticks.continued()
+    gc.collect()
+    ticks.rest(10 * PERIOD, slept_until(10 * PERIOD), -1, 1)
+    serve(ticks, readings, 20 * PERIOD, 0, bus_ns=900_000, replies_lost=1)
+    assert ticks.report()["causes"] == {Cause.BUS: 1}
+
+
+def test_an_explanation_is_not_explained(ticks, readings):
+    """It takes so long that the next tick is woken late: that is not late once more."""
+    explained = 11 * PERIOD + 400_000
+    readings.now = explained
+    waiter = slept_until(10 * PERIOD + 600_000)
+    ticks.late(10 * PERIOD, 10 * PERIOD + 600_000, 10 * PERIOD + 620_000, waiter, 0, 0, 0)
+    woke = explained + 10_000
+    no_sleep = SimpleNamespace(margin_ns=0, slept_ns=0)
+    ticks.late(11 * PERIOD, woke, woke + 30_000, no_sleep, 0, 0, 0)
+    assert ticks.report()["late_ticks"] == 1
+
+
+def test_ticks_whose_replies_are_lost_count_as_late():
+    """They wait for 0.8 of a period, less what they took to ask."""
+    sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
+    config = load_config("emulated-xm430", sets).config
+    with LateTicks(PLAIN, Readings(), config.period_ns) as late:
+        result = run_session(
+            config, SimulatedClock(), Telemetry.create(), 1.0, prepare=lambda: late
+        )
+    assert result.timing["causes"] == {Cause.LOST: result.timing["late_ticks"]}
+    assert result.timing["late_ticks"] >= 5
+
+
+@pytest.mark.parametrize("accounts", [b"", b"0 0 0\n"], ids=["empty", "switched off"])
+def test_a_kernel_that_does_not_account_for_waiting_is_found_out(accounts, monkeypatch, tmp_path):
+    kept = tmp_path / "schedstat"
+    kept.write_bytes(accounts)
+    monkeypatch.setattr(thread_counters, "_opened", lambda _path: os.open(kept, os.O_RDONLY))
+    reader = CounterReader(0)
+    assert not reader.knows_run_delay
+    assert reader.steal_ns() is None
+    before = reader.read()
+    compute()
+    grown = reader.read().less(before)
+    reader.close()
+    assert grown.on_core_ns >= 0.9e9 * STALL_S, "counted all the same"
+    assert grown.run_delay_ns == 0
 
 
 def test_sleeps_are_told_as_long_as_they_were(ticks):
     for k in range(100):
         deadline = k * 20 * PERIOD
-        ticks.rest(deadline, SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000), PERIOD)
+        waiter = SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000)
+        ticks.rest(deadline, waiter, PERIOD, 0)
     overshoot = ticks.report()["sleep_overshoot_us"]
     assert overshoot["p50"] == pytest.approx(10.0, rel=0.07)
     assert overshoot["max"] == 10.0
@@ -218,7 +269,7 @@ def provoked(act):
             if ended - served > late.limits[0]:
                 late.late(served, woke, ended, waiter, 0, 0, missed)
             else:
-                late.rest(served, waiter, deadline - ended)
+                late.rest(served, waiter, deadline - ended, 0)
             if k % 20 == 19:
                 causes |= set(late.report()["causes"])
     return causes
