@@ -49,6 +49,9 @@ class LogKeeper:
         self._recorder: Child | None = start(False)
         self._begun = now
         self._moved = now
+        self._kept_up = now
+        self._hurried = False
+        self._dying: Child | None = None
         self._tail = 0
         self._trouble: str | None = None
         self._losing = False
@@ -70,21 +73,33 @@ class LogKeeper:
             self._tell(
                 "rows are being lost from the log: more wait to be written than memory holds"
             )
-        stuck = waiting > CAPACITY // 2 and now - max(self._moved, self._begun) > STUCK_S
+        if waiting <= CAPACITY // 2 or self._trouble is not None:
+            self._kept_up = now
         if self._recorder is not None:
             if self._recorder.ended():
                 self._bury(self._recorder.exit_text())
-            elif stuck and self._trouble is None:
-                self._bury(f"had written nothing for {now - self._moved:.0f} s")
+            elif now - max(self._kept_up, self._begun) > STUCK_S:
+                self._replace(now)
         pause = min(AGAIN_MOST_S, AGAIN_S * self._deaths.total())
-        if self._recorder is None and now - self._begun > pause:
+        if self._recorder is None and self._gone(0.0) and now - self._begun > pause:
             self._start_another(now)
+
+    def _replace(self, now: float) -> None:
+        """End a recorder that has half of the memory wait for it."""
+        if now - max(self._moved, self._begun) > STUCK_S:
+            self._bury(f"had written nothing for {now - self._moved:.0f} s")
+        elif not self._hurried:
+            # One that stood back may have been starved; if the next is slow too, the disk is.
+            self._hurried = True
+            self._bury(f"did not keep up for {now - self._kept_up:.0f} s")
 
     def end(self) -> list[str]:
         """No more rows will come: have the last ones written; what a person should know."""
         words = self._words
         words[Word.FINISHED] = 1
         for _ in range(LAST_ATTEMPTS):
+            if not self._gone(LAST_S):
+                break
             if self._recorder is None:
                 self._start_another(time.monotonic())
             if self._recorder is None:
@@ -102,8 +117,9 @@ class LogKeeper:
         """Leave no recorder behind, whatever has happened."""
         self._words[Word.FINISHED] = 1
         self._see_to_its_end()
-        if self._recorder is not None:
-            self._recorder.dismiss(0.0)
+        for recorder in (self._recorder, self._dying):
+            if recorder is not None:
+                recorder.dismiss(0.0)
 
     def _see_to_its_end(self) -> str | None:
         """Wait for the recorder while it gets on; how it ended where that was not well."""
@@ -122,12 +138,20 @@ class LogKeeper:
         if self._recorder is not None:
             self._hear()
             self._recorder.send(signal.SIGKILL)
-            self._recorder.dismiss(LAST_S)
-            self._recorder = None
+            # One that waits for a disk in the kernel does not even die. Nobody waits for that here,
+            # and nobody else writes the log until it is dead.
+            self._dying, self._recorder = self._recorder, None
         self._trouble = None
         self._deaths[how] += 1
         if not self._words[Word.FINISHED]:
             self._tell(f"the recorder {how}; another one goes on with the log")
+
+    def _gone(self, timeout_s: float) -> bool:
+        """Whether the recorder that was killed last is dead; waits for it up to ``timeout_s``."""
+        if self._dying is not None and self._dying.wait(timeout_s):
+            self._dying.dismiss(0.0)
+            self._dying = None
+        return self._dying is None
 
     def _start_another(self, now: float) -> None:
         self._begun = now
@@ -150,8 +174,8 @@ class LogKeeper:
             self._trouble = trouble
 
     def _notes(self) -> list[str]:
-        head, recorded = self._words[Word.HEAD], self._words[Word.RECORDED]
-        missing = head - recorded
+        head, tail = self._words[Word.HEAD], self._words[Word.TAIL]
+        missing = head - tail + self._words[Word.LACKING]
         well = "" if missing else "; another one went on, and no row is missing from the log"
         notes = [
             f"the recorder {how}{f' ({times} times)' if times > 1 else ''}{well}"
@@ -159,7 +183,7 @@ class LogKeeper:
         ]
         if missing:
             why = self._trouble or "more rows waited to be written than memory holds"
-            if self._words[Word.TAIL] != head and self._trouble is None:
+            if tail != head and self._trouble is None:
                 why = "no recorder came to write its end"
             notes.append(
                 f"the log is incomplete ({why}): it lacks {missing} of {head} rows; the run was"

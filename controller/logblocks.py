@@ -25,7 +25,8 @@ MAGIC = b"\x93NUMPY\x01\x00"
 _ALIGNED = 64
 """Bytes that a header is padded to a multiple of, as the format asks for."""
 _HEADER = re.compile(
-    rb"(?P<head>\{'descr': (?P<descr>.+), 'fortran_order': False, 'shape': \((?P<count>\d+),\), \})"
+    rb"(?P<head>\{'descr': (?P<descr>.+), 'fortran_order': False,"
+    rb" 'shape': \((?P<count>\d{1,18}),\), \})"
     rb"(?P<sums>  # crc32 (?P<own>[0-9a-f]{8}) (?P<data>[0-9a-f]{8}))? *\n"
 )
 _PIECE = 1 << 20
@@ -107,6 +108,30 @@ def _dtype(descr: bytes) -> np.dtype[Any] | None:
     except (ValueError, TypeError, SyntaxError, IndexError, MemoryError, RecursionError):
         return None
     return None if dtype.hasobject or dtype.itemsize == 0 else dtype
+
+
+def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | None:
+    """The last intact block of rows, looked for from the end: a file of days is not read for it.
+
+    Args:
+        file: Open for reading; its position is moved.
+        start: Where blocks begin [bytes].
+        end: Where the file ends [bytes].
+        checked: As for ``block_at``.
+    """
+    after = end
+    while after > start:
+        before = max(start, after - _PIECE)
+        file.seek(before)
+        piece = file.read(min(after + len(MAGIC) - 1, end) - before)
+        place = piece.rfind(MAGIC)
+        while place >= 0:
+            block = block_at(file, before + place, end, checked)
+            if block is not None and block.array.dtype.names is not None:
+                return block
+            place = piece.rfind(MAGIC, 0, place + len(MAGIC) - 1)
+        after = before
+    return None
 
 
 def next_magic(file: BinaryIO, start: int, end: int) -> int:

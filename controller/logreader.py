@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
-from controller.logblocks import block_at, next_magic
+from controller.logblocks import Block, block_at, last_block, next_magic
 
 SUFFIX = ".hwlog"
 FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
@@ -95,6 +95,20 @@ class LogReader:
         """
         with self._path.open("rb") as file:
             yield from _pieces(file, self._start, _size(file), self._checked)
+
+    def last(self) -> Block | None:
+        """The last intact block of rows, found from the end; None: there is none.
+
+        Raises:
+            OSError: It cannot be read.
+        """
+        with self._path.open("rb") as file:
+            return last_block(file, self._start, _size(file), self._checked)
+
+    @property
+    def start(self) -> int:
+        """Where what follows the metadata begins [bytes]."""
+        return self._start
 
     def warn(self, damage: Damage) -> None:
         """Say in the program's log what was skipped."""

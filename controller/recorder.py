@@ -16,6 +16,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from controller.errors import LogFormatError
 from controller.logfile import LogWriter
 from controller.realtime import die_with_parent
@@ -43,7 +46,14 @@ class Recorder:
     def __init__(self, telemetry: Telemetry, log: LogWriter) -> None:
         self._telemetry = telemetry
         self._log = log
-        self._tail = 0 if log.last is None else int(log.last["seq"][0]) + 1
+        self._tail = 0
+        if log.found is None:
+            telemetry.words[Word.LACKING] = 0
+        else:
+            # Who wrote the last block may have died before it could tell.
+            self._count(log.found[log.found["seq"] >= telemetry.words[Word.TAIL]])
+            self._tail = int(log.found["seq"][-1]) + 1
+        telemetry.words[Word.TAIL] = self._tail
 
     def drain(self) -> bool:
         """Write all rows that are there; whether there were any.
@@ -52,14 +62,19 @@ class Recorder:
             OSError: The log cannot be written; what is not in it stays unread.
         """
         rows, _ = self._telemetry.read(self._tail)
-        words = self._telemetry.words
         for start in range(0, rows.size, BLOCK):
             block = rows[start : start + BLOCK]
             self._log.append(block)
-            self._tail = int(block["seq"][-1]) + 1
-            words[Word.RECORDED] = self._log.rows
-            words[Word.TAIL] = self._tail
+            self._count(block)
         return rows.size > 0
+
+    def _count(self, block: NDArray[np.void]) -> None:
+        """Tell that a block is in the log, and how many rows before it never will be."""
+        if block.size == 0:
+            return
+        words = self._telemetry.words
+        words[Word.LACKING] += int(block["seq"][0]) - words[Word.TAIL]
+        words[Word.TAIL] = self._tail = int(block["seq"][-1]) + 1
 
     def sync(self) -> None:
         """Have the disk keep what was written; waits for it, while rows wait in the ring.

@@ -83,8 +83,8 @@ class Word(IntEnum):
     """Whole periods skipped (loop)."""
     RAISE = 9
     """How often it was asked to go back to the full wall (supervisor)."""
-    RECORDED = 10
-    """Rows that the log holds (recorder)."""
+    LACKING = 10
+    """Rows before ``TAIL`` that the log lacks (recorder)."""
 
 
 _HEAD = int(Word.HEAD)  # in every tick: a plain number is twice as quick as a member

@@ -63,7 +63,7 @@ class Target:
 
     def ready(self, rows: int) -> bool:
         """Whether so many rows are recorded."""
-        return self.find() and self.words[Word.RECORDED] >= rows
+        return self.find() and self.words[Word.TAIL] >= rows
 
     def send(self, number: signal.Signals, *names: str) -> None:
         """Send a signal to some of its processes."""

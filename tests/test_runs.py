@@ -151,9 +151,9 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
         os.kill(family["recorder"], signal.SIGKILL)
         process.send_signal(signal.SIGSTOP)
         time.sleep(0.3)  # the loop's heartbeat goes on unseen
-        before = words[Word.RECORDED]
+        before = words[Word.TAIL]
         process.send_signal(signal.SIGCONT)
-        wait_for(lambda: words[Word.RECORDED] > before, "another recorder")
+        wait_for(lambda: words[Word.TAIL] > before, "another recorder")
         process.send_signal(signal.SIGTERM)
         output, said = process.communicate(timeout=60)
     assert process.returncode == 130

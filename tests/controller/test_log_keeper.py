@@ -24,6 +24,7 @@ class Child:
         self._words = telemetry.words
         self._said = []
         self.writes = True
+        self.mortal = True
         self.code = None
 
     def turn(self):
@@ -53,12 +54,14 @@ class Child:
     def exit_text(self):
         return {None: "is running", 0: "ended with 0"}.get(self.code, "was killed by SIGKILL")
 
-    def wait(self, _timeout_s):
-        self.turn()
+    def wait(self, timeout_s):
+        if timeout_s > 0.0:
+            self.turn()
         return self.ended()
 
     def send(self, _number):
-        self.end(-9)
+        if self.mortal:
+            self.end(-9)
 
     def dismiss(self, _timeout_s):
         self.end(-9)
@@ -162,6 +165,51 @@ def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run):
     assert len(notes) == 1
     np.testing.assert_array_equal(rows, np.arange(len(rows)))
     assert len(rows) == run.words[Word.HEAD]
+
+
+def test_nobody_writes_beside_a_recorder_that_does_not_die(run):
+    run.go(2.0)
+    stuck = run.recorders[-1]
+    stuck.writes = stuck.mortal = False  # it waits for a disk in the kernel
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(3.0 * STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 1
+    stuck.end(-9)  # the disk answers again
+    run.go(1.0, rows_per_s=4)
+    assert len(run.recorders) == 2
+    notes, rows = run.end()
+    assert "no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
+
+
+def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run, monkeypatch):
+    def crawl(self):
+        """A block of a few rows, then the processor is somebody else's."""
+        read = self._recorder._telemetry.read
+        with monkeypatch.context() as patch:
+            patch.setattr(self._recorder._telemetry, "read", lambda tail: (read(tail)[0][:9], 0))
+            Child._turn(self)
+
+    monkeypatch.setattr(Child, "_turn", Child.turn, raising=False)
+    run.recorders[-1].turn = crawl.__get__(run.recorders[-1])
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(STUCK_S + 0.5, rows_per_s=4)
+    assert run.told == ["the recorder did not keep up for 10 s; another one goes on with the log"]
+    (note,), rows = run.end()
+    assert "no row is missing" in note
+    np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
+
+
+def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run):
+    run.go(2.0)
+    told = run.words[Word.TAIL]
+    run.telemetry.write(*VALUES)
+    run.recorders[-1].turn()
+    run.words[Word.TAIL] = told  # the block is in the log, but nobody knows
+    run.recorders[-1].end(-9)
+    (note,), rows = run.end()
+    assert "no row is missing" in note
+    np.testing.assert_array_equal(rows, np.arange(2001))
 
 
 def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run):

@@ -53,7 +53,7 @@ class Recording:
             time.sleep(0.01)
 
     def recorded(self):
-        return self.telemetry.words[Word.RECORDED]
+        return self.telemetry.words[Word.TAIL]
 
 
 def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path):
