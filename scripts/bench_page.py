@@ -18,11 +18,9 @@ from typing import Any
 
 from controller.benchmarks import words
 from controller.cli.bench import SECTIONS
-from scripts.whole_program import PROGRAM, page_options, say_time
+from scripts.whole_program import PROGRAM, page_options
 
 PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)
-MINUTES = 6.0
-"""What all sections take together, about"""
 
 
 def renewed(text: str, report: Mapping[str, Any]) -> str:
@@ -68,8 +66,14 @@ def main() -> None:
     parser = page_options("bench_page", __doc__, "bench.md")
     parser.add_argument("--report", type=Path, metavar="FILE", help="take the figures from it")
     wanted = parser.parse_args()
+    try:
+        text = wanted.out.read_text(encoding="utf-8")
+    except OSError as error:
+        sys.exit(f"--out {wanted.out}: wanted a page to renew, a copy of docs/bench.md: {error}")
+    missing = [name for name in SECTIONS if f"<!-- bench: {name} -->" not in text]
+    if missing:
+        sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: put the comments into it")
     if wanted.report is None:
-        say_time(60.0 * MINUTES)
         done = subprocess.run(
             [*PROGRAM, "bench", "--json"], check=False, stdout=subprocess.PIPE, text=True
         )
@@ -77,12 +81,16 @@ def main() -> None:
             sys.exit(f"haptic-wall bench ended with {done.returncode}; the page stays as it is")
         told = done.stdout
     else:
-        told = wanted.report.read_text(encoding="utf-8")
-    report = json.loads(told)
-    text = wanted.out.read_text(encoding="utf-8")
-    missing = [name for name in SECTIONS if f"<!-- bench: {name} -->" not in text]
-    if missing:
-        sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: put the comments into it")
+        try:
+            told = wanted.report.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            sys.exit(f"--report {wanted.report}: cannot be read: {error}")
+    try:
+        report = json.loads(told)
+    except ValueError:
+        report = None
+    if not isinstance(report, dict) or not {"machine", "versions", "sections"} <= report.keys():
+        sys.exit(f"--report {wanted.report}: wanted what `haptic-wall bench --json` printed")
     wanted.out.write_text(renewed(text, report), encoding="utf-8")
 
 

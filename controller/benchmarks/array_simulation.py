@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from controller.benchmarks.plant_alone import LINEAR, PERIOD_S, alike, beside_peers
-from controller.benchmarks.rows import Row, Section, interleaved
+from controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
 from controller.experiments.many_walls import BLOCK, Loops
 from controller.theory.checks import FloatArray
 from hw.clock import SimulatedClock
@@ -36,23 +36,23 @@ def measure() -> Section:
     rows = []
     for name, servo in (("linear", LINEAR), ("rough", _ROUGH)):
         what = "linear servo" if name == "linear" else "friction and encoder"
-        many = BLOCK * _PERIODS / times[name]
-        single = _PERIODS_ALONE / times[f"{name} alone"]
+        many = [one / (BLOCK * _PERIODS) for one in times[name]]
+        single = [one / _PERIODS_ALONE for one in times[f"{name} alone"]]
         apart = float(np.max(np.abs(together(servo, 1, _PERIODS)[0] - alone(servo, _PERIODS))))
         rows += [
-            Row(
+            over_rounds(
                 f"array of {BLOCK}, {what}",
-                many,
+                [1 / one for one in many],
                 "wall-periods/s",
                 "walls with backlash or long velocity differences, and the search around it",
             ),
-            Row(
+            over_rounds(
                 f"one alone, {what}",
-                single,
+                [1 / one for one in single],
                 "wall-periods/s",
                 "the program's own loop, which also guards, watches and logs",
             ),
-            Row(f"ratio, {what}", many / single, "1", "few walls: an array pays from some ten on"),
+            ratio(f"ratio, {what}", single, many, "few walls: an array pays from some ten on"),
             Row(
                 f"difference of position from one alone, {what}",
                 apart,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.benchmarks.rows import Row, Section, interleaved
+from controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
 from controller.theory import critical_stiffness, max_virtual_damping
 from controller.theory.checks import FloatArray
 
@@ -42,17 +42,18 @@ def measure() -> Section:
         )
     else:
         work["control"] = lambda: [margins(compared, i) for i in range(_COMPARED)]
+        work["one by one"] = lambda: [compared.one(i).solve() for i in range(_COMPARED)]
     times = interleaved(work, _ROUNDS)
     rows = [
-        Row(
+        over_rounds(
             f"{_CURVE} damping values of one plant",
-            1e3 * times["curve"],
+            [1e3 * one for one in times["curve"]],
             "ms",
             "the one-sided and the passive limit, which take longer",
         ),
-        Row(
+        over_rounds(
             f"{_MIXED} mixed settings",
-            _MIXED / times["mixed"],
+            [_MIXED / one for one in times["mixed"]],
             "settings/s",
             "single settings: one alone takes as long as some hundred together",
         ),
@@ -62,14 +63,14 @@ def measure() -> Section:
     ours = compared.solve()
     theirs = np.array([margins(compared, i) for i in range(_COMPARED)])
     apart = float(np.max(np.abs(theirs / ours - 1)))
-    per_point = times["control"] / _COMPARED
+    theirs_s = [one / _COMPARED for one in times["control"]]
     if apart > _SAME:
         notes += (f"the answers differ by up to {apart:.2g}: the ratio compares unlike things",)
     what = f"{_COMPARED} settings of whole delays, one by one"
     rows += [
-        Row(
+        over_rounds(
             f"python-control, all gain margins, {what}",
-            1e3 * per_point,
+            [1e3 * one for one in theirs_s],
             "ms/setting",
             "fractional delays, which that way cannot do without another model",
         ),
@@ -79,17 +80,23 @@ def measure() -> Section:
             "1",
             "the accuracy of either: see the tests, which use extended precision",
         ),
-        Row(
-            "ratio of the times per setting, ours in one array of 100 000",
-            per_point * _MIXED / times["mixed"],
-            "1",
-            "a call for a single setting: see the next line",
+        ratio(
+            f"ratio of the times per setting, ours in one array of {_MIXED}",
+            theirs_s,
+            [one / _MIXED for one in times["mixed"]],
+            "a call for few settings: see the next lines",
         ),
-        Row(
+        ratio(
             f"ratio of the times per setting, ours in one array of {_COMPARED}",
-            times["control"] / times["compared"],
-            "1",
-            "large arrays, where the share of each call is less",
+            times["control"],
+            times["compared"],
+            "large arrays, where the share of each call is less; nor a call for one setting",
+        ),
+        ratio(
+            "ratio of the times per setting, ours one by one as well",
+            times["control"],
+            times["one by one"],
+            "arrays, which is how many settings are asked for",
         ),
     ]
     return Section(tuple(rows), notes)
@@ -106,6 +113,10 @@ class _Settings:
     def solve(self) -> FloatArray:
         """Their critical stiffnesses."""
         return critical_stiffness(1.0, self.delta, self.beta, 1.0, self.delay)
+
+    def one(self, i: int) -> _Settings:
+        """One of them by itself."""
+        return _Settings(self.delta[i], self.beta[i], self.delay[i])
 
 
 def _one_plant(count: int) -> _Settings:

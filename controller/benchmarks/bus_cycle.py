@@ -70,7 +70,8 @@ def measure() -> Section:
             what = f"{title}, {count} servos" if count > 1 else f"{title}, 1 servo"
             rows += _rows(what, clients)
             notes += [
-                f"{name}, {what}: {client.failed} cycles failed and count with their time"
+                f"{name}, {what}: {client.failed} of {_ROUNDS * _CYCLES} cycles failed and count"
+                " with their time"
                 for name, client in clients.items()
                 if client.failed
             ]

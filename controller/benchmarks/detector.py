@@ -35,8 +35,8 @@ def measure() -> Section:
     median, p99 = np.percentile(1e-3 * spent, [50, 99])
     return Section(
         (
-            Row("detector and acting torque, a tick, median", float(median), "us", _NOT),
-            Row("the same, 99 % of ticks", float(p99), "us", _NOT),
+            Row("detector and acting torque, a tick, median", float(median), "µs", _NOT),
+            Row("the same, 99 % of ticks", float(p99), "µs", _NOT),
         )
     )
 

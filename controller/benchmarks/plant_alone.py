@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.benchmarks.rows import Row, interleaved
+from controller.benchmarks.rows import Row, interleaved, over_rounds, ratio
 from controller.experiments.many_walls import BLOCK, Loops, Walls
 from controller.theory.checks import FloatArray
 from hw.settings import TrueServo
@@ -88,21 +88,26 @@ def beside_peers() -> tuple[list[Row], list[str]]:
         for name, client in clients.items()
     }
     times = interleaved(work, _ROUNDS)
-    rate = {name: client.servos * _PERIODS / times[name] for name, client in clients.items()}
+    each = {
+        name: [one / (client.servos * _PERIODS) for one in times[name]]
+        for name, client in clients.items()
+    }
     ours = _arrays(torques)
     rows = []
     for name, client in clients.items():
         what = f"{name}, servo alone, {client.servos} at once"
-        rows.append(Row(what, rate[name], "servo-periods/s", _NOT_CLOSED))
+        rows.append(
+            over_rounds(what, [1 / one for one in each[name]], "servo-periods/s", _NOT_CLOSED)
+        )
     for name, client in peers.items():
         theirs = client.positions(torques[: client.servos])
         apart = float(np.max(np.abs(theirs - ours[: client.servos])))
         rows.append(
-            Row(
+            ratio(
                 f"haptic-wall over {name}, servo alone",
-                rate["haptic-wall"] / rate[name],
-                "1",
-                "few servos, and what else MuJoCo can simulate",
+                each[name],
+                each["haptic-wall"],
+                "few servos, and what else the other can do",
             )
         )
         rows.append(

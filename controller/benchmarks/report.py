@@ -18,7 +18,7 @@ from controller.benchmarks.machine import (
 )
 from controller.benchmarks.rights import granted
 from controller.benchmarks.rows import Section
-from controller.errors import PlatformError
+from controller.errors import HapticWallError
 from hw.errors import ServoError
 
 
@@ -61,8 +61,10 @@ def measured_section(module: str) -> dict[str, Any]:
     section: Section
     try:
         section = importlib.import_module(module).measure()
-    except (PlatformError, ServoError) as error:  # no reason to end the rest
+    except (HapticWallError, ServoError) as error:  # no reason to end the rest
         section = Section((), (f"not measured: {error}",))
+    except Exception as error:  # noqa: BLE001 - nor is a peer that has changed
+        section = Section((), (f"not measured: {type(error).__name__}: {error}",))
     return {
         "rows": [asdict(row) for row in section.rows],
         "notes": list(section.notes),

@@ -73,8 +73,8 @@ def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: 
     return over_rounds(name, each, "1", shows_not)
 
 
-def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Median time of each piece of work [s], all of them once in every round.
+def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
+    """Time of each piece of work in each round [s], all of them once in every round.
 
     Whatever else the machine does then falls on all of them alike. A round before the first one
     is not counted: it pays for imports and caches.
@@ -91,4 +91,4 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[s
             elapsed = time.perf_counter() - begin
             if counted:
                 times[name].append(elapsed)
-    return {name: statistics.median(each) for name, each in times.items()}
+    return times

@@ -51,8 +51,9 @@ def installed(report: Mapping[str, Any]) -> str:
 def hardware(report: Mapping[str, Any]) -> str:
     """Processor, cores and kernel in one line."""
     on = report["machine"]
-    cores = "an unknown number of" if on["cores"] is None else on["cores"]
-    return f"{on['processor']}, {cores} cores, {on['system']}, {on['kernel']}"
+    count = "an unknown number of" if on["cores"] is None else on["cores"]
+    cores = "1 core" if count == 1 else f"{count} cores"
+    return f"{on['processor']}, {cores}, {on['system']}, {on['kernel']}"
 
 
 def meanwhile(report: Mapping[str, Any]) -> str:

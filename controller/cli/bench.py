@@ -29,6 +29,19 @@ SECTIONS = {
     "detector": "controller.benchmarks.detector",
 }
 """Each section's module, which has ``measure() -> Section``."""
+ABOUT_S = {
+    "lateness": 90,
+    "stages": 60,
+    "boundary": 15,
+    "array_simulation": 12,
+    "torque_frames": 35,
+    "highest_rate": 60,
+    "bus_cycle": 30,
+    "lost_reply": 8,
+    "telemetry_row": 3,
+    "detector": 1,
+}
+"""What each takes with its peers [s]; a busy machine takes up to half as long again"""
 _WIDTH = 98
 
 
@@ -60,7 +73,13 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
         with writing("--html", html):
             html.open("ab").close()  # not found out after minutes
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
-    report = measured(chosen, lambda name: click.echo(f"measuring {name} ...", err=True))
+    click.echo(f"this takes about {_length(sum(ABOUT_S[name] for name in chosen))}", err=True)
+
+    def tell(name: str) -> None:
+        place = list(chosen).index(name) + 1
+        click.echo(f"measuring {name} ({place} of {len(chosen)}) ...", err=True)
+
+    report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         answer(as_json(report) if as_json_wanted else _text(report))
         if html is not None:
@@ -70,6 +89,10 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
                 html.write_text(page(report), encoding="utf-8")
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
+
+
+def _length(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
 
 
 def _text(report: Mapping[str, Any]) -> str:

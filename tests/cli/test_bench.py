@@ -17,7 +17,8 @@ import pytest
 from controller.benchmarks import array_simulation, boundary, bus_clients, bus_cycle, plant_alone
 from controller.benchmarks.rows import Histogram, Row, Section, interleaved, over_rounds
 from controller.cli import main as cli
-from controller.cli.bench import SECTIONS
+from controller.cli.bench import ABOUT_S, SECTIONS
+from controller.errors import PlatformError
 
 FOUND = Section(
     (
@@ -83,6 +84,7 @@ def call(capsys, *arguments):
 
 def test_every_section_can_be_measured():
     assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
+    assert list(ABOUT_S) == list(SECTIONS)
 
 
 @pytest.mark.usefixtures("made_up")
@@ -114,7 +116,7 @@ def test_a_section_can_be_asked_for_alone(capsys):
     assert status == 0
     assert "array simulation" in out
     assert "boundary" not in out
-    assert err == "measuring array_simulation ...\n"
+    assert err == "this takes about 12 s\nmeasuring array_simulation (1 of 1) ...\n"
     assert call(capsys, "--section", "loops")[0] == 2
 
 
@@ -139,13 +141,35 @@ def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(capsys, tm
     for row in FOUND.rows:
         assert html.escape(row.name) in text
         assert f'<td class="text" rowspan="1">{row.shows_not}</td>' in text
-    assert all(f"<td>{told}</td>" in text for told in ("12.2", "423,000", "0.875"))
+    assert all(f'<td class="figure">{told}</td>' in text for told in ("12.2", "423,000", "0.875"))
     assert '<td class="spread">11.6 to 13.4</td>' in text
     assert FOUND.notes[0] in text
     assert "sudo this" in text
     (picture,) = re.findall(r'src="(.*?)"', text)
     assert picture.startswith("data:image/png;base64,")
     assert not re.findall(r'(?:href|src)="(?!data:|#)', text)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(PlatformError("no bus"), "no bus"), (AttributeError("a new peer"), "AttributeError: a new")],
+)
+def test_a_section_that_fails_costs_no_other(made_up, capsys, error, said):
+    sections = iter([error])
+
+    def measure():
+        if (failed := next(sections, None)) is not None:
+            raise failed
+        return FOUND
+
+    made_up(measure)
+    status, out, err = call(capsys, "--json")
+    assert status == 0
+    assert "minutes" in err.splitlines()[0]
+    first, *others = json.loads(out)["sections"].values()
+    assert first["rows"] == []
+    assert first["notes"][0].startswith(f"not measured: {said}")
+    assert all(len(other["rows"]) == len(FOUND.rows) for other in others)
 
 
 @pytest.mark.usefixtures("made_up")
@@ -252,4 +276,4 @@ def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted():
     order = []
     times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
     assert order == ["a", "b"] * 3
-    assert set(times) == {"a", "b"}
+    assert {name: len(each) for name, each in times.items()} == {"a": 2, "b": 2}

@@ -1,6 +1,11 @@
 """The page on the benchmark has a place for every section, and the script fills it."""
 
+import sys
+
+import pytest
+
 from controller.cli.bench import SECTIONS
+from scripts import bench_page
 from scripts.bench_page import renewed
 from tests.docs.pages import text_of
 
@@ -32,3 +37,15 @@ def test_what_was_measured_is_written_and_the_rest_stays():
     assert new.count("\nold\n") == 1  # of the detector, which was not measured
     assert new.count("a\n<!-- bench:") == new.count("<!-- end -->\nb\n") == 3
     assert renewed(new, {**REPORT, "sections": {"boundary": SECTION}}) == new
+
+
+@pytest.mark.parametrize("text", [None, "no JSON", "{}", "[]"])
+def test_a_report_that_is_none_is_refused_in_a_sentence(tmp_path, monkeypatch, text):
+    page, report = tmp_path / "bench.md", tmp_path / "report.json"
+    page.write_text(text_of("docs/bench.md"), encoding="utf-8")
+    if text is not None:
+        report.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["bench_page", "--report", str(report), "--out", str(page)])
+    with pytest.raises(SystemExit, match="--report .*report.json: "):
+        bench_page.main()
+    assert page.read_text(encoding="utf-8") == text_of("docs/bench.md")
