@@ -52,7 +52,8 @@ class Child:
     ) -> None:
         self.name = name
         self._process = subprocess.Popen(
-            [sys.executable, "-m", *arguments],
+            # -P: a folder "controller" where the user stands is not this program.
+            [sys.executable, "-P", "-m", *arguments],
             stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=descriptors,
