@@ -12,15 +12,15 @@ from pathlib import Path
 def whole(path: Path) -> Iterator[Path]:
     """Where to write in place of ``path``; it is moved there when all went well, else removed.
 
-    A device (/dev/stdout) is written as it is.
+    A device or a pipe (/dev/stdout, ``>(gzip)``) is written as it is.
 
     Raises:
         OSError: It cannot be put in place.
     """
-    path = path.resolve()  # what a link points to is replaced, not the link
-    if path.exists() and not path.is_file():
+    if path.exists() and not path.is_file():  # looked at first: a pipe has no name to resolve to
         yield path
         return
+    path = path.resolve()  # what a link points to is replaced, not the link
     part = path.with_name(f"{path.name}.part-{os.getpid()}")
     try:
         yield part

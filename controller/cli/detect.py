@@ -17,6 +17,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.errors import UserError
+from controller.whole_file import whole
 
 if TYPE_CHECKING:
     from controller.detected import Detected
@@ -74,8 +75,8 @@ def command(
         from controller.detect_plot import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
-        with writing("--plot", plot):
-            plot_detection(parts, found, plot)
+        with writing("--plot", plot), whole(plot) as part:
+            plot_detection(parts, found, part)
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))
 

@@ -89,3 +89,17 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
 def test_wrong_input_is_told_in_a_sentence(log, capsys, arguments, message):
     assert main(["detect", *(text.format(log) for text in arguments)]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_picture_that_is_interrupted_leaves_the_one_before(log, tmp_path, monkeypatch):
+    target = tmp_path / "d.png"
+    target.write_text("before")
+
+    def interrupted(_parts, _found, path):
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("controller.detect_plot.plot_detection", interrupted)
+    assert CliRunner().invoke(command, [str(log), "--plot", str(target)]).exit_code
+    assert target.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [target]
