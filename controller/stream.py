@@ -60,7 +60,9 @@ def stream_to(place: str, rate_hz: float) -> Stream:
         ) from None
     # A name often stands for both, and who listens often listens to the old protocol only.
     addresses.sort(key=lambda address: address[0] != socket.AF_INET)
-    return Stream(str(addresses[0][4][0]), port, rate_hz)
+    address, _, *more = addresses[0][4]
+    scope = f"%{more[1]}" if more and more[1] else ""  # fe80::1 is somewhere on each interface
+    return Stream(f"{address}{scope}", port, rate_hz)
 
 
 class Sender:
@@ -75,7 +77,7 @@ class Sender:
     def __init__(self, telemetry: Telemetry, stream: Stream, loop_hz: float) -> None:
         self._telemetry = telemetry
         self._stream = stream
-        self._every = max(1, round(loop_hz / stream.rate_hz))
+        self._every = max(1, round(min(loop_hz / stream.rate_hz, 1e18)))
         self._tail = 0
         self._origin_ns: int | None = None
         self._said: set[str] = set()

@@ -127,6 +127,8 @@ def test_a_place_that_is_none_is_refused(place, rate, said):
 def test_places():
     assert stream_to("127.0.0.1:9870", 250.0) == Stream("127.0.0.1", 9870, 250.0)
     assert stream_to("[::1]:9870", 100.0).host == "::1"
+    scope = socket.if_nametoindex("lo")
+    assert stream_to("[fe80::1%lo]:9870", 100.0).host == f"fe80::1%{scope}"
 
 
 @pytest.mark.parametrize(
