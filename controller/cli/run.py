@@ -147,6 +147,7 @@ def _places(
     stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     while stem.with_suffix(".hwlog").exists():  # two runs within a second
         stem = stem.with_name(stem.name + "+")
+    asked = log, plot
     log = stem.with_suffix(".hwlog") if log is None else log
     plot = stem.with_suffix(".png") if plot is None else plot
     refuse_other_pictures("--plot", plot)
@@ -163,13 +164,21 @@ def _places(
             ) from error
         if path.is_dir():
             raise UserError(f"{option}: {path} is a folder; name a file")
-        if path.is_file():  # what a failed run leaves here must not pass for its own
+        ours = option != "--log" or asked[0] is not None
+        if ours and path.is_file():  # what a failed run leaves here must not pass for its own
             try:
                 path.unlink()
             except OSError as error:
                 raise UserError(
                     f"{option}: {path} cannot be replaced ({error.strerror}); name another file"
                 ) from error
+    if asked[0] is None:
+        try:
+            log.touch(exist_ok=False)
+        except FileExistsError:  # by another run, this very moment: two must not write one log
+            return _places(*asked, witness, name)
+        except OSError:
+            pass  # the recorder will say it
     return log, plot
 
 

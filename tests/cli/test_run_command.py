@@ -3,10 +3,13 @@
 import json
 import os
 import signal
+import time
+from pathlib import Path
 
 import pytest
 
 from controller.cli import main as cli
+from controller.cli import run as run_command
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
@@ -73,3 +76,17 @@ def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
     for name in ("a", "b"):
         assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
     assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()
+
+
+def test_two_runs_begun_together_do_not_write_one_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
+    first, picture = run_command._places(None, None, None, "simulated")
+    exists = Path.exists
+    looks = iter([False])  # the other takes the name just after it was looked for
+    monkeypatch.setattr(Path, "exists", lambda path: next(looks, exists(path)))
+    second, another = run_command._places(None, None, None, "simulated")
+    assert first.exists()
+    assert second.exists()
+    assert first != second
+    assert picture != another
