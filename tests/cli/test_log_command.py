@@ -4,6 +4,7 @@ import builtins
 import csv
 import json
 import os
+import signal
 
 import numpy as np
 import pytest
@@ -251,6 +252,20 @@ def test_mcap_without_its_library_names_the_extra(log, tmp_path, monkeypatch):
     with pytest.raises(UserError, match=r"pip install 'haptic-wall\[mcap\]'"):
         answer(log, "--mcap", tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_an_export_whose_terminal_is_closed_leaves_nothing(log, tmp_path, monkeypatch, number):
+    def ended(path, _):
+        path.write_bytes(b"half")
+        os.kill(os.getpid(), number)
+        pytest.fail("went on")
+
+    monkeypatch.setattr("controller.csv_export.write_csv", ended)
+    before = signal.getsignal(number)
+    assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
+    assert list(tmp_path.iterdir()) == [log]
+    assert signal.getsignal(number) == before
 
 
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
