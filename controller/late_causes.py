@@ -63,6 +63,8 @@ class Late:
     """From there to the end of the tick, without waiting for the bus [ns]"""
     bus_ns: int
     """Waiting for the bus [ns]"""
+    long_wait: bool
+    """That was longer than it should be; else it is no part of the delay"""
     lost: bool
     """A reply did not come"""
     stopped: bool
@@ -78,6 +80,11 @@ class Late:
     def total_ns(self) -> int:
         """From the deadline, or the end of the tick before, to the end of the tick [ns]."""
         return self.asleep_ns + self.held_ns + self.work_ns + self.bus_ns
+
+    @property
+    def delay_ns(self) -> int:
+        """What of that need not have been [ns]; its usual work is counted with it."""
+        return self.total_ns if self.long_wait else self.total_ns - self.bus_ns
 
     @property
     def awake_ns(self) -> int:
@@ -105,7 +112,7 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
         late: The tick.
         machine: Where it ran.
     """
-    enough = _ENOUGH * late.total_ns
+    enough = _ENOUGH * late.delay_ns
     beyond = late.beyond
     if late.stopped:
         return Cause.STOPPED
@@ -113,7 +120,7 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
         return Cause.COLLECTION
     if beyond.run_delay_ns >= enough or (not machine.knows_run_delay and beyond.involuntary > 0):
         return Cause.OTHER
-    if late.bus_ns >= enough:
+    if late.long_wait and late.bus_ns >= enough:
         return Cause.LOST if late.lost else Cause.BUS
     if beyond.major_faults > 0:
         return Cause.FAULTS

@@ -163,6 +163,7 @@ class LateTicks:
             held_ns - asleep_ns,
             work_ns,
             bus_ns,
+            bus_ns > self.limits[1],
             lost,
             self._continued,
             self._collected_ns,

@@ -24,6 +24,7 @@ def late(asleep=0, held=0, work=30, bus=0, steal_ms=None, beyond=None, **more):
         held * 1000,
         work * 1000,
         bus * 1000,
+        bus > 700,
         beyond=beyond or counted(),
         steal_ns=None if steal_ms is None else steal_ms * MS,
         **facts,
@@ -71,9 +72,9 @@ def late(asleep=0, held=0, work=30, bus=0, steal_ms=None, beyond=None, **more):
         (late(bus=5000, beyond=counted(delay=4900)), Cause.OTHER, "4.9 ms"),
         # A bit of everything.
         (
-            late(asleep=300, work=300, bus=300, beyond=counted(on_core=290, delay=90)),
+            late(asleep=250, work=350, bus=300, beyond=counted(on_core=170, delay=90)),
             Cause.UNKNOWN,
-            "asleep 0.3 ms",
+            "asleep 0.25 ms",
         ),
     ],
 )

@@ -71,10 +71,10 @@ def ticks(readings):
 def serve(ticks, readings, deadline, overdue, delay=0, **more):
     """A tick that woke ``overdue`` late, of which it waited ``delay`` for the core."""
     woke = deadline + overdue
-    readings.now = woke + 20_000
-    readings.delay += delay
     facts = {"waiter": slept_until(woke), "bus_ns": 0, "replies_lost": 0, "missed": 0} | more
-    ticks.late(deadline, woke, woke + 20_000, **facts)
+    readings.now = woke + 20_000 + facts["bus_ns"]
+    readings.delay += delay
+    ticks.late(deadline, woke, readings.now, **facts)
 
 
 def test_the_worst_are_kept_and_all_are_counted(ticks, readings):
@@ -110,6 +110,13 @@ def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings):
     wait(30 * PERIOD, 810_000, 1)
     wait(40 * PERIOD, 1_900_000, 1)
     assert ticks.report()["causes"] == {Cause.LOST: 1, Cause.BUS: 2}
+
+
+def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks, readings):
+    """However much longer it is than what made the tick late."""
+    serve(ticks, readings, 10 * PERIOD, 300_000, delay=300_000, bus_ns=650_000)
+    serve(ticks, readings, 20 * PERIOD, 300_000, delay=300_000, bus_ns=650_000, replies_lost=1)
+    assert ticks.report()["causes"] == {Cause.OTHER: 2}
 
 
 def test_what_is_usual_is_no_cause(ticks, readings):
