@@ -28,7 +28,7 @@ from controller.benchmarks.bus_clients import (
     vendors,
 )
 from controller.benchmarks.loops import BAUD, emulated_bus
-from controller.benchmarks.rows import Row, Section, ratio
+from controller.benchmarks.rows import Histogram, Row, Section, ratio
 from hw.clock import MonotonicClock
 from hw.dynamixel.codec import BROADCAST, Instruction, encode
 from hw.dynamixel.serial_line import FdLine
@@ -48,6 +48,8 @@ class _Times:
     """Median cycle of each round"""
     busy: list[float] = field(default_factory=list)
     """Processor time of a cycle, mean of each round"""
+    cycles: list[float] = field(default_factory=list)
+    """Every one, to be drawn"""
     failed: int = 0
 
 
@@ -61,6 +63,7 @@ def measure() -> Section:
             "'haptic-wall[bench]' adds it, up to Python 3.13"
         )
     rows: list[Row] = []
+    drawn: list[Histogram] = []
     for count in _COUNTS:
         ids = range(1, count + 1)
         with _bus(ids) as path, ExitStack() as stack:
@@ -69,13 +72,15 @@ def measure() -> Section:
         for title, clients in times.items():
             what = f"{title}, {count} servos" if count > 1 else f"{title}, 1 servo"
             rows += _rows(what, clients)
+            each = {name: times.cycles for name, times in clients.items()}
+            drawn.append(Histogram(f"Time of a cycle, {what}", "µs", each))
             notes += [
                 f"{name}, {what}: {client.failed} of {_ROUNDS * _CYCLES} cycles failed and count"
                 " with their time"
                 for name, client in clients.items()
                 if client.failed
             ]
-    return Section(tuple(rows), tuple(notes))
+    return Section(tuple(rows), tuple(notes), tuple(drawn))
 
 
 def _taking_turns(
@@ -100,6 +105,7 @@ def _taking_turns(
                 if counted:
                     client = times[title][name]
                     client.busy.append(1e-3 * (busy_ns() - began_ns) / _CYCLES)
+                    client.cycles += [1e-3 * each for each in taken]
                     client.rounds.append(1e-3 * statistics.median(taken))
                     client.failed += _CYCLES - good
     return times

@@ -21,7 +21,7 @@ from haptic_wall_pytest.record import BusRow, read_rows
 
 from controller.benchmarks.bus_clients import rustypot
 from controller.benchmarks.loops import BAUD, emulated_bus, ours
-from controller.benchmarks.rows import Row, Section
+from controller.benchmarks.rows import Histogram, Row, Section
 from controller.errors import PlatformError
 from controller.tick import COLLECT_SHARE
 from hw.clock import MonotonicClock
@@ -57,15 +57,18 @@ def measure() -> Section:
     notes = []
     if rustypot() is None:
         notes.append("rustypot is not installed, so nothing is compared with it")
-    rows = _whole_program()
+    rows, taken = _whole_program()
+    drawn = {"haptic-wall run, to its torque frame": taken}
     with emulated_bus("--fault", f"drop:every={_EVERY},way=reply") as path, ExitStack() as stack:
         waits = waits_ns(_clients(path, stack), _ROUNDS)
     for name, each in waits.items():
         if not each:
             raise PlatformError(f"{name}: no reply was lost in {_MOST_READS} reads; try again")
         what = f"{name}, from a request whose reply is lost to going on"
-        rows += _figures(what, [wait / _PERIOD_NS for wait in each])
-    return Section(tuple(rows), tuple(notes))
+        drawn[name] = [wait / _PERIOD_NS for wait in each]
+        rows += _figures(what, drawn[name])
+    waited = Histogram("Wait for a reply that is lost", "periods", drawn)
+    return Section(tuple(rows), tuple(notes), (waited,))
 
 
 def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
@@ -106,21 +109,23 @@ def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
     return taken
 
 
-def _whole_program() -> list[Row]:
+def _whole_program() -> tuple[list[Row], list[float]]:
+    """Its rows, and each wait in periods."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
         with emulated_bus("--fault", fault, "--record", str(record)) as path:
             ran = ours(path, _RUN_S, 1e9 / _PERIOD_NS)
-        rows = read_rows(record)
-    torques = [row.time_s for row in rows if row.instruction == Instruction.SYNC_WRITE]
+        seen = read_rows(record)
+    torques = [row.time_s for row in seen if row.instruction == Instruction.SYNC_WRITE]
     begin_s = torques[-1] - _RUN_S + _START_S if torques else 0.0
-    taken = request_to_torque_s(row for row in rows if row.time_s > begin_s)
+    taken = request_to_torque_s(row for row in seen if row.time_s > begin_s)
     if not taken:
         raise PlatformError("no reply was lost in a run; the machine is too busy, try again")
     what = "haptic-wall run, from a request whose reply is lost to its torque frame"
-    return [
-        *_figures(what, [1e9 * each / _PERIOD_NS for each in taken]),
+    periods = [1e9 * each / _PERIOD_NS for each in taken]
+    rows = [
+        *_figures(what, periods),
         Row(
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
             ran.missed,
@@ -128,6 +133,7 @@ def _whole_program() -> list[Row]:
             "that the losses were the reason; a busy machine skips periods as well",
         ),
     ]
+    return rows, periods
 
 
 def _figures(what: str, periods: list[float]) -> list[Row]:

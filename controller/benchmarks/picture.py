@@ -22,7 +22,7 @@ def png(histogram: Mapping[str, Any]) -> bytes:
     Args:
         histogram: From ``bins.binned``, with at least one series.
     """
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, LogFormatter
 
     series = histogram["series"]
     into = BytesIO()
@@ -34,6 +34,8 @@ def png(histogram: Mapping[str, Any]) -> bytes:
         if histogram["scale"] == "log":
             last.set_xscale("log")
             last.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            # Told only where there are few decades, as matplotlib decides.
+            last.xaxis.set_minor_formatter(LogFormatter())
         last.set_xlabel(f"{histogram['name']} [{histogram['unit']}]")
         last.set_xlim(histogram["edges"][0], histogram["edges"][-1])
     return into.getvalue()

@@ -7,7 +7,7 @@ import os
 from typing import Any, Final
 
 from controller.benchmarks.loops import AT_REST, FORGIVING, START_S, emulated_bus, wall_run
-from controller.benchmarks.rows import Row, Section, over_rounds
+from controller.benchmarks.rows import Histogram, Row, Section, over_rounds
 from controller.benchmarks.stage_times import STAGES
 from controller.config_load import load_config
 from controller.errors import PlatformError
@@ -47,7 +47,7 @@ def measure() -> Section:
         rows += _whole_rows(name, works)
     for name in servos:
         rows += _stage_rows(name, timed[name])
-    return Section(tuple(rows))
+    return Section(tuple(rows), (), tuple(_drawn(name, timed[name]) for name in servos))
 
 
 def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
@@ -106,3 +106,12 @@ def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Row]:
         )
     )
     return rows
+
+
+def _drawn(name: str, runs: list[dict[str, Any]]) -> Histogram:
+    # What timing takes is taken off on the average, which can leave less than nothing.
+    series = {
+        stage: [max(0.0, time) for run in runs for time in run["samples_us"][stage]]
+        for stage in STAGES
+    }
+    return Histogram(f"{name}: time of each stage of a tick", "µs", series)

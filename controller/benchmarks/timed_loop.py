@@ -67,6 +67,7 @@ def main() -> None:
             "stages_us": {
                 name: np.percentile(each, _PERCENTILES).tolist() for name, each in stages.items()
             },
+            "samples_us": {name: np.round(each, 2).tolist() for name, each in stages.items()},
             "timing_us": 1e-3 * float(np.median(times.inside_ns) + np.median(times.around_ns)),
         }
     )

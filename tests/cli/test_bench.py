@@ -259,6 +259,8 @@ def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back(
     assert {row.name.split(":")[0] for row in compared} == {
         f"haptic-wall, {one}, {servos}" for one in ours for servos in ("1 servo", "3 servos")
     }
+    # Two blocks with each number of servos, every client that is compared in each.
+    assert [len(one.series) >= 2 for one in section.histograms] == [True] * 4
     # One may fail where the machine stalls; not all that were counted.
     assert not [note for note in section.notes if f"{bus_cycle._CYCLES} cycles failed" in note]
 

@@ -46,6 +46,6 @@ def test_a_report_that_is_none_is_refused_in_a_sentence(tmp_path, monkeypatch, t
     if text is not None:
         report.write_text(text, encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["bench_page", "--report", str(report), "--out", str(page)])
-    with pytest.raises(SystemExit, match="--report .*report.json: "):
+    with pytest.raises(SystemExit, match=r"--report .*report\.json: "):
         bench_page.main()
     assert page.read_text(encoding="utf-8") == text_of("docs/bench.md")
