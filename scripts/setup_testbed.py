@@ -168,7 +168,8 @@ def _user(name: str | None) -> str:
     try:
         pwd.getpwnam(name)
     except KeyError:
-        raise Refused(f"--user: found {name}, wanted a user of this system") from None
+        print(f"setup-testbed: --user: found {name}, wanted a user of this system", file=sys.stderr)
+        sys.exit(2)
     return name
 
 

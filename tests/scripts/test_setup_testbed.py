@@ -102,15 +102,17 @@ def test_files_of_others_are_not_touched(system):
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [(("--user=no-such-user",), "wanted a user"), (("--undo",), "nobody is there to be asked")],
-)
-def test_what_cannot_be_done_is_one_sentence(system, monkeypatch, options, said):
-    system.call("--yes", f"--user={ME}")
+def test_who_does_not_exist_is_wrong_input(system, capsys):
+    with pytest.raises(SystemExit) as ended:
+        system.call("--user=no-such-user")
+    assert ended.value.code == 2 and "wanted a user" in capsys.readouterr().err
+
+
+def test_nobody_to_be_asked_is_no_leave(system, monkeypatch):
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
-    with pytest.raises(SystemExit, match=said):
-        system.call(*options)
+    with pytest.raises(SystemExit, match="nobody is there to be asked"):
+        system.call(f"--user={ME}")
+    assert not system.done
 
 
 def test_only_root_changes_anything(system, monkeypatch):
