@@ -26,11 +26,13 @@ _CLEAR = 0.06
 _COUNTS = 0.6
 """And of what a count's spring torque works on the way: a motion of less than a count per delay
 seems to be given so much, because each count's torque acts after the count."""
-_LEAST_WAY = 8.0
-"""Counts to be travelled first."""
+_FEWEST = 2.5
+"""Periods to have passed first: a turning point that no sample has met is known to one."""
 _WRONG = 0.3
 """Share of a believed value by which the true one may be larger: a fifth too low, and some more."""
-_MASS_ROOM, _MASS_COUNTS = 0.3, 1.0
+_LIGHTEST, _HEAVIEST, _MASS_COUNTS = 1.0 / 1.3, 1.4, 1.0
+"""Inertia that a motion may seem to have, of the believed one: that a fifth too high, and too low,
+and what damping that acts late adds to it while it grows fast; the third per amplitude in counts"""
 _LOSS_ROOM, _LOSS_COUNTS = 0.02, 0.35
 """Room for what is not a belief: the filter's and the encoder's share, per amplitude in counts."""
 
@@ -43,6 +45,10 @@ class EnergyBalance:
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
         lag: Believed delay from a sample to its torque acting [s].
+        moves: Whether the torque's moment was what this servo's inertia needed, in the last swing.
+        pays: Whether its work was what friction takes: nobody else paid, and nobody took.
+        share: Inertia that the torque seems to have moved, of the believed one.
+        left: Work that it did beyond friction's, as a damping over ``m ω``; 0 without the inertia.
         growth: Of the oscillation, from what the wall has last given out too much [1/s]; NaN: it
             has not.
     """
@@ -58,6 +64,10 @@ class EnergyBalance:
         "_stiffness",
         "growth",
         "lag",
+        "left",
+        "moves",
+        "pays",
+        "share",
         "side",
         "surface",
         "virtual_damping",
@@ -85,6 +95,8 @@ class EnergyBalance:
         self.side = 0
         self.lag = 0.0
         self.growth = math.nan
+        self.moves = self.pays = False
+        self.share = self.left = 0.0
 
     @property
     def stiffness(self) -> float:
@@ -115,18 +127,19 @@ class EnergyBalance:
             return limit * (depth - 0.5 * limit / stiffness)
         return 0.5 * stiffness * depth * depth
 
-    def gives_out(self, now: Sums, since: Sums, speed: float) -> bool:
+    def gives_out(self, now: Sums, since: Sums, way: float, speed: float) -> bool:
         """Whether the wall has given out clearly more since a turning point than friction eats.
 
         Args:
             now: The sums to the present.
             since: Those to a turning point before; with a wall that never pulls, the one before
                 the last: it gives back on the way out what it has taken on the way in.
+            way: From there to here [rad].
             speed: Present velocity [rad/s].
         """
-        way = now[4] - since[4]
         step = self._step
-        if way < _LEAST_WAY * step:
+        elapsed = now[1] - since[1]
+        if elapsed < _FEWEST * self._period:
             return False
         square = now[3] - since[3]
         stored = self.potential(since[0])
@@ -144,47 +157,55 @@ class EnergyBalance:
         energy = stored + self._inertia * self._natural * square / math.pi
         if not left > _CLEAR * energy + _COUNTS * self._stiffness * step * way:
             return False  # also where the surface is not known, and so nothing of all this
-        elapsed = now[1] - since[1]
-        self.growth = 0.5 * (given - lost) / (energy * elapsed) if elapsed > 0.0 else math.nan
+        self.growth = 0.5 * (given - lost) / (energy * elapsed)
         return True
 
-    def moves_the_servo(self, swing: Swing) -> bool:
-        """Whether the torque's moment is the one that this servo's inertia needs for this swing.
+    def gave(self, swing: Swing) -> bool:
+        """Whether over this whole swing the wall gave out more than friction is believed to eat."""
+        lost = self._damping * swing.square + self._coulomb * swing.path
+        return swing.work + self.potential(swing.end) - self.potential(swing.start) > lost
 
-        A steady push shifts the moment where the wall never pulls, and there it says nothing.
-        """
-        if self.side:
-            return True
-        seems = -swing.virial / swing.square
-        inertia = seems if math.isnan(self._inertia) else self._inertia
-        room, fine = 1.0 + _MASS_ROOM, _MASS_COUNTS * self._step / swing.amplitude
-        share = seems / inertia if inertia else 0.0
-        return 1.0 / room - fine < share < room + fine
+    def judge(self, swing: Swing, before: Swing | None) -> None:
+        """Judge what moves the servo over this swing, and who pays for it.
 
-    def pays(self, swing: Swing, before: Swing | None) -> bool:
-        """Whether the torque's work is what friction takes: nobody else pays, and nobody takes.
+        Both are asked of this swing and the one before together where that is known: a steady push
+        then pays next to nothing, and it is as large as the torque's mean, since the velocity
+        starts and ends at zero. Against a wall that never pulls a servo returns only if something
+        pushes it, and there a swing by itself says nothing.
 
-        Against a wall that never pulls a servo returns only if something pushes it. A steady push
-        pays for nothing from one turning point to the next but one, so both swings are judged
-        together there.
+        Sets ``moves``, ``pays``, ``share`` and ``left``.
 
         Args:
             swing: The one that has just ended.
-            before: The one before it.
+            before: The one before it; None: not known.
         """
         work, square, path = swing.work, swing.square, swing.path
-        if self.side:
-            if before is None:
-                return False
-            work, square, path = work + before.work, square + before.square, path + before.path
+        duration, speed = swing.duration, math.pi / swing.duration
+        moment = swing.virial
+        if before is not None:
+            duration += before.duration
+            square += before.square
+            path += before.path
+            impulse = swing.impulse + before.impulse
+            moment = swing.moment + before.moment
+            moment -= impulse * (swing.area + before.area) / duration
+            work += before.work - impulse / duration * (swing.end - before.start)
+            if not self.side:
+                speed = 2.0 * math.pi / duration
+        elif self.side:
+            self.moves = self.pays = False
+            return
+        seems, known = -moment / square, not math.isnan(self._inertia)
+        inertia = self._inertia if known else abs(seems)
+        fine = self._step / swing.amplitude
+        self.share = seems / inertia if inertia > 0.0 else 0.0
+        self.moves = _LIGHTEST - _MASS_COUNTS * fine < self.share < _HEAVIEST + _MASS_COUNTS * fine
         # As dampings, all of them [N·m·s/rad].
         lost = self._damping + self._coulomb * path / square
         left = work / square - lost
-        speed = math.pi / swing.duration
-        known = not math.isnan(self._inertia)
-        scale = speed * (self._inertia if known else abs(swing.virial) / swing.square)
+        scale = speed * inertia
         late = scale * speed * self.lag  # K t_d, at the frequency that this is
-        fine = self._step / swing.amplitude
         room = _WRONG * (lost + late) + (_LOSS_ROOM + _LOSS_COUNTS * fine) * scale
+        self.left = left / scale if known else 0.0
         # Friction that is not known is paid for as well.
-        return left > -room and (left < room or not known)
+        self.pays = left > -room and (left < room or not known)

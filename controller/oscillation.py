@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from controller.energy import EnergyBalance
-from controller.regularity import bounces_grow, goes_on, grows_evenly
+from controller.regularity import bounces_grow, goes_on, grows_evenly, line
+from controller.streaks import Streaks
 from controller.swings import Swing, Swings
 
 _FILTER = 0.25
@@ -23,18 +24,23 @@ _PATIENCE = 3.0
 """As many swings without a turning point are quiet."""
 _KEPT = 40
 """Turning points kept."""
-_GROWN = ((3, 0.36), (4, 0.34), (6, 0.30), (8, 0.28))
+_GROWN = ((3, 0.50), (4, 0.50), (6, 0.50), (8, 0.55))
 """Growth of the amplitude's logarithm over so many explained swings that is an alarm."""
-_LEAST_COUNTS = 5.0
+_STRAIGHT, _STRAIGHT_COUNTS = 0.01, 0.2
+"""Scatter that it may have about a straight line; the second per amplitude in counts."""
+_LEAST_COUNTS = 8.0
 """Amplitude from which growth is told from the encoder's steps."""
-_OUTWARD = 0.4
-"""Growth of the distance from the wall over two explained swings or more that is an alarm."""
+_OUTWARD, _EACH = 0.4, 0.5
+"""Growth of the distance from the wall over two explained swings or more that is an alarm, and the
+share of its mean that either of the last two must have."""
 _ON = 0.6
 """Share of the mean growth that the last swing must have."""
 _LONG = ((16, 0.28), (24, 0.28))
 """The same where it must be as regular as no hand's."""
-_UNPAID = ((6, 0.5), (24, 0.7))
+_UNPAID = ((8, 0.64), (24, 0.7))
 """And where only the inertia fits, because delay or friction are far from what is believed."""
+_UNPAID_COUNTS, _UNPAID_STEPS = 16.0, 0.1
+"""Amplitude from which that is told, and its scatter per amplitude in counts."""
 _REGULAR, _REGULAR_COUNTS = 0.008, 0.2
 """Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
 counts."""
@@ -42,6 +48,12 @@ _STEADY = 0.01
 """Growth per swing that is none, and the most that a sustained oscillation may lose."""
 _SHRINKS = 0.04
 """Loss per swing, over two, that ends an alarm."""
+_ALARMING = 3.5
+"""Counts from which an oscillation is worth an alarm: a lightly damped wall of any stiffness keeps
+up one or two by its encoder's steps alone."""
+_FIRST_WAY, _LATER_WAY = 8.0, 14.0
+"""Counts to be travelled before what the wall gives out is judged: from rest, and in the swings
+that follow, in which a hand may have a part."""
 _SYMMETRIC = 0.9
 """Logarithm of the most that a swing may differ from the one before."""
 
@@ -105,6 +117,7 @@ class Detector:
         self._swings: Swings | None = None
         self._before: Swing | None = None
         self._mixed = self._blind = False
+        self._streaks = Streaks()
         self._sizes: deque[float] = deque(maxlen=_KEPT)
         self._times: deque[float] = deque(maxlen=_KEPT)
         self._quiet()
@@ -139,8 +152,9 @@ class Detector:
         self.amplitude = 0.0
         self.growth = math.nan
         self._patience = math.inf
-        self._explained = self._moved = 0  # swings without a break
-        self._grew = (0, 0.0)  # swings outward without a break, and by how much
+        self._gives = True  # whether nothing speaks against it that the wall gives out energy
+        self._way = _FIRST_WAY * self._step
+        self._streaks.clear()
         self._before = None
         self._sizes.clear()
         self._times.clear()
@@ -166,14 +180,24 @@ class Detector:
             swing = swings.swing()
             if swing is not None:
                 self._swung(swing)
-                if self.balance.side and not (self.alarm or self._mixed or self._blind):
-                    self._check(self.balance.gives_out(swings.since, earlier, 0.0))
+                if self._gives and self.balance.side and not (self.alarm or self._torn):
+                    way = swing.path + abs(swing.start - earlier[0])
+                    if way > 2.0 * self._way:
+                        self._check(self.balance.gives_out(swings.since, earlier, way, 0.0))
             self._mixed = self._blind = False
         elif swings.time > self._patience:
             self._quiet()
-        elif not (self.alarm or self._mixed or self._blind or self.balance.side):
-            self._check(self.balance.gives_out(swings.now(), swings.since, swings.speed))
+        elif self._gives and not (self.alarm or self.balance.side or self._torn):
+            since = swings.since
+            way = abs(swings.position - since[0])
+            if way > self._way:
+                self._check(self.balance.gives_out(swings.now(), since, way, swings.speed))
         return self.state
+
+    @property
+    def _torn(self) -> bool:
+        """Whether the present swing's energy cannot be told."""
+        return self._mixed or self._blind
 
     def _check(self, gives_out: bool) -> None:
         if gives_out:
@@ -186,21 +210,31 @@ class Detector:
     def _swung(self, swing: Swing) -> None:
         """Take a swing into account."""
         self._patience = swing.ended + _PATIENCE * swing.duration
-        balance, usable = self.balance, not self._mixed
-        moved = self._blind or (usable and balance.moves_the_servo(swing))
-        explained = self._blind or (moved and balance.pays(swing, self._before))
-        self._before = swing
+        balance, blind, streaks = self.balance, self._blind, self._streaks
+        if not blind:
+            balance.judge(swing, self._before)
+        self._before = None if blind else swing
+        fine = self._step / swing.amplitude
         size = math.log(swing.amplitude)
         sizes, times = self._sizes, self._times
         change = size - sizes[-1] if sizes else 0.0
         sizes.append(size)
         times.append(swing.ended)
-        if abs(change) > _SYMMETRIC:
-            moved = explained = False
-        self._moved = self._moved + 1 if moved else 0
-        self._explained = self._explained + 1 if explained else 0
-        outward = self._outward(swing) if explained else 0.0
-        self._grew = (self._grew[0] + 1, self._grew[1] + outward) if outward > 0.0 else (0, 0.0)
+        alike = abs(change) <= _SYMMETRIC
+        moved = blind or (balance.moves and not self._mixed)
+        streaks.take(
+            moved=moved and alike,
+            explained=alike and (blind or (moved and balance.pays)),
+            share=1.0 if blind else balance.share,
+            left=0.0 if blind else balance.left,
+            fine=fine,
+        )
+        streaks.went_outward(self._outward(swing) if streaks.explained else 0.0)
+        self._way = _LATER_WAY * self._step
+        if balance.side:
+            self._gives = streaks.moved > 1
+        else:
+            self._gives = self._mixed or (balance.gave(swing) and (moved or len(sizes) == 1))
         known = len(sizes)
         self.amplitude = swing.amplitude
         back = min(known - 1, 4)
@@ -209,15 +243,16 @@ class Detector:
             passed = swing.ended - times[-1 - back]
             self.frequency_hz = 0.5 * back / passed
             self.growth = (size - sizes[-1 - back]) / passed
-        fine = self._step / swing.amplitude
         if self.alarm:
             self._alarmed(fine)
-        elif self._regular(fine) or (not (self._blind or self.balance.side) and self._grown()):
-            self.alarm = True
-            self._alarmed(fine)
-        elif self._explained >= 2 and change < -_STEADY:
+        elif self._regular(fine) or (not (blind or balance.side) and self._grown()):
+            self.alarm = swing.amplitude >= _ALARMING * self._step
+            self.state = State.SUSTAINED
+            if self.alarm:
+                self._alarmed(fine)
+        elif streaks.explained >= 2 and change < -_STEADY:
             self.state = State.DECAYING
-        elif not self._explained:
+        elif not streaks.explained:
             self.state = State.QUIET
 
     def _outward(self, swing: Swing) -> float:
@@ -230,33 +265,38 @@ class Detector:
         return 0.0
 
     def _grown(self) -> bool:
-        swings, growth = self._grew
-        if swings >= 2 and growth > _OUTWARD:
+        streaks = self._streaks
+        if streaks.outward >= 2 and streaks.grown > _OUTWARD and streaks.least_outward > _EACH:
             return True
         sizes = self._sizes
         for swings, growth in _GROWN:
-            if self._explained < swings:
+            if streaks.explained < swings:
                 return False
-            first = sizes[max(-1 - swings, -len(sizes))]
+            known = min(swings + 1, len(sizes))
+            first = sizes[-known]
             grown = sizes[-1] - first
             # A motion that grows by itself grows on; a hand's has grown, and then stays.
             last = sizes[-1] - sizes[-2]
             if first > self._least and grown > growth and last > _ON * grown / swings:
-                return True
+                straight = _STRAIGHT + _STRAIGHT_COUNTS * self._step * math.exp(-first)
+                if line(sizes, known).scatter < straight:
+                    return True
         return False
 
     def _regular(self, fine: float) -> bool:
         """Whether it grows slowly, or goes on, more regularly than a hand can."""
-        sizes, least = self._sizes, self._least
+        sizes, least, streaks = self._sizes, self._least, self._streaks
         allowed = _REGULAR + _REGULAR_COUNTS * fine
-        if self.balance.side and bounces_grow(sizes, self._explained):
+        if self.balance.side and sizes[-1] > least and bounces_grow(sizes, streaks.moved):
             return True
-        if grows_evenly(sizes, _LONG, self._explained, least, allowed):
+        if grows_evenly(sizes, _LONG, streaks.explained, least, allowed):
             return True
-        fits = not (self._blind or self.balance.side or math.isnan(self.settings.inertia))
-        if fits and grows_evenly(sizes, _UNPAID, self._moved, least, allowed):
-            return True
-        return self._explained >= _KEPT and goes_on(sizes, allowed)
+        if not (self._blind or self.balance.side or math.isnan(self.settings.inertia)):
+            least += math.log(_UNPAID_COUNTS / _LEAST_COUNTS)
+            even = _REGULAR + _UNPAID_STEPS * fine
+            if grows_evenly(sizes, _UNPAID, min(streaks.moved, streaks.even), least, even):
+                return True
+        return streaks.explained >= _KEPT and goes_on(sizes, allowed)
 
     def _alarmed(self, fine: float) -> None:
         sizes = self._sizes
@@ -265,6 +305,6 @@ class Detector:
         if change < -_SHRINKS - fine:
             self.alarm = False
             self.state = State.DECAYING
-            self._explained = 0
+            self._streaks.clear()
         else:
             self.state = State.GROWING if change > _STEADY + fine else State.SUSTAINED

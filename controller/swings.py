@@ -18,7 +18,7 @@ _FINEST = 1e-9
 
 Sums = tuple[float, float, float, float, float, float, float]
 """What has come together since the start, up to a turning point: filtered position [rad], time [s],
-and ``work, square, path, moment, impulse`` of ``Swings``"""
+and ``work, square, area, moment, impulse`` of ``Swings``"""
 
 
 class Swing(NamedTuple):
@@ -38,10 +38,22 @@ class Swing(NamedTuple):
     """Of the acting torque [J]"""
     square: float
     """Integral of the velocity's square [rad²/s], > 0"""
-    path: float
-    """Way travelled [rad]"""
-    virial: float
-    """Integral of torque times distance from the middle [J·s]; free motion: -m ``square``"""
+    area: float
+    """Integral of the position [rad·s]"""
+    moment: float
+    """Integral of torque times position [J·s]"""
+    impulse: float
+    """Integral of the torque [N·m·s]"""
+
+    @property
+    def path(self) -> float:
+        """Way travelled [rad]."""
+        return abs(self.end - self.start)
+
+    @property
+    def virial(self) -> float:
+        """Integral of torque times distance from the middle [J·s]; free motion: -m ``square``."""
+        return self.moment - 0.5 * (self.start + self.end) * self.impulse
 
 
 class Swings:
@@ -58,7 +70,7 @@ class Swings:
         time: Since the start [s].
         work: Of the acting torque [J].
         square: Integral of the velocity's square [rad²/s].
-        path: Way travelled [rad].
+        area: Integral of the position [rad·s].
         moment: Integral of torque times position [J·s].
         impulse: Integral of the torque [N·m·s].
     """
@@ -71,10 +83,10 @@ class Swings:
         "_tau",
         "_torque",
         "_turn",
+        "area",
         "before",
         "impulse",
         "moment",
-        "path",
         "position",
         "since",
         "speed",
@@ -98,7 +110,7 @@ class Swings:
         self.filter(0.0)
         self.position = position
         self._direction = 0
-        self.time = self.work = self.square = self.path = self.moment = self.impulse = 0.0
+        self.time = self.work = self.square = self.area = self.moment = self.impulse = 0.0
         self.speed = 0.0
         self.before = self.since = self._turn = (position, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -128,10 +140,11 @@ class Swings:
         self.work += acting * moved
         self.speed = speed = moved / span
         self.square += speed * moved
-        self.path += moved if moved > 0.0 else -moved
+        middle = before + 0.5 * moved
+        self.area += middle * span
         impulse = acting * span
         self.impulse += impulse
-        self.moment += impulse * (before + 0.5 * moved)
+        self.moment += impulse * middle
         away = now - self._turn[0]
         if away * self._direction >= 0.0 and (self._direction or away == 0.0):
             # Also while it rests there: a swing begins when it is let go.
@@ -140,7 +153,7 @@ class Swings:
                 self.time,
                 self.work,
                 self.square,
-                self.path,
+                self.area,
                 self.moment,
                 self.impulse,
             )
@@ -156,7 +169,7 @@ class Swings:
             self.time,
             self.work,
             self.square,
-            self.path,
+            self.area,
             self.moment,
             self.impulse,
         )
@@ -188,5 +201,6 @@ class Swings:
             end[2] - start[2],
             square,
             end[4] - start[4],
-            end[5] - start[5] - 0.5 * (begun + left) * (end[6] - start[6]),
+            end[5] - start[5],
+            end[6] - start[6],
         )
