@@ -164,6 +164,8 @@ def _places(
             ) from error
         if path.is_dir():
             raise UserError(f"{option}: {path} is a folder; name a file")
+        if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
+            raise UserError(f"{option}: {path} is a pipe; name a file")
         ours = option != "--log" or asked[0] is not None
         if ours and path.is_file():  # what a failed run leaves here must not pass for its own
             try:

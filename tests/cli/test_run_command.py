@@ -90,3 +90,11 @@ def test_two_runs_begun_together_do_not_write_one_log(tmp_path, monkeypatch):
     assert second.exists()
     assert first != second
     assert picture != another
+
+
+@pytest.mark.parametrize("option", ["--log", "--plot"])
+def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(capsys, tmp_path, option):
+    os.mkfifo(tmp_path / "pipe")
+    status, _, said = run(capsys, option, "pipe")
+    assert status == 2
+    assert f"{option}: pipe is a pipe; name a file" in said
