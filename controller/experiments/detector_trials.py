@@ -12,19 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.acting import ActingTorque
+from controller.experiments.hands import draw_hands, goes_on, handled
 from controller.experiments.kicks import unsaturated
+from controller.experiments.listening import COUNT, PERIOD, listen
 from controller.experiments.many_walls import Walls, split_delay
 from controller.experiments.onset import onset
-from controller.experiments.watched import Trace, handled, kicked, steady_oscillation
-from controller.oscillation import Detector, DetectorSettings
+from controller.experiments.watched import Trace, kicked, steady_oscillation
+from controller.oscillation import State
 from controller.theory import max_virtual_damping
 from controller.theory.checks import FloatArray, IntArray
 from controller.theory.servos import SERVOS
 
-COUNT = 2.0 * np.pi / 4096
-"""One count of the encoder [rad]"""
-PERIOD = 1e-3
 LEAST_KICK, LARGEST_KICK = 10.0 * COUNT, 0.3
 WRONG = 0.2
 NAMES = (*SERVOS, "Table II")
@@ -66,8 +64,14 @@ class HandTrial:
     one_sided: bool
     seconds: float
     alarms: int
+    real: int
+    """Alarms after which the motion goes on without the hand"""
     counts: float
     """Amplitude at the first alarm, in counts; NaN without"""
+    small: bool
+    """It was called sustained, too small for an alarm"""
+    small_real: bool
+    """And that motion goes on without the hand, the first time it was"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +82,8 @@ class SustainedTrial:
     counts: float
     """True amplitude [counts]"""
     alarm: bool
+    shrinks: bool
+    """At the end of the record it was still coming down, and was said to"""
     frequency_error: float
     amplitude_error: float
     """Relative"""
@@ -161,10 +167,9 @@ def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTr
         some = drawn.walls.with_stiffness(share * drawn.walls.stiffness[:, None])
         start = np.maximum(unsaturated(some, drawn.kick), LEAST_KICK)
         for i, trace in enumerate(kicked(some, start, _CYCLES, _UNTIL)):
-            _, alarms, _ = listen(some, i, trace, drawn.belief[i], once=True)
-            trials.append(
-                _kick_trial(NAMES[drawn.who[i]], share, some, i, float(start[i]), trace, alarms)
-            )
+            heard = listen(some, i, trace, drawn.belief[i], once=True)
+            name = NAMES[drawn.who[i]]
+            trials.append(_kick_trial(name, share, some, i, float(start[i]), trace, heard.alarms))
     return trials
 
 
@@ -211,12 +216,13 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
         truth = steady_oscillation(trace.position[-12 * cycle :], PERIOD)
         if truth is None or truth[1] < 4.0 * COUNT:
             continue
-        detector, _, _ = listen(some, i, trace, drawn.belief[i], once=False)
+        detector = listen(some, i, trace, drawn.belief[i], once=False).detector
         trials.append(
             SustainedTrial(
                 NAMES[drawn.who[i]],
                 truth[1] / COUNT,
                 detector.alarm,
+                detector.state == State.DECAYING,
                 detector.frequency_hz / truth[0] - 1.0,
                 detector.amplitude / truth[1] - 1.0,
             )
@@ -230,7 +236,7 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
     Args:
         count: Walls drawn; see ``kick_trials``.
         seed: Of the draw.
-        hand: One of ``watched.HANDS``.
+        hand: One of ``hands.HANDS``.
         seconds: For each wall.
     """
     random = np.random.default_rng(seed)
@@ -242,58 +248,21 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
     some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
     some = replace(some, coulomb=np.array(_PLANTS)[drawn.who, 2])
     trials = []
-    for i, trace in enumerate(handled(some, hand, round(seconds / PERIOD), random)):
-        _, alarms, counts = listen(some, i, trace, drawn.belief[i], once=False)
+    hands = draw_hands(some, hand, round(seconds / PERIOD), random)
+    for i, trace in enumerate(handled(some, hands)):
+        heard = listen(some, i, trace, drawn.belief[i], once=False)
+        small = heard.small[:1]
         trials.append(
             HandTrial(
-                NAMES[drawn.who[i]], hand, bool(some.one_sided[i]), seconds, len(alarms), counts
+                name=NAMES[drawn.who[i]],
+                hand=hand,
+                one_sided=bool(some.one_sided[i]),
+                seconds=seconds,
+                alarms=len(heard.alarms),
+                real=sum(goes_on(some, hands, i, heard.alarms)),
+                counts=heard.counts,
+                small=bool(small),
+                small_real=any(goes_on(some, hands, i, small)),
             )
         )
     return trials
-
-
-def listen(
-    walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool
-) -> tuple[Detector, list[int], float]:
-    """Run the detector over a trace, with a belief that is wrong.
-
-    Args:
-        walls: What was simulated.
-        i: Which of them.
-        trace: Its record.
-        belief: Factors on inertia, damping, Coulomb friction and delay.
-        once: Stop at the first alarm.
-
-    Returns:
-        The detector, the samples at which an alarm began, and the amplitude at the first in counts.
-    """
-    m, b, c, delay = belief.tolist()
-    settings = DetectorSettings(
-        PERIOD,
-        float(walls.inertia[i]) * m,
-        float(walls.damping[i]) * b,
-        float(walls.coulomb[i]) * c,
-        COUNT,
-        float(walls.torque_limit[i]),
-    )
-    lag = float(walls.whole[i] * PERIOD + walls.lag[i]) * delay
-    detector = Detector(settings)
-    detector.stiffness = float(walls.stiffness[i])
-    balance = detector.balance
-    balance.virtual_damping = float(walls.virtual_damping[i])
-    balance.surface, balance.side, balance.lag = 0.0, int(walls.one_sided[i]), lag
-    acting = ActingTorque(lag / PERIOD)
-    alarms: list[int] = []
-    counts, before = np.nan, False
-    positions = (trace.counts * COUNT).tolist()
-    for k, (position, torque) in enumerate(zip(positions, trace.torque.tolist(), strict=True)):
-        detector.update(position, acting.push(torque))
-        if detector.alarm is not before:
-            before = detector.alarm
-            if before:
-                alarms.append(k)
-                if len(alarms) == 1:
-                    counts = detector.amplitude / COUNT
-                if once:
-                    break
-    return detector, alarms, counts

@@ -55,6 +55,15 @@ def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequenc
     assert detector.amplitude == pytest.approx(counts * COUNT, rel=0.2)
 
 
+def test_oscillation_of_a_count_is_sustained_but_no_alarm():
+    # A wall without friction keeps it up at any stiffness, by the encoder's steps alone.
+    detector = Detector(settings())
+    detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 9.0) ** 2
+    _, x, torque = free_oscillation(9.0, 0.0, 1.4 * COUNT, 6.0)
+    assert watched(detector, x, torque) is None
+    assert detector.state == State.SUSTAINED
+
+
 def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured():
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2

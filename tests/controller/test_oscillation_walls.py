@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.experiments.detector_trials import COUNT, kick_trials, listen
+from controller.experiments.detector_trials import kick_trials
+from controller.experiments.hands import HANDS, draw_hands, goes_on, handled
+from controller.experiments.listening import COUNT, listen
 from controller.experiments.many_walls import Loops, Walls
-from controller.experiments.watched import HANDS, Trace, handled, kicked, steady_oscillation
+from controller.experiments.watched import Trace, kicked, steady_oscillation
 from controller.oscillation import State
 from controller.theory import critical_stiffness
 
@@ -60,8 +62,27 @@ def test_bouncing_off_a_wall_that_never_pulls():
         trace = pushed(walls, 0.3, 3.0, 3000)
         early, late = np.ptp(trace.position[:500]), np.ptp(trace.position[-500:])
         assert (late > early) == bounces
-        _, alarms, _ = listen(walls, 0, trace, EXACTLY, once=True)
-        assert bool(alarms) == bounces
+        assert bool(listen(walls, 0, trace, EXACTLY, once=True).alarms) == bounces
+
+
+def test_growth_is_noticed_while_somebody_leans_on_the_wall():
+    # A steady push moves the middle of the motion 30 counts off the surface; it pays for nothing.
+    limit = float(critical_stiffness(M, B_SERVO, 0.05, T, 2 * T))
+    walls = one_wall(1.3 * limit, 0.05, one_sided=False)
+    trace = pushed(walls, 30 * COUNT * float(walls.stiffness[0]), 0.0, 1500)
+    first = listen(walls, 0, trace, EXACTLY, once=True).alarms[0]
+    # It began 50 counts from that middle.
+    assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
+
+
+def test_whether_motion_goes_on_without_the_hand():
+    # A hand's own motion ends with it; what the wall feeds stays.
+    damping = 0.2
+    limit = float(critical_stiffness(M, B_SERVO, damping, T, 2 * T))
+    for share, lasts in ((0.6, False), (1.5, True)):
+        walls = one_wall(share * limit, damping, one_sided=False)
+        hands = draw_hands(walls, "rhythm", 600, np.random.default_rng(2))
+        assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
 DELAYS = (0, 1, 2, 5, 10)
@@ -90,7 +111,7 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share):
     kick = np.full(walls.size, 30 * COUNT)
     reached = []
     for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
-        _, alarms, _ = listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True)
+        alarms = listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
         assert alarms
         reached.append(np.abs(trace.position[: alarms[0] + 1]).max() / kick[i])
     # With every value believed a fifth wrong one in fifteen may be a little late.
@@ -101,18 +122,24 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share):
 def test_motion_that_dies_is_no_alarm():
     walls = some_walls(0.9)
     for i, trace in enumerate(kicked(walls, np.full(walls.size, 60 * COUNT), 12.0)):
-        _, alarms, counts = listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True)
-        # Without Coulomb friction the encoder keeps up a motion of a count or two for ever.
-        assert not alarms or counts < 3.0
+        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
 
 
 @pytest.mark.parametrize("hand", HANDS)
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand):
     walls = some_walls(0.9)
-    traces = handled(walls, hand, 6000, np.random.default_rng(8))
-    for i, trace in enumerate(traces):
-        _, alarms, counts = listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False)
-        assert not alarms or counts < 3.0
+    hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
+    for i, trace in enumerate(handled(walls, hands)):
+        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
+
+
+@pytest.mark.parametrize("hand", ["rhythm", "tap"])
+def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand):
+    walls = some_walls(0.6)
+    walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
+    hands = draw_hands(walls, hand, 6000, np.random.default_rng(3))
+    for i, trace in enumerate(handled(walls, hands)):
+        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
 @pytest.mark.parametrize("size", [5.0, 40.0])
@@ -125,7 +152,7 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size):
         truth = steady_oscillation(trace.position[-12 * cycle :], T)
         if truth is None:
             continue
-        detector, _, _ = listen(walls, i, trace, EXACTLY, once=False)
+        detector = listen(walls, i, trace, EXACTLY, once=False).detector
         assert detector.state >= State.SUSTAINED
         assert detector.frequency_hz == pytest.approx(truth[0], rel=0.03)
         assert detector.amplitude == pytest.approx(truth[1], rel=0.2)
@@ -147,6 +174,7 @@ def test_trials_of_the_page(thorough):
 def test_belief_without_numbers_makes_none_of_the_estimates_invalid():
     walls = one_wall(30.0, 0.02, one_sided=False)
     trace = pushed(walls, 0.0, 1.0, 2000)
-    detector, _, _ = listen(walls, 0, trace, np.array([math.nan] * 3 + [1.0]), once=False)
+    belief = np.array([math.nan] * 3 + [1.0])
+    detector = listen(walls, 0, trace, belief, once=False).detector
     assert math.isfinite(detector.amplitude)
     assert detector.alarm
