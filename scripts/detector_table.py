@@ -156,15 +156,19 @@ def _sustained(trials: list[SustainedTrial]) -> list[str]:
     amplitude = [abs(t.amplitude_error) for t in trials if t.alarm]
     counts = [t.counts for t in trials]
     silent = [t for t in trials if not t.alarm]
-    shrinking = sum(t.shrinks for t in silent)
+    why = (
+        f" Of the {len(silent)} without an alarm {sum(t.shrinks for t in silent)} were said to"
+        " decay: they came down to their amplitude from above, by some thousandths a swing, until"
+        " shortly before the record ended."
+        if silent
+        else ""
+    )
     return [
         f"{n} oscillations of {min(counts):.0f} to {max(counts):.0f} counts that a torque limit"
         f" sustains: alarm in {n - len(silent)}; frequency within 3 % in"
         f" {sum(e <= 0.03 for e in frequency)} (largest error {100 * max(frequency):.1f} %),"
         f" amplitude within 20 % in {sum(e <= 0.2 for e in amplitude)} (largest"
-        f" {100 * max(amplitude):.1f} %). Of the {len(silent)} without an alarm {shrinking} were"
-        " said to decay: they came down to their amplitude from above, by some thousandths a swing,"
-        " until shortly before the record ended."
+        f" {100 * max(amplitude):.1f} %).{why}"
     ]
 
 
