@@ -181,10 +181,14 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
     elif run.began_s and process.returncode == -signal.SIGKILL:
         run.reason = NO_REPORT
     elif not run.began_s:
-        run.reason = f"did not start: {run.said[-300:]}"
+        run.reason = f"did not start: {_last_line(run.said)}"
     else:
-        run.reason = f"ended with {process.returncode}: {run.said[-300:]}"
+        run.reason = f"ended with {process.returncode}: {_last_line(run.said)}"
     return run
+
+
+def _last_line(said: str) -> str:
+    return next((line for line in reversed(said.splitlines()) if line.strip()), "it said nothing")
 
 
 def _under_fire(
