@@ -19,7 +19,9 @@ from controller.logreader import LogReader
 from controller.sketch import sketched
 from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
-METADATA = {"name": "a", "config": load_config("simulated").config.model_dump(mode="json")}
+CONFIG = load_config("simulated").config
+SERVO = CONFIG.servo
+METADATA = {"name": "a", "config": CONFIG.model_dump(mode="json")}
 NOTHING = {"inertia": None, "damping": None, "coulomb": None, "lag": None}
 STEP = math.tau / 4096
 
@@ -31,11 +33,14 @@ def rows(start, count):
     time = block["seq"] * 1e-3
     block["deadline_ns"] = 1_000_000 * block["seq"] + 7
     shakes = (time >= 10.0) & (time < 14.0)
+    speed = -0.05 * math.tau * 12.0 * np.sin(math.tau * 12.0 * time)
     position = 0.002 * time + np.where(shakes, 0.05 * np.cos(math.tau * 12.0 * time), 0.0)
     block["position"] = np.round(position / STEP) * STEP
-    block["stiffness"], block["damping"] = 8.0, 0.02
-    along = -0.3 * np.sin(math.tau * 12.0 * time)  # with the velocity: it gives energy
-    block["torque"] = np.where(shakes, along, -8.0 * block["position"])
+    # A spring that holds this inertia at 12 Hz, and what its friction takes put back.
+    spring = SERVO.inertia * (math.tau * 12.0) ** 2
+    block["stiffness"] = spring
+    given = SERVO.damping * speed + SERVO.coulomb * np.sign(speed)
+    block["torque"] = -spring * position + np.where(shakes, given, 0.0)
     block["flags"] = np.where(block["position"] > 0, FLAG_CONTACT, 0)
     block["flags"][block["seq"] < 200] = FLAG_WARM_UP
     block["lateness_ns"] = 1000 + block["seq"] % 700
