@@ -85,6 +85,29 @@ def test_whether_motion_goes_on_without_the_hand():
         assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
+def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends():
+    """What docs/detector.md says of limit cycles of a count."""
+    damping = 0.3
+    limit = float(critical_stiffness(M, 0.0, damping, T, T))
+    walls = one_wall(0.9 * limit, damping, one_sided=False)
+    walls = replace(walls, damping=np.zeros(1), whole=np.ones(1, dtype=np.int64))
+    count_commands = (walls.stiffness + walls.virtual_damping / T) * COUNT
+    sizes = []
+    for some in (
+        walls,
+        replace(walls, counts_per_radian=4.0 * walls.counts_per_radian),
+        replace(walls, counts_per_radian=np.zeros(1)),
+        replace(walls, coulomb=0.5 * count_commands),
+    ):
+        loops = Loops(some, np.full(1, 1.3 * COUNT))
+        positions = []
+        loops.run(8000, lambda loops=loops, to=positions: to.append(loops.bodies.position[0]))
+        sizes.append(np.ptp(positions[-1000:]) / 2 / COUNT)
+    assert 0.5 < sizes[0] < 3.0
+    assert sizes[1] < 0.5 * sizes[0]
+    assert max(sizes[2:]) < 0.02
+
+
 DELAYS = (0, 1, 2, 5, 10)
 
 
