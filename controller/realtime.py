@@ -47,6 +47,16 @@ def die_with_parent(parent: int, signal_number: int) -> None:
         os.kill(os.getpid(), signal_number)
 
 
+def stand_back() -> None:
+    """Let everybody else run first: the kernel threads that carry the loop's bytes want a core too.
+
+    Not by SCHED_IDLE: on a busy machine that gets three thousandths of a core, too little to write
+    a log, or even to die. What stands back cannot come forward again without rights few have.
+    """
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    os.nice(19)
+
+
 def pick_cores(wanted: int | None = None) -> tuple[int, set[int]]:
     """The core for the loop, and the cores for everything else.
 

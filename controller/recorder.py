@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
 from controller.logfile import LogWriter
-from controller.realtime import die_with_parent
+from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import ROW, Telemetry, Word
 
 PAUSE_S = 0.25
@@ -164,8 +164,7 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
     telemetry = Telemetry(orders["telemetry"])
     if may_stand_back(telemetry.words):
-        # The kernel threads that carry the loop's bytes want this core too.
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        stand_back()
     orphaned = False
 
     def be_orphaned(_signal: int, _frame: object) -> None:

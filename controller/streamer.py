@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 
-from controller.realtime import die_with_parent
+from controller.realtime import die_with_parent, stand_back
 from controller.stream import Sender, Stream
 from controller.telemetry import Telemetry, Word
 
@@ -25,8 +25,7 @@ def main() -> None:
     orders = json.loads(sys.stdin.readline())
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
-    # Behind everything else, as the recorder: the loop's bytes come first.
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    stand_back()
     die_with_parent(orders["parent"], signal.SIGKILL)
     telemetry = Telemetry(orders["telemetry"])
     sender = Sender(telemetry, Stream(**orders["stream"]), orders["loop_hz"])
