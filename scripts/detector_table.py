@@ -28,6 +28,9 @@ SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
 WALLS_A_TASK, HANDS_A_TASK, HAND_S = 50, 20, 60.0
 TASKS, QUICK_TASKS = (6, 2, 4), (2, 1, 1)
 """Parts of kicks, of sustained oscillations, and of each hand"""
+CHOSEN_ON, SEED = (1, 2), 3
+"""Seeds whose walls and hands the detector's thresholds were chosen on, and one that had no part in
+it: whoever changes a threshold after looking at its results takes another."""
 QUICK = 5
 """By what a part of the quick run has fewer walls, and shorter hands"""
 
@@ -36,14 +39,15 @@ def main() -> None:
     """Run all trials, and write the page."""
     options = page_options("detector_table", __doc__ or "", "detector-table.md")
     options.add_argument("--quick", action="store_true", help="a fifteenth of the trials")
-    options.add_argument("--seed", type=int, default=1, help="of all draws")
+    options.add_argument("--seed", type=int, default=SEED, help="of all draws")
     chosen = options.parse_args()
     begin = time.monotonic()
     with held_back_ctrl_c(), processes(cores()) as pool:
         kicks, sustained, hands = run(pool, chosen.seed, chosen.quick)
     took = time.monotonic() - begin
     command = "scripts/detector_table" + (" --quick" if chosen.quick else "")
-    said = page(kicks, sustained, hands, f"`{command} --seed {chosen.seed}`, {took / 60:.0f} min")
+    how = f"`{command} --seed {chosen.seed}`, {took / 60:.0f} min"
+    said = page(kicks, sustained, hands, how, seen=chosen.seed in CHOSEN_ON)
     Path(chosen.out).write_text(said, encoding="utf-8")
 
 
@@ -77,14 +81,24 @@ def page(
     sustained: list[SustainedTrial],
     hands: list[HandTrial],
     how: str,
+    *,
+    seen: bool,
 ) -> str:
-    """The page of documentation."""
+    """The page of documentation; ``seen``: the thresholds were chosen on these very draws."""
+    others = " and ".join(str(seed) for seed in CHOSEN_ON)
+    drawn = (
+        "The detector's thresholds were chosen on these very draws: on others it does worse."
+        if seen
+        else f"The detector's thresholds were chosen on the draws of seeds {others}; those of this"
+        " page had no part in it."
+    )
     return "\n".join(
         [
             "# The detector, tried",
             "",
             f"Written by {how}. {measured_on()}",
             "What is drawn, and what the words mean: [detector](detector.md).",
+            drawn,
             "",
             "## After a kick",
             "",
