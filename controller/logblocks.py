@@ -41,9 +41,12 @@ class Block:
     end: int
 
 
-def encoded(array: NDArray[Any]) -> bytes:
-    """The block of a one-dimensional array, little-endian, as bytes."""
-    data = array.tobytes()
+def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
+    """The block of a one-dimensional array, little-endian: its header, and the array's own bytes.
+
+    The array must stay what it is until they are written.
+    """
+    data = np.ascontiguousarray(array).view(np.uint8).data
     head = (
         f"{{'descr': {npy.dtype_to_descr(array.dtype)!r}, 'fortran_order': False,"
         f" 'shape': ({array.size},), }}"
@@ -57,7 +60,7 @@ def encoded(array: NDArray[Any]) -> bytes:
         return MAGIC + len(text).to_bytes(2, "little") + text
 
     of_data = zlib.crc32(data)
-    return header(zlib.crc32(header(0, of_data)), of_data) + data
+    return header(zlib.crc32(header(0, of_data)), of_data), data
 
 
 def block_at(file: BinaryIO, start: int, end: int, checked: bool) -> Block | None:

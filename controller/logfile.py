@@ -153,10 +153,8 @@ class LogWriter:
 
     def _write(self, array: NDArray[Any]) -> None:
         start = self._file.tell()
-        rest = memoryview(encoded(array))
         try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            _write_all(self._file, array)
         except OSError:
             # Half a block would be noticed, but it is better not there.
             with contextlib.suppress(OSError):  # a device has no end to cut
@@ -177,13 +175,20 @@ def append_end(path: Path, ended: Mapping[str, Any]) -> None:
     size = path.stat().st_size
     with path.open("ab", buffering=0) as file:
         try:
-            rest = memoryview(encoded(_json(ended)))
-            while rest:
-                rest = rest[file.write(rest) :]
+            _write_all(file, _json(ended))
         except OSError:
             with contextlib.suppress(OSError):
                 file.truncate(size)
             raise
+        os.fdatasync(file.fileno())
+
+
+def _write_all(file: BinaryIO, array: NDArray[Any]) -> None:
+    """Write a block to a file without a buffer, which may take it in several parts."""
+    for part in encoded(array):
+        rest = memoryview(part)
+        while rest:
+            rest = rest[file.write(rest) :]
 
 
 def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:

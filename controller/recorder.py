@@ -31,8 +31,9 @@ SYNC_S = 0.75
 both, and what the disk itself takes."""
 BEHIND = 8192
 """Rows that wait where a recorder before this one did not keep up"""
-BLOCK = 4096
-"""Rows in a block at most: what has gathered while the disk was full comes in parts that fit."""
+BLOCK = 500
+"""Rows in a block at most. What has gathered while the disk was full comes in parts that fit; and a
+copy of these 80 kB lies in memory that this process has, that of more is fetched page by page."""
 
 
 class Recorder:
@@ -61,12 +62,12 @@ class Recorder:
         Raises:
             OSError: The log cannot be written; what is not in it stays unread.
         """
-        rows, _ = self._telemetry.read(self._tail)
-        for start in range(0, rows.size, BLOCK):
-            block = rows[start : start + BLOCK]
+        begin, end = self._tail, self._telemetry.words[Word.HEAD]
+        while self._tail < end:
+            block, _ = self._telemetry.read(self._tail, BLOCK)
             self._log.append(block)
             self._count(block)
-        return rows.size > 0
+        return self._tail > begin
 
     def _count(self, block: NDArray[np.void]) -> None:
         """Tell that a block is in the log, and how many rows before it never will be."""

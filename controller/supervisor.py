@@ -38,9 +38,9 @@ from hw.settings import DynamixelSettings, TrueServo
 
 POLL_MS = 20
 """How often the heartbeat is looked at [ms]."""
-COUNT_S = 0.25
-"""How often rows are counted [s]; rarely, since bytes reach the loop through kernel threads that
-want the same core."""
+LOOK_S = 0.25
+"""How often all else is looked at, and rows are counted [s]; rarely, since bytes reach the loop
+through kernel threads that want the same core."""
 
 
 class Supervisor:
@@ -189,20 +189,24 @@ class Supervisor:
         poll = select.poll()
         poll.register(loop.pidfd, select.POLLIN)
         poll.register(loop.output, select.POLLIN)
-        counted = time.monotonic()
-        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, counted)
-        while not loop.ended():
-            poll.poll(POLL_MS)
+        looked = time.monotonic()
+        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
+        while True:
+            news = poll.poll(POLL_MS)
             now = time.monotonic()
             overdue = watch.overdue(now)
-            if overdue is not None and not loop.ended():
+            if not news and overdue is None and now < looked + LOOK_S:
+                continue
+            if loop.ended():
+                break
+            if overdue is not None:
                 return self._cut_overdue(loop, emulator, overdue)
             self._hear(loop)
             log.look(now)
-            if now > counted + COUNT_S:
+            if now >= looked + LOOK_S:
                 self._count()
                 self._hear_streamer()
-                counted = now
+                looked = now
             if emulator is not None and emulator.ended():
                 watch.asked()
         self._hear(loop)

@@ -184,6 +184,7 @@ def stalled(reason: str, stopped_s: float, stalls: Sequence[Stall], least_s: flo
 
 MACHINE = "the machine stood still"
 STRANGERS = "others ran at real-time priority"
+REFUSED = "refused to start, and said why"
 STALLED = frozenset(
     f"trip:{name}" for name in ("losses_in_row", "loss_rate", "torque_lost", "loop_hung")
 )

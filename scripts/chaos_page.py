@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from scripts.chaos_judge import MACHINE, STRANGERS, Stall
+from scripts.chaos_judge import MACHINE, REFUSED, STRANGERS, Stall
 from scripts.chaos_run import ASKED, PATIENT_WATCHDOG_S, WATCHDOG_S, Run, growth
 from scripts.chaos_shots import SHOTS
 from scripts.whole_program import measured_on
@@ -128,7 +128,7 @@ def _promises(hour: Hour) -> list[str]:
     memory = ", ".join(f"{name} {mb:+.1f} MB" for name, mb in sorted(grown.items()))
     off = [ms for name in AT_ONCE for ms in hour.off_ms(name)]
     longest = f"{len(off)} times, {max(off):.0f} ms at most" if off else "not seen"
-    explained = len(runs) - sum(causes[each] for each in (None, MACHINE, STRANGERS, ASKED))
+    explained = len(runs) - sum(causes[each] for each in (None, MACHINE, STRANGERS, REFUSED, ASKED))
     return [
         "| promise | found | holds |",
         "|---|---|---|",
@@ -138,7 +138,8 @@ def _promises(hour: Hour) -> list[str]:
         f" | {_holds(not hour.off_late)} |",
         f"| no unexplained stop | {explained} by a shot, {causes[ASKED]} asked to end,"
         f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[STRANGERS]} while"
-        f" others ran at real-time priority, {causes[None]} unexplained"
+        f" others ran at real-time priority, {causes[REFUSED]} refused to start and said why,"
+        f" {causes[None]} unexplained"
         f" | {_holds(not causes[None])} |",
         f"| no lost log block | {sum(run.goals for run in runs)} torques witnessed,"
         f" {sum(run.rows for run in runs)} rows; lost and said so: {sum(run.lost for run in runs)},"
@@ -200,6 +201,9 @@ def _notes(hour: Hour) -> list[str]:
             f"In {busy} runs programs of others ran at real-time priority; at the loop's own they"
             " can keep it waiting, which the observers, above it, do not see."
         )
+    for number, run in enumerate(hour.runs, 1):
+        if run.cause == REFUSED:
+            notes.append(f"Run {number} {run.reason}")
     gone = sum(not run.witnessed for run in hour.runs)
     if gone:
         notes.append(f"In {gone} runs the bus was killed, and its record ends with it.")

@@ -22,6 +22,7 @@ from controller.logfile import read_log
 from controller.telemetry import ROW
 from scripts.chaos_judge import (
     MACHINE,
+    REFUSED,
     STOP_FRAMES,
     STRANGERS,
     Ending,
@@ -72,11 +73,14 @@ class Course:
         return PATIENT_WATCHDOG_S if self.patient else WATCHDOG_S
 
 
+NAME, DID_NOT_START = "haptic-wall", "did not start"
+
+
 @dataclass(slots=True)
 class Run:
     """What was done to a run and what became of it."""
 
-    reason: str = "did not start"
+    reason: str = DID_NOT_START
     thrown: list[Thrown] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     said: str = ""
@@ -104,6 +108,11 @@ class Run:
     torque_problems: list[str] = field(default_factory=list)
     log_problems: list[str] = field(default_factory=list)
     other_problems: list[str] = field(default_factory=list)
+
+    @property
+    def refused(self) -> bool:
+        """It never began, and said why: a start is refused where nothing is certain yet."""
+        return not self.began_s and f"{DID_NOT_START}: {NAME}: " in self.reason
 
     @property
     def problems(self) -> list[str]:
@@ -181,7 +190,7 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
     elif run.began_s and process.returncode == -signal.SIGKILL:
         run.reason = NO_REPORT
     elif not run.began_s:
-        run.reason = f"did not start: {_last_line(run.said)}"
+        run.reason = f"{DID_NOT_START}: {_last_line(run.said)}"
     else:
         run.reason = f"ended with {process.returncode}: {_last_line(run.said)}"
     return run
@@ -299,6 +308,9 @@ def judge(
 ) -> None:
     """Set what the run says of itself against the witness, the log and the observers."""
     run.strangers = len(strangers)
+    if run.refused:
+        run.cause = REFUSED
+        return
     found = ending(rows_of(folder / "witness.csv"), course.watchdog_s)
     # When the loop last spoke: a supervisor that is stopped itself comes to the cut much later.
     run.stopped_s = stopped_s = found.last_goal_s or run.ended_s

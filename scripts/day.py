@@ -24,7 +24,7 @@ from controller.inline import run_inline
 from controller.oscillation import State as Oscillation
 from controller.plan import Plan
 from controller.session import run_session
-from controller.telemetry import FLAG_WARM_UP, Telemetry
+from controller.telemetry import CAPACITY, FLAG_WARM_UP, Telemetry
 from hw.clock import SimulatedClock
 from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.memory_line import MemoryLine
@@ -79,9 +79,9 @@ class WatchedTelemetry(Telemetry):
         self._began = time.monotonic()
         self.title = ""
 
-    def read(self, tail: int) -> tuple[NDArray[np.void], int]:
+    def read(self, tail: int, most: int = CAPACITY) -> tuple[NDArray[np.void], int]:
         """See ``Telemetry``."""
-        rows, following = super().read(tail)
+        rows, following = super().read(tail, most)
         if tail == self._seen and rows.size:
             self._look(rows)
             self._seen = following

@@ -51,7 +51,7 @@ class Ran:
     missed: int
     """Periods in which it did not run"""
     lost: int
-    """Ticks without a reply in time"""
+    """Ticks without an answer to their own request in time"""
     late: int = 0
     """Replies that came after that"""
     times_us: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
@@ -108,7 +108,7 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
     return Ran(
         figures["ticks"],
         figures["missed_ticks"],
-        figures["lost"],
+        figures["lost"] + figures["stale"],
         figures["late"],
         {name: figures[f"{name}_us"] for name in _TIMES},
     )

@@ -35,7 +35,7 @@ ABOUT_S = {
     "boundary": 15,
     "array_simulation": 12,
     "torque_frames": 35,
-    "highest_rate": 60,
+    "highest_rate": 150,
     "bus_cycle": 30,
     "lost_reply": 8,
     "telemetry_row": 3,

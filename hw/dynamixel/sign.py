@@ -73,7 +73,7 @@ def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
         return found, (
             f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
-            "check Drive Mode (10), and that nobody turns the shaft during the start."
+            "see that nobody touches the shaft during the start, then check Drive Mode (10)."
         )
     if tripped:
         return "no motion, because the Bus Watchdog tripped", (

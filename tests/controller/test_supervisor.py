@@ -194,6 +194,7 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(Supervisor, "_hear", broken)
+    stage.loop_acts = lambda loop: loop.say("tell", text="something to hear")
     with pytest.raises(ZeroDivisionError):
         stage.run()
     assert stage.words[Word.STOP] == 1, "it was asked first"

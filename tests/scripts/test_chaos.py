@@ -19,7 +19,7 @@ from scripts.chaos_judge import (
     stalled,
 )
 from scripts.chaos_page import Hour, page
-from scripts.chaos_run import ASKED, Run
+from scripts.chaos_run import ASKED, DID_NOT_START, Run, judge
 from scripts.chaos_shots import GENTLE, HARD, MAY_END
 
 WATCHDOG_S = 0.04
@@ -190,6 +190,19 @@ def test_the_page_says_each_promise_that_did_not_hold(run, words):
 def test_a_page_of_an_hour_that_was_broken_off_says_so():
     assert "broken off" in page(Hour(60.0, 1, [a_run()]))
     assert "broken off" not in page(Hour(60.0, 1, [a_run()], whole=True))
+
+
+def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path):
+    said = f"{DID_NOT_START}: haptic-wall: The servo must not be driven as it is."
+    run = Run(reason=said)
+    (tmp_path / "witness.csv").touch()
+    judge(run, None, tmp_path, None, (), ())
+    text = page(Hour(60.0, 1, [a_run(), run], whole=True))
+    assert "1 refused to start" in text
+    assert "must not be driven as it is" in text
+    assert "**no**" not in text
+    assert not Run(reason=f"{DID_NOT_START}: it said nothing").refused
+    assert not Run(reason=said, began_s=9.0).refused
 
 
 def test_a_gentle_shot_explains_nothing_and_a_hard_one_something():
