@@ -6,22 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.config import Config
 from controller.delay import DelayRing
-from controller.guard import Situation, decide
-from controller.guard_limits import Plants
-from controller.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
-from controller.oscillation import DetectorSettings
+from controller.detector.oscillation import DetectorSettings
+from controller.detector.watch import Answer, Watch, WatchSettings
+from controller.guard.guard import Situation, decide
+from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
+from controller.guard.limits import Plants
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
 from controller.rehearsal import Rehearsal, StandInClock
 from controller.safety import Safety, SafetyLimits
+from controller.settings.config import Config
 from controller.telemetry import Telemetry
 from controller.theory import peak
 from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
 from controller.wall import SIGNS, Law, Wall
-from controller.watch import Answer, Watch, WatchSettings
 from hw.clock import Clock
 from hw.servo import Servo
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from controller.config import Config
-from controller.plan import Ended
 from controller.safety import EXPLANATIONS, Trip
+from controller.settings.config import Config
+from controller.tree.plan import Ended
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:

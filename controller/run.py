@@ -5,13 +5,13 @@ from __future__ import annotations
 import signal
 from types import FrameType
 
-from controller.inline import run_inline
-from controller.logfile import append_end
-from controller.plan import Ended, Plan, Tell
+from controller.log.file import append_end
 from controller.signals import on_signals
-from controller.supervisor import Supervisor
 from controller.telemetry import Telemetry, Word
-from controller.teller import Teller
+from controller.tree.inline import run_inline
+from controller.tree.plan import Ended, Plan, Tell
+from controller.tree.supervisor import Supervisor
+from controller.tree.teller import Teller
 
 
 def run(plan: Plan, tell: Tell) -> Ended:

@@ -9,17 +9,17 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from controller.assembly import guard_ladder, most_injected, rehearsal, rendered, tick_parts
-from controller.config import Config
-from controller.late_ticks import LateTicks
+from controller.detector.watch import oscillation_report
+from controller.lateness.machine_setup import Found
+from controller.lateness.ticks import LateTicks
 from controller.loop import Waiter, next_deadline, waiter_for
-from controller.machine_setup import Found
 from controller.program import Phase
 from controller.realtime import freeze_garbage, reserve_memory
 from controller.safety import Trip
 from controller.session_report import delay_report, guard_report
+from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
-from controller.watch import oscillation_report
 from hw.clock import Clock, SimulatedClock
 from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.open import open_servo

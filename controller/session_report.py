@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from controller.config import Config
-from controller.guard import Decision, decision_report
+from controller.detector.watch import Watch
+from controller.guard.guard import Decision, decision_report
+from controller.settings.config import Config
 from controller.tick import Tick
 from controller.wall import Law
-from controller.watch import Watch
 
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:

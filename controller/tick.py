@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from controller.delay import DelayRing
-from controller.ladder import GuardLadder
+from controller.detector.watch import Watch
+from controller.guard.ladder import GuardLadder
 from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
 from controller.velocity import VelocityEstimator
 from controller.wall import Law
-from controller.watch import Watch
 from hw.clock import Clock
 from hw.servo import Outcome, Servo
 

@@ -18,7 +18,7 @@ from haptic_wall_pytest.record import rows_of
 
 from controller.benchmarks.loops import FORGIVING
 from controller.errors import LogFormatError
-from controller.logfile import read_log
+from controller.log.file import read_log
 from controller.telemetry import ROW
 from scripts.chaos_judge import (
     MACHINE,

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.config import Config
-from controller.config_load import load_config
-from controller.inline import run_inline
-from controller.oscillation import State as Oscillation
-from controller.plan import Plan
+from controller.detector.oscillation import State as Oscillation
 from controller.session import run_session
+from controller.settings.config import Config
+from controller.settings.load import load_config
 from controller.telemetry import CAPACITY, FLAG_WARM_UP, Telemetry
+from controller.tree.inline import run_inline
+from controller.tree.plan import Plan
 from hw.clock import SimulatedClock
 from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.memory_line import MemoryLine

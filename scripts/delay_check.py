@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from controller.benchmarks.machine import machine, versions
-from controller.config_load import load_config
 from controller.experiments.loop_delay import BURSTS, measure_delay
 from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.settings.load import load_config
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from controller.benchmarks.machine import machine, versions
-from controller.config import Config
-from controller.config_load import load_config
 from controller.experiments.identification import Identified, identify
+from controller.settings.config import Config
+from controller.settings.load import load_config
 from scripts.whole_program import page_options, say_time
 
 SEEDS, QUICK = 50, 5

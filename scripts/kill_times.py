@@ -23,7 +23,7 @@ from pathlib import Path
 
 from haptic_wall_pytest.record import BusRow, read_rows
 
-from controller.logfile import read_log
+from controller.log.file import read_log
 from controller.telemetry import Word
 from hw.dynamixel.codec import Instruction
 from scripts.shots import SHOTS, Shot, Target, target

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.config_load import load_config
-from controller.logfile import LogWriter, append_end
+from controller.log.file import LogWriter, append_end
+from controller.settings.load import load_config
 from controller.telemetry import CAPACITY, FLAG_CONTACT, FLAG_WARM_UP, ROW, Telemetry, Word
 from scripts.whole_program import measured_on, page_options, say_time
 
@@ -140,7 +140,7 @@ def backlog(folder: Path, rate_hz: int) -> int:
         "resume": False,
     }
     recorder = subprocess.Popen(
-        [sys.executable, "-m", "controller.recorder"],
+        [sys.executable, "-m", "controller.tree.recorder"],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         pass_fds=[telemetry.descriptor],

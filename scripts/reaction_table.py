@@ -15,11 +15,11 @@ from itertools import pairwise
 import numpy as np
 
 from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
-from controller.config import Config
-from controller.config_load import load_config
 from controller.experiments.onset import simulated_critical_stiffness
-from controller.guard_types import Decision
-from controller.ladder import GuardLadder
+from controller.guard.ladder import GuardLadder
+from controller.guard.types import Decision
+from controller.settings.config import Config
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_SATURATED, Telemetry
 from controller.theory import critical_stiffness, max_virtual_damping, peak
 from controller.theory.servos import SERVOS

@@ -13,7 +13,7 @@ import numpy as np
 from haptic_wall_pytest.record import read_rows
 
 from controller.benchmarks.loops import FORGIVING
-from controller.logfile import read_log
+from controller.log.file import read_log
 from hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config_load import load_config
 from controller.session import Result, run_session
+from controller.settings.load import load_config
 from controller.telemetry import ROW, Telemetry
 from hw.clock import Clock, SimulatedClock
 from hw.dynamixel.emulated.adapter import Adapter

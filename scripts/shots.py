@@ -28,7 +28,7 @@ def write_for_ever(*_):
     while True:
         os.write(full, bytes(4096))
 
-if "controller.loop_process" in sys.orig_argv:
+if "controller.tree.loop_process" in sys.orig_argv:
     signal.signal(signal.SIGUSR1, compute_for_ever)
     signal.signal(signal.SIGUSR2, write_for_ever)
 """

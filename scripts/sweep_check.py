@@ -24,13 +24,13 @@ import numpy as np
 from haptic_wall_pytest.record import read_rows
 
 from controller.benchmarks.loops import FORGIVING
-from controller.config_load import load_config
 from controller.experiments.critical import PointSearch
 from controller.experiments.sweep import experiment_config
 from controller.experiments.sweep_plan import Options, Setting
 from controller.experiments.sweep_result import PointResult
 from controller.experiments.testbed import Testbed
-from controller.logfile import read_log
+from controller.log.file import read_log
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_WARM_UP
 from controller.theory import critical_stiffness, max_virtual_damping
 from hw.dynamixel.codec import Instruction

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from controller.cli import main as cli
-from controller.logfile import read_log
+from controller.log.file import read_log
 from controller.telemetry import ROW, Telemetry, Word
 
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]

@@ -23,14 +23,14 @@ from controller.benchmarks import cyclictest
 from controller.benchmarks.bins import percentile
 from controller.benchmarks.lateness_client import PERIOD_NS, Orders
 from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
-from controller.config_load import load_config
 from controller.errors import PlatformError
-from controller.plan import Plan
-from controller.processes import Child
 from controller.realtime import pick_cores
-from controller.supervisor import Supervisor
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_WARM_UP, Telemetry
 from controller.theory.checks import FloatArray
+from controller.tree.children import Child
+from controller.tree.plan import Plan
+from controller.tree.supervisor import Supervisor
 
 _ROUNDS, _TICKS = 8, 1000
 _START_S: Final = 20.0

@@ -17,13 +17,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from controller.config_load import load_config
 from controller.errors import PlatformError
-from controller.plan import Ended, Plan
-from controller.processes import Child, first_line
 from controller.realtime import pick_cores
-from controller.supervisor import Supervisor
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry
+from controller.tree.children import Child, first_line
+from controller.tree.plan import Ended, Plan
+from controller.tree.supervisor import Supervisor
 
 BAUD: Final = 4_000_000
 START_S: Final = 20.0

@@ -11,7 +11,7 @@ from typing import Any
 
 from controller import realtime
 from controller.benchmarks import cyclictest
-from controller.processes import Child, first_line
+from controller.tree.children import Child, first_line
 
 _PATIENCE_S = 20.0
 

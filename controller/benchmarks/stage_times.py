@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.delay import DelayRing
-from controller.ladder import GuardLadder
+from controller.detector.watch import Watch
+from controller.guard.ladder import GuardLadder
 from controller.passivity_control import PassivityControl
 from controller.rehearsal import Rehearsal
 from controller.telemetry import Telemetry
 from controller.tick import Tick
 from controller.velocity import BackwardDifference
 from controller.wall import Wall
-from controller.watch import Watch
 from hw.servo import Servo
 
 Method = Callable[..., Any]

@@ -9,10 +9,10 @@ from typing import Any, Final
 from controller.benchmarks.loops import AT_REST, FORGIVING, START_S, emulated_bus, wall_run
 from controller.benchmarks.rows import Histogram, Row, Section, over_rounds
 from controller.benchmarks.stage_times import STAGES
-from controller.config_load import load_config
 from controller.errors import PlatformError
-from controller.processes import Child, first_line
 from controller.realtime import pick_cores
+from controller.settings.load import load_config
+from controller.tree.children import Child, first_line
 
 _ROUNDS, _SECONDS = 3, 1.0
 _PERCENTILES: Final = ("p50", "p99")

@@ -15,8 +15,8 @@ import numpy as np
 
 from controller import realtime
 from controller.benchmarks.stage_times import StageTimes
-from controller.config import Config
 from controller.session import run_session
+from controller.settings.config import Config
 from controller.telemetry import Telemetry
 from hw.clock import Clock, MonotonicClock
 from hw.errors import ServoError

@@ -8,15 +8,15 @@ from typing import Any
 
 import click
 
-from controller.belief import Belief, Bounded
-from controller.boundary_curve import Question, WallSide, default_dampings
-from controller.boundary_report import report
 from controller.cli.boundary_text import boundary_text
 from controller.cli.numbers import numbers, span
 from controller.cli.options import answer, as_json, json_option, refuse_other_pictures, writing
-from controller.delay_parts import ADAPTER, WIRE, DelayParts
 from controller.errors import UserError
-from controller.guard_types import Situation
+from controller.guard.belief import Belief, Bounded
+from controller.guard.boundary_curve import Question, WallSide, default_dampings
+from controller.guard.boundary_report import report
+from controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
+from controller.guard.types import Situation
 from controller.theory.servos import ServoFacts, servo
 from hw.wire import cycle_s
 
@@ -81,7 +81,7 @@ def command(
     except ValueError as error:  # numbers so extreme that only the theory can tell
         raise UserError(f"{error}; are all in SI units?") from None
     if plot is not None:
-        from controller.boundary_plot import plot_boundary
+        from controller.plots.boundary import plot_boundary
 
         with writing("--plot", plot):
             plot_boundary(question, found, plot)

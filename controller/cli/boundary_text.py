@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from controller.delay_parts import ms
+from controller.guard.delay_parts import ms
 
 _WIDTH = 98
 _LOWER = 0.98

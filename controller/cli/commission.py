@@ -22,8 +22,8 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import Loaded, load_config
 from controller.errors import UserError
+from controller.settings.load import Loaded, load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:

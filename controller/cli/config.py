@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from controller.cli.options import answer, as_json, config_argument, json_option, set_option
-from controller.config_fields import Field, fields
-from controller.config_load import Loaded, load_config
+from controller.settings.fields import Field, fields
+from controller.settings.load import Loaded, load_config
 
 _VALUE_WIDTH = 40
 """Of a value with its unit; a belief with bounds is the longest."""

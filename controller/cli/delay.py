@@ -17,9 +17,9 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import load_config
-from controller.delay_parts import ms
 from controller.errors import UserError
+from controller.guard.delay_parts import ms
+from controller.settings.load import load_config
 
 if TYPE_CHECKING:
     from controller.experiments.loop_delay import LoopDelay
@@ -74,7 +74,7 @@ def command(
     ask_to_move(effective.servo, yes)
     with endings():
         found = measure_delay(effective, folder, chosen, bursts or BURSTS, seed, say)
-    from controller.delay_plot import plot_delay
+    from controller.plots.delay import plot_delay
 
     files = [folder / "delay.json", folder / "delay.png"]
     report = {

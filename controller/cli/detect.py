@@ -20,7 +20,7 @@ from controller.errors import UserError
 from controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.detected import Detected
+    from controller.log.detected import Detected
 
 _NUMBER = click.FLOAT
 
@@ -50,8 +50,8 @@ def command(
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
-    from controller.detected import detect_all
-    from controller.recording import read_recordings
+    from controller.log.detected import detect_all
+    from controller.log.recordings import read_recordings
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
@@ -72,7 +72,7 @@ def command(
     if not detected.drawn:
         raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(detected.notes)}")
     if plot is not None:
-        from controller.detect_plot import plot_detection
+        from controller.plots.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
         with writing("--plot", plot), whole(plot) as part:

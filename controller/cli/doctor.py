@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from controller.cli.options import answer, as_json, config_argument, json_option, set_option
-from controller.config_load import load_config
 from controller.doctor.checkup import examine
 from controller.doctor.report import Consent, Report
 from controller.errors import UserError
+from controller.settings.load import load_config
 from hw.dynamixel.examine.cycles import Series
 from hw.dynamixel.examine.finding import Finding
 from hw.dynamixel.examine.replies import percentile

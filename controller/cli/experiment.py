@@ -11,9 +11,9 @@ from pathlib import Path
 import click
 
 from controller.cli.interrupt import INTERRUPTED
-from controller.config_servo import Servo
 from controller.errors import UserError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.settings.servo import Servo
 
 TRIPPED = 3
 

@@ -21,8 +21,8 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import Loaded, load_config
 from controller.errors import UserError
+from controller.settings.load import Loaded, load_config
 
 if TYPE_CHECKING:
     from controller.experiments.boundary_fit import BoundaryPoints
@@ -159,7 +159,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
 
 
 def _draw(found: Identified, name: str, path: Path) -> str:
-    from controller.identify_plot import plot_identification
+    from controller.plots.identify import plot_identification
 
     with writing("--plot", path):
         plot_identification(found, name, path)
@@ -173,10 +173,10 @@ def _from_sweep(
     found: Identified | None,
 ) -> dict[str, Any]:
     """What the boundary says, beside the motion or the belief."""
-    from controller.config import Config
     from controller.experiments.boundary_fit import Loop, fit_boundary
     from controller.experiments.identification import Estimated
     from controller.experiments.identify_text import believed, boundary_report, comparison
+    from controller.settings.config import Config
 
     measured_with = loaded.config if held is None else Config.model_validate(held)
     belief = loaded.config.belief()

@@ -19,9 +19,9 @@ from controller.cli.options import (
     writing,
 )
 from controller.errors import UserError
-from controller.log_rows import LogRows, Stretch
-from controller.log_summary import summarised
-from controller.logreader import LogReader
+from controller.log.reader import LogReader
+from controller.log.rows import LogRows, Stretch
+from controller.log.summary import summarised
 from controller.whole_file import whole
 
 _FILE = click.Path(path_type=Path)
@@ -112,22 +112,22 @@ def _write(
     """Write what was asked for; each file is there whole, or not at all."""
 
     def csv(path: Path) -> None:
-        from controller.csv_export import write_csv
+        from controller.log.csv_export import write_csv
 
         write_csv(path, rows)
 
     def mcap(path: Path) -> None:
-        from controller.mcap_export import write_mcap
+        from controller.log.mcap_export import write_mcap
 
         write_mcap(path, rows)
 
     def picture(path: Path) -> None:
-        from controller.plot import plot_log
+        from controller.plots.run import plot_log
 
         plot_log(rows, path, report["stop_reason"])
 
     def cut(path: Path) -> None:
-        from controller.log_cut import cut_log
+        from controller.log.cut import cut_log
 
         cut_log(path, rows, log.name, report["from_s"], report["to_s"])
 

@@ -21,8 +21,8 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import load_config
 from controller.errors import UserError
+from controller.settings.load import load_config
 
 if TYPE_CHECKING:
     from controller.experiments.maps import CriticalMap, Setting
@@ -204,7 +204,7 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
 
 
 def _write(found: CriticalMap, name: str, out: Path) -> list[Path]:
-    from controller.map_plot import plot_map
+    from controller.plots.maps import plot_map
 
     files = [out / name for name in _FILES]
     points = _points(found)

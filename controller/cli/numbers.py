@@ -9,7 +9,7 @@ import math
 
 import click
 
-from controller.belief import Bounded
+from controller.guard.belief import Bounded
 
 
 def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:

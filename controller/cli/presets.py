@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from controller.cli.options import answer, as_json, json_option
-from controller.config_load import preset_names, preset_summary
+from controller.settings.load import preset_names, preset_summary
 
 
 @click.command()

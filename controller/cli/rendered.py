@@ -16,7 +16,7 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import load_config
+from controller.settings.load import load_config
 
 if TYPE_CHECKING:
     from controller.experiments.rendering import Rendering
@@ -54,7 +54,7 @@ def command(
     ask_to_move(loaded.config.servo, yes)
     with endings():
         found = measure_rendering(loaded.config, folder, seed, say)
-    from controller.rendered_plot import plot_rendering
+    from controller.plots.rendered import plot_rendering
 
     files = [folder / "rendered.json", folder / "rendered.png"]
     report = {"name": loaded.name, **rendering_report(found), "files": files}

@@ -22,13 +22,13 @@ from controller.cli.options import (
     set_option,
 )
 from controller.cli.text import report_text
-from controller.config import Config
-from controller.config_load import load_config
 from controller.errors import UserError
+from controller.settings.config import Config
+from controller.settings.load import load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:
-    from controller.stream import Stream
+    from controller.tree.stream import Stream
 
 SIMULATED_S = 5.0
 """Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
@@ -71,8 +71,8 @@ def command(
     otherwise. Whatever ends it, the torque is off when it ends.
     """
     from controller import report as reports
-    from controller.plan import Plan
     from controller.run import run
+    from controller.tree.plan import Plan
 
     loaded = load_config(config, sets)
     effective = loaded.config
@@ -123,7 +123,7 @@ def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream 
             "--stream: on the simulated clock a run is over before it can be watched; leave it out"
             " and look at the log, or run with --set loop.clock=monotonic"
         )
-    from controller.stream import RATE_HZ, stream_to
+    from controller.tree.stream import RATE_HZ, stream_to
 
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
 
@@ -188,9 +188,9 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     """Draw the picture from the log; what went wrong, or None."""
     try:
         with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
-            from controller.log_rows import LogRows
-            from controller.logreader import LogReader
-            from controller.plot import plot_log
+            from controller.log.reader import LogReader
+            from controller.log.rows import LogRows
+            from controller.plots.run import plot_log
             from controller.whole_file import whole
 
             rows = LogRows.of(LogReader(log))

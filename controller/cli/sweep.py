@@ -20,13 +20,13 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.config_load import load_config
 from controller.errors import UserError
+from controller.settings.load import load_config
 
 if TYPE_CHECKING:
-    from controller.config import Config
     from controller.experiments.sweep_plan import Options, Setting
     from controller.experiments.sweep_result import PointResult
+    from controller.settings.config import Config
 
 _MOST_STEPS = 1000
 
@@ -127,7 +127,7 @@ def command(
     )
     points = store.points()
     if points:
-        from controller.sweep_plot import plot_sweep
+        from controller.plots.sweep import plot_sweep
 
         store.write()
         with writing("--out", folder):

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
 from controller.experiments.identification import Estimated
 from controller.experiments.identify_text import boundary_report, comparison
 from controller.experiments.sweep import experiment_config
 from controller.experiments.sweep_device import Device
+from controller.settings.config import Config
 from controller.theory import critical_point
 from controller.theory.checks import FloatArray
 

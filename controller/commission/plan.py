@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 from controller.commission.sweep_points import OPTIONS, short_sweep
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments import loop_delay, rendering
 from controller.experiments.contact_transient import FASTEST
 from controller.experiments.holding import torque_limit_of
 from controller.experiments.identification import announcement, bounds_of
 from controller.experiments.sweep import excursion, expected_s, experiment_config
+from controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
 """Periods inserted, beside the configured ones, to be recovered"""

@@ -12,9 +12,9 @@ from controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
 from controller.commission.plan import has_doctor
 from controller.commission.steps import Bench, identified
 from controller.commission.store import settings_of
-from controller.config import Config
 from controller.errors import HapticWallError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.settings.config import Config
 from hw.errors import ServoError
 
 TRIPPED, HARDWARE, WRONG = 3, 4, 1

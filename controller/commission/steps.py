@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controller import config_yaml
 from controller.commission.plan import BURSTS, DELAY_STEPS
 from controller.commission.store import LOGS, CommissionStore
 from controller.commission.sweep_points import OPTIONS, short_sweep
-from controller.config import Config
-from controller.delay_plot import plot_delay
 from controller.errors import UserError
 from controller.experiments.identification import identify
 from controller.experiments.identified_config import identified_config
@@ -25,9 +22,12 @@ from controller.experiments.sweep_plan import Setting
 from controller.experiments.sweep_result import PointResult
 from controller.experiments.sweep_store import PNG, Asked, SweepStore
 from controller.experiments.testbed import ExperimentInterruptedError
-from controller.identify_plot import plot_identification
-from controller.rendered_plot import plot_rendering
-from controller.sweep_plot import plot_sweep
+from controller.plots.delay import plot_delay
+from controller.plots.identify import plot_identification
+from controller.plots.rendered import plot_rendering
+from controller.plots.sweep import plot_sweep
+from controller.settings import yaml_text as config_yaml
+from controller.settings.config import Config
 
 Tell = Callable[[str], None]
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from controller import __version__
 from controller.commission.outcome import STEPS, Outcome, Step
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.kept_folder import fingerprint, made, replaced
+from controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
 _FORMAT = "haptic-wall commission 1"

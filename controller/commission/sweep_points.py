@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from controller.config import Config
 from controller.experiments.holding import sample_age
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import Options, Setting, reach
+from controller.settings.config import Config
 
 OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)
 _MORE = 3

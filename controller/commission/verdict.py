@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from controller.config import Config
-from controller.delay_parts import SAMPLE_AGE, DelayParts
 from controller.experiments.holding import sample_age, torque_limit_of
-from controller.guard import Situation, decide
-from controller.guard_limits import LOOKED_UP, Found, Plants, evaluate
-from controller.guard_types import Decision, GuardSettings, Request, decision_report
-from controller.ladder import rung_ages_ns
+from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
+from controller.guard.guard import Situation, decide
+from controller.guard.ladder import rung_ages_ns
+from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate
+from controller.guard.types import Decision, GuardSettings, Request, decision_report
+from controller.settings.config import Config
 from controller.theory.checks import FloatArray
 
 ASKED = 1e6

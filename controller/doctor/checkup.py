@@ -13,15 +13,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
-from controller.config import Config
 from controller.doctor import machine, timing
 from controller.doctor.locate import Locator, name_of
 from controller.doctor.measure import measure
 from controller.doctor.report import Consent, Report, Tell, question, told
-from controller.machine_setup import machine_setup
-from controller.processes import Child, first_line
+from controller.lateness.machine_setup import machine_setup
 from controller.realtime import Setting, pick_cores
-from controller.supervisor import emulator_arguments
+from controller.settings.config import Config
+from controller.tree.children import Child, first_line
+from controller.tree.supervisor import emulator_arguments
 from hw.clock import MonotonicClock
 from hw.dynamixel.drivable import drivable
 from hw.dynamixel.examine.adapter import examine_port

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.machine_setup import Found
+from controller.lateness.machine_setup import Found
 from controller.realtime import Profile, Setting, missing_for_strict
 from hw.dynamixel.examine.finding import Finding, not_applicable
 from hw.dynamixel.examine.replies import percentile

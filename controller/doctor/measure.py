@@ -7,11 +7,11 @@ import os
 from dataclasses import asdict
 from typing import Any, Final
 
-from controller.config import Config
 from controller.doctor.timing_process import Orders
-from controller.processes import Child, first_line
 from controller.realtime import pick_cores
+from controller.settings.config import Config
 from controller.tick import COLLECT_SHARE, LONGER_SHARE
+from controller.tree.children import Child, first_line
 from hw.errors import ServoError
 
 SERIES_S: Final = 0.1

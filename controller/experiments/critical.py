@@ -33,7 +33,7 @@ from controller.experiments.sweep_result import (
 )
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from controller.experiments.trial_watch import Seen, watch
-from controller.logfile import SUFFIX, read_log
+from controller.log.file import SUFFIX, read_log
 from controller.program import Phase
 from controller.telemetry import FLAG_WARM_UP
 

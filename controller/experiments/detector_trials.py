@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controller.detector.oscillation import State
 from controller.experiments.hands import draw_hands, goes_on, handled
 from controller.experiments.kicks import unsaturated
 from controller.experiments.listening import COUNT, PERIOD, listen
 from controller.experiments.many_walls import Walls, split_delay
 from controller.experiments.onset import onset
 from controller.experiments.watched import Trace, kicked, steady_oscillation
-from controller.oscillation import State
 from controller.theory import max_virtual_damping
 from controller.theory.checks import FloatArray, IntArray
 from controller.theory.servos import SERVOS

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config import Config
 from controller.errors import UserError
 from controller.program import Phase
+from controller.settings.config import Config
 from controller.theory import critical_stiffness, max_virtual_damping
 
 _MARGIN = 0.4

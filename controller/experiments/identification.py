@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.excitation import Bounds, Guess
 from controller.experiments.fitting import Fit
@@ -23,6 +22,7 @@ from controller.experiments.motion_model import Motion, motion_of
 from controller.experiments.outside_forces import outside_forces
 from controller.experiments.testbed import Played, Testbed
 from controller.experiments.torque_gain import torque_gain
+from controller.settings.config import Config
 
 REACH = 0.6
 """How far from its beginning the shaft may come unless told otherwise [rad]"""

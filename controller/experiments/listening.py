@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.acting import ActingTorque
+from controller.detector.acting import ActingTorque
+from controller.detector.oscillation import Detector, DetectorSettings, State
 from controller.experiments.many_walls import Walls
 from controller.experiments.watched import Trace
-from controller.oscillation import Detector, DetectorSettings, State
 from controller.theory.checks import FloatArray
 
 COUNT = 2.0 * np.pi / 4096

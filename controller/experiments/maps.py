@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.many_walls import Walls
 from controller.experiments.onset import onset
 from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.settings.config import Config
 from controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from controller.theory.checks import FloatArray, IntArray
 from hw.settings import TrueServo

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from controller.config import Config
 from controller.experiments.contact_transient import (
     FASTEST,
     REACH,
@@ -36,8 +35,9 @@ from controller.experiments.static_stiffness import (
 )
 from controller.experiments.step_fit import from_command
 from controller.experiments.testbed import Testbed
-from controller.guard import Situation, decide
-from controller.guard_types import Decision, Request
+from controller.guard.guard import Situation, decide
+from controller.guard.types import Decision, Request
+from controller.settings.config import Config
 from controller.theory.one_sided import restitution
 
 BURSTS = 8

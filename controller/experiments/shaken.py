@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config import Config
 from controller.errors import HapticWallError, UserError
 from controller.experiments.holding import Hold, hold_of
 from controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps
@@ -20,6 +19,7 @@ from controller.experiments.torque_steps import (
     step_phases,
     steps_of,
 )
+from controller.settings.config import Config
 from controller.theory.checks import FloatArray
 
 _LONGEST_LAG = 0.06

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 
-from controller.config import Config
 from controller.experiments.critical import PointSearch
 from controller.experiments.processes import cores, held_back_ctrl_c, processes
 from controller.experiments.sweep_device import Device
@@ -25,6 +24,7 @@ from controller.experiments.sweep_plan import (
 from controller.experiments.sweep_result import PointResult
 from controller.experiments.sweep_store import LOGS, SweepStore
 from controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from controller.settings.config import Config
 
 _TRIALS = 8, 4
 """Trials of a point: in a typical sweep, and for each repeat more"""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.config import Config
 from controller.errors import UserError
+from controller.settings.config import Config
 from controller.theory import critical_stiffness, linear_limit, max_virtual_damping
 from controller.theory.checks import FloatArray
 from controller.theory.exact import critical_point

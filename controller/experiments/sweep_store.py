@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from controller import __version__
-from controller.config import Config
 from controller.errors import UserError
 from controller.experiments.kept_folder import fingerprint, made, replaced
 from controller.experiments.sweep_plan import Options, Setting
 from controller.experiments.sweep_result import PointResult
+from controller.settings.config import Config
 
 JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
 _FORMAT = "haptic-wall sweep 1"

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import __version__
-from controller.config import Config
 from controller.errors import UserError
-from controller.logfile import SUFFIX, read_log
-from controller.machine_setup import START
-from controller.plan import Ended, Plan
+from controller.lateness.machine_setup import START
+from controller.log.file import SUFFIX, read_log
 from controller.program import Phase
 from controller.report import explanation
 from controller.run import run
+from controller.settings.config import Config
 from controller.telemetry import FLAG_WARM_UP
+from controller.tree.plan import Ended, Plan
 
 
 class ExperimentInterruptedError(Exception):

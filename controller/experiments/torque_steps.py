@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.config import Config
 from controller.experiments.holding import Hold
 from controller.program import Phase
+from controller.settings.config import Config
 from controller.theory.checks import FloatArray
 from hw.servo import Outcome
 

@@ -6,8 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from controller.cli import config, presets
-from controller.config_fields import fields
-from controller.config_load import load_config, preset_names
+from controller.settings.fields import fields
+from controller.settings.load import load_config, preset_names
 
 
 def answer(module, *arguments):

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from controller.cli import delay, experiment, identify, rendered, sweep
-from controller.config_load import load_config
+from controller.settings.load import load_config
 
 REAL = load_config("xm430-w350").config.servo
 

@@ -6,9 +6,9 @@ import threading
 import pytest
 
 from controller.cli import main as cli
-from controller.config_load import load_config
 from controller.experiments.testbed import Testbed
-from controller.logfile import read_log
+from controller.log.file import read_log
+from controller.settings.load import load_config
 
 QUICK = [
     "--set=loop.clock=simulated",

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from controller.cli.log import command
-from controller.config_load import load_config
 from controller.errors import UserError
-from controller.logfile import LogWriter, append_end, read_log
-from controller.recording import read_recordings
+from controller.log.file import LogWriter, append_end, read_log
+from controller.log.recordings import read_recordings
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
 
@@ -173,7 +173,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(log, tmp_path, monkey
         drawn.append(sketch.time)
         path.touch()
 
-    monkeypatch.setattr("controller.plot.plot_run", keep)
+    monkeypatch.setattr("controller.plots.run.plot_run", keep)
     answer(log, "--from", 0.3, "--to", 0.6, "--plot", tmp_path / "a.png")
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
 
@@ -261,7 +261,7 @@ def test_an_export_whose_terminal_is_closed_leaves_nothing(log, tmp_path, monkey
         os.kill(os.getpid(), number)
         pytest.fail("went on")
 
-    monkeypatch.setattr("controller.csv_export.write_csv", ended)
+    monkeypatch.setattr("controller.log.csv_export.write_csv", ended)
     before = signal.getsignal(number)
     assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
     assert list(tmp_path.iterdir()) == [log]
@@ -282,7 +282,7 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
 
     for place in ("csv_export.write_csv", "plot.plot_log", "mcap_export.write_mcap"):
         monkeypatch.setattr(f"controller.{place}", interrupted)
-    monkeypatch.setattr("controller.log_cut.cut_log", interrupted)
+    monkeypatch.setattr("controller.log.cut.cut_log", interrupted)
     assert CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(target)]).exit_code
     assert seen
     assert target.read_text() == "before"

@@ -51,7 +51,7 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
     def impatient(*_):
         os.kill(os.getpid(), number)
 
-    monkeypatch.setattr("controller.plot.plot_run", impatient)
+    monkeypatch.setattr("controller.plots.run.plot_run", impatient)
     before = signal.getsignal(number)
     status, out, _ = run(capsys, "--log", "run.hwlog")
     report = json.loads(out)
@@ -61,7 +61,7 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
 
 
 def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
-    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
     status, out, _ = run(capsys, "--log", "run.hwlog", "--set", "safety.max_speed=1e-9")
     assert cli.main(["log", "run.hwlog", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -72,7 +72,7 @@ def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
 
 
 def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
-    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
     for name in ("a", "b"):
         assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
     assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()

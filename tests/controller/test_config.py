@@ -2,10 +2,10 @@
 
 import pytest
 
-from controller.belief import Bounded
-from controller.config import Config
-from controller.config_load import load_config, preset_names
 from controller.errors import ConfigError
+from controller.guard.belief import Bounded
+from controller.settings.config import Config
+from controller.settings.load import load_config, preset_names
 from hw.settings import DynamixelSettings, SimulatedSettings
 
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.config_fields import fields
-from controller.config_load import apply_set, load_config, preset_names, preset_summary
-from controller.config_yaml import parse
 from controller.errors import ConfigError, UserError
+from controller.settings.fields import fields
+from controller.settings.load import apply_set, load_config, preset_names, preset_summary
+from controller.settings.yaml_text import parse
 
 HARDWARE = "xm430-w350"
 

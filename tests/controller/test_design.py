@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.belief import Belief, Bounded
-from controller.delay_parts import ADAPTER, HOLD, SAMPLE_AGE, WIRE, DelayParts, shorter
-from controller.design import Change, Improvement, improvements
-from controller.guard_limits import Plants, evaluate
-from controller.guard_types import GuardSettings, Request, Side, Situation
+from controller.guard.belief import Belief, Bounded
+from controller.guard.delay_parts import ADAPTER, HOLD, SAMPLE_AGE, WIRE, DelayParts, shorter
+from controller.guard.design import Change, Improvement, improvements
+from controller.guard.limits import Plants, evaluate
+from controller.guard.types import GuardSettings, Request, Side, Situation
 from controller.theory import (
     critical_stiffness,
     linear_limit,

@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from controller.config import Config
-from controller.config_load import load_config
 from controller.errors import ConfigError
 from controller.session import run_session
-from controller.supervisor import emulator_arguments
+from controller.settings.config import Config
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry
+from controller.tree.supervisor import emulator_arguments
 from hw.clock import SimulatedClock
 from hw.errors import UnfitServoError
 

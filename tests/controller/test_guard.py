@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from controller.belief import Belief, Bounded
-from controller.guard import (
+from controller.guard.belief import Belief, Bounded
+from controller.guard.guard import (
     Decision,
     GuardSettings,
     Mode,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from controller.belief import Belief, Bounded
-from controller.guard import Decision, GuardSettings, Request, Side, Situation, decide
+from controller.guard.belief import Belief, Bounded
+from controller.guard.guard import Decision, GuardSettings, Request, Side, Situation, decide
 from controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from controller.ladder import RAISE_WINDOWS, RUN, GuardLadder, rung_ages_ns
+from controller.guard.ladder import RAISE_WINDOWS, RUN, GuardLadder, rung_ages_ns
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100

@@ -15,14 +15,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from controller import thread_counters
-from controller.config_load import load_config
-from controller.late_causes import Cause, Machine
-from controller.late_ticks import WORST, LateTicks
+from controller.lateness import thread_counters
+from controller.lateness.causes import Cause, Machine
+from controller.lateness.thread_counters import CounterReader, Counters
+from controller.lateness.ticks import WORST, LateTicks
 from controller.loop import SpinWaiter, next_deadline
 from controller.session import run_session
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry
-from controller.thread_counters import CounterReader, Counters
 from hw.clock import SimulatedClock
 from hw.errors import TorqueLostError
 
@@ -380,7 +380,7 @@ def loop_of(pid):
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         for child in children:
             with suppress(OSError):
-                if "controller.loop_process" in Path(f"/proc/{child}/cmdline").read_text():
+                if "controller.tree.loop_process" in Path(f"/proc/{child}/cmdline").read_text():
                     return int(child)
         time.sleep(0.02)
     raise AssertionError("the loop's process did not start")

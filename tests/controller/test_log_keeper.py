@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from controller import log_keeper
-from controller.log_keeper import STUCK_S, LogKeeper
-from controller.logfile import LogWriter, read_log
-from controller.recorder import Recorder, may_stand_back
+from controller.log.file import LogWriter, read_log
 from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
+from controller.tree import log_keeper
+from controller.tree.log_keeper import STUCK_S, LogKeeper
+from controller.tree.recorder import Recorder, may_stand_back
 
 VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 

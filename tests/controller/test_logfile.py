@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import LogFormatError
-from controller.logfile import LogWriter, append_end, read_log
-from controller.logreader import Damage, End, LogReader
+from controller.log.file import LogWriter, append_end, read_log
+from controller.log.reader import Damage, End, LogReader
 
 ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
 METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}

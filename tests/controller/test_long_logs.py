@@ -6,17 +6,20 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from controller import detected as seen
-from controller import log_recording, log_windows, recording, sketch
-from controller.config_load import load_config
-from controller.csv_export import write_csv
-from controller.dense_picture import MOST, outline
-from controller.log_cut import cut_log
-from controller.log_rows import LogRows
-from controller.log_summary import summarised
-from controller.logfile import LogWriter
-from controller.logreader import LogReader
-from controller.sketch import sketched
+from controller.log import detected as seen
+from controller.log import recording
+from controller.log import recordings as log_recording
+from controller.log import windows as log_windows
+from controller.log.csv_export import write_csv
+from controller.log.cut import cut_log
+from controller.log.file import LogWriter
+from controller.log.reader import LogReader
+from controller.log.rows import LogRows
+from controller.log.summary import summarised
+from controller.plots import sketch
+from controller.plots.dense_picture import MOST, outline
+from controller.plots.sketch import sketched
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
 CONFIG = load_config("simulated").config

@@ -5,11 +5,11 @@ import os
 import subprocess
 import sys
 
-from controller.config_load import load_config
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry
 
 BROKEN = """
-from controller import loop_process
+from controller.tree import loop_process
 
 def run_session(*_, **__):
     raise ZeroDivisionError("boom")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from controller.loop_watch import END_S, START_S, LoopWatch
 from controller.telemetry import State, Telemetry, Word
+from controller.tree.loop_watch import END_S, START_S, LoopWatch
 
 LOOK_S = 0.02
 HEARTBEAT_S = 0.1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.machine_setup import Found, is_virtual, machine_setup, start_table
+from controller.lateness.machine_setup import Found, is_virtual, machine_setup, start_table
 from controller.realtime import Setting
 
 CORE = Setting("core", "core 1", "core 1", True, "")

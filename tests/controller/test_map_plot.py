@@ -12,9 +12,9 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from controller import map_plot
-from controller.config_load import load_config
 from controller.experiments.maps import Setting, critical_map
+from controller.plots import maps as map_plot
+from controller.settings.load import load_config
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controller.detector.oscillation import State
 from controller.experiments.detector_trials import kick_trials
 from controller.experiments.hands import HANDS, draw_hands, goes_on, handled
 from controller.experiments.listening import COUNT, listen
 from controller.experiments.many_walls import Loops, Walls
 from controller.experiments.watched import Trace, kicked, steady_oscillation
-from controller.oscillation import State
 from controller.theory import critical_stiffness
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from controller import plot
-from controller.config_load import load_config
 from controller.errors import LogFormatError
-from controller.sketch import sketched
+from controller.plots import run as plot
+from controller.plots.sketch import sketched
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, ROW
 
 PNG = b"\x89PNG\r\n\x1a\n"

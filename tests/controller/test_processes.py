@@ -1,6 +1,6 @@
 """Child processes are this program's, wherever the user stands."""
 
-from controller.processes import Child, first_line
+from controller.tree.children import Child, first_line
 
 
 def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch):

@@ -8,10 +8,10 @@ import time
 import numpy as np
 import pytest
 
-from controller.log_keeper import LogKeeper
-from controller.logfile import read_log
-from controller.processes import Child
+from controller.log.file import read_log
 from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, Telemetry, Word
+from controller.tree.children import Child
+from controller.tree.log_keeper import LogKeeper
 
 VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 
@@ -39,7 +39,7 @@ class Recording:
             "resume": resume,
         }
         descriptors = [self.telemetry.descriptor]
-        self.recorders.append(Child("recorder", ["controller.recorder"], orders, descriptors))
+        self.recorders.append(Child("recorder", ["controller.tree.recorder"], orders, descriptors))
         return self.recorders[-1]
 
     def until(self, condition, rows=7):

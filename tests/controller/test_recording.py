@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.errors import UserError
-from controller.recording import read_recordings
+from controller.log.recordings import read_recordings
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)

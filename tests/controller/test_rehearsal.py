@@ -5,10 +5,10 @@ import pytest
 from controller import loop, rehearsal
 from controller.assembly import guard_ladder, most_injected
 from controller.assembly import rehearsal as rehearsal_of
-from controller.config_load import load_config
 from controller.loop import SpinWaiter, waiter_for
 from controller.rehearsal import Rehearsal, StandInClock
 from controller.session import run_session
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry
 from hw.clock import MonotonicClock, SimulatedClock
 from hw.open import open_servo

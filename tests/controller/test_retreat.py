@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from controller.oscillation import DetectorSettings
-from controller.retreat import SHARES, UNKNOWN, Swing, softer
+from controller.detector.oscillation import DetectorSettings
+from controller.detector.retreat import SHARES, UNKNOWN, Swing, softer
 
 M, B_SERVO = 0.012, 0.012
 SERVO = DetectorSettings(1e-3, inertia=M, damping=B_SERVO, coulomb=0.0)

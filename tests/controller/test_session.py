@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from controller.config_load import load_config
 from controller.session import run_session
+from controller.settings.load import load_config
 from controller.telemetry import FLAG_WARM_UP, Telemetry, Word
 from controller.theory import critical_stiffness
 from hw.clock import SimulatedClock

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from controller.cli.run import command
-from controller.columns import COLUMNS
 from controller.errors import UserError
-from controller.stream import Sender, Stream, stream_to
+from controller.log.columns import COLUMNS
 from controller.telemetry import ROW, Telemetry
+from controller.tree.stream import Sender, Stream, stream_to
 
 
 @pytest.fixture

@@ -10,12 +10,12 @@ import time
 
 import pytest
 
-from controller import supervisor
-from controller.config_load import load_config
-from controller.plan import Plan
 from controller.report import exit_status, explanation, run_report
-from controller.supervisor import Supervisor
+from controller.settings.load import load_config
 from controller.telemetry import State, Telemetry, Word
+from controller.tree import supervisor
+from controller.tree.plan import Plan
+from controller.tree.supervisor import Supervisor
 
 RESULT = {
     "stop_reason": "trip:overspeed",
@@ -179,7 +179,7 @@ def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage
 
 
 def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
-    monkeypatch.setattr("controller.loop_watch.END_S", 0.1)
+    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = 1
     stage.loop_acts = lambda _: stage.words.__setitem__(
         Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10

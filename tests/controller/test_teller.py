@@ -2,7 +2,7 @@
 
 import threading
 
-from controller.teller import Teller
+from controller.tree.teller import Teller
 
 
 def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():

@@ -5,15 +5,15 @@ import math
 import pytest
 
 from controller.delay import DelayRing
-from controller.ladder import GuardLadder
+from controller.detector.oscillation import DetectorSettings
+from controller.detector.watch import Watch, WatchSettings
+from controller.guard.ladder import GuardLadder
 from controller.loop import next_deadline
-from controller.oscillation import DetectorSettings
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
 from controller.tick import Tick, TickParts
 from controller.velocity import BackwardDifference
 from controller.wall import Wall
-from controller.watch import Watch, WatchSettings
 from hw.clock import SimulatedClock
 from hw.servo import BusCounts, Facts, Outcome, Reading
 

@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from controller.config_load import load_config
-from controller.inline import run_inline
-from controller.logfile import read_log
-from controller.oscillation import DetectorSettings, State
-from controller.plan import Plan
+from controller.detector.oscillation import DetectorSettings, State
+from controller.detector.watch import LEAST_SHARE, Watch, WatchSettings
+from controller.log.file import read_log
 from controller.report import exit_status
+from controller.settings.load import load_config
 from controller.telemetry import Telemetry, Word
 from controller.theory import critical_stiffness, peak
+from controller.tree.inline import run_inline
+from controller.tree.plan import Plan
 from controller.wall import Wall
-from controller.watch import LEAST_SHARE, Watch, WatchSettings
 
 BASE = (
     "loop.clock=simulated",

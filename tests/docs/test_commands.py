@@ -17,10 +17,10 @@ from concurrent.futures import Executor
 import pytest
 
 from controller.cli import main as cli
-from controller.config_load import load_config
 from controller.experiments import maps
 from controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from controller.paper import items
+from controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
 
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
@@ -42,7 +42,7 @@ def folder(tmp_path, monkeypatch):
     # What is measured has tests of its own, and takes minutes.
     monkeypatch.setattr("controller.benchmarks.report.measured_section", lambda _: NOTHING)
     # What is drawn has tests of its own, and takes most of a second each time.
-    monkeypatch.setattr("controller.plot.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
     (tmp_path / "config").symlink_to(ROOT / "config")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     yield tmp_path
@@ -67,7 +67,7 @@ def cut_short(monkeypatch, thorough):
     nobody = functools.partial(maps.critical_map, executor=Nobody())
     monkeypatch.setattr(maps, "critical_map", nobody)
     monkeypatch.setattr(
-        "controller.boundary_plot.plot_boundary", lambda _question, _found, path: path.touch()
+        "controller.plots.boundary.plot_boundary", lambda _question, _found, path: path.touch()
     )
     few = [item for item in items.ITEMS if item.name == "fig8"]
     monkeypatch.setattr(items, "ITEMS", few)

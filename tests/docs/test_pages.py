@@ -6,10 +6,10 @@ import re
 import pytest
 
 from controller.cli.main import COMMANDS
-from controller.columns import COLUMNS
-from controller.config_fields import fields
+from controller.log.columns import COLUMNS
 from controller.realtime import Setting
 from controller.safety import Trip
+from controller.settings.fields import fields
 from controller.telemetry import ROW
 from tests.docs.pages import PAGES, anchors, name_of, script, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.belief import Belief, Bounded
-from controller.guard import GuardSettings, Request, Situation, decide
+from controller.guard.belief import Belief, Bounded
+from controller.guard.guard import GuardSettings, Request, Situation, decide
 from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from controller.theory import one_sided_table as tables
 from controller.theory.one_sided_fill import computed_share
@@ -187,7 +187,7 @@ def test_a_decision_simulates_no_contact(monkeypatch: pytest.MonkeyPatch) -> Non
         raise AssertionError("a contact was simulated")
 
     monkeypatch.setattr(COMPUTED, none)
-    monkeypatch.setattr("controller.guard_limits.one_sided_limit", none)
+    monkeypatch.setattr("controller.guard.limits.one_sided_limit", none)
     belief = Belief(
         inertia=Bounded(0.012, 0.008, 0.018),
         damping=Bounded(0.0117, 0.006, 0.023),

@@ -14,9 +14,9 @@ from controller.benchmarks.lost_reply import request_to_torque_s, waits_ns
 from controller.benchmarks.report import measured
 from controller.benchmarks.stage_times import STAGES, WALL, StageTimes
 from controller.benchmarks.torque_frames import deviations_us
-from controller.config_load import load_config
 from controller.errors import PlatformError
 from controller.session import run_session
+from controller.settings.load import load_config
 from controller.telemetry import ROW, Telemetry
 from controller.tick import Tick
 from controller.wall import Wall

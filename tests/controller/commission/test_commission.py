@@ -14,10 +14,10 @@ from controller.commission import picture, plan, steps
 from controller.commission.sequence import run_steps
 from controller.commission.steps import Bench
 from controller.commission.store import CommissionStore, settings_of
-from controller.config_load import load_config
 from controller.experiments.identification import UnidentifiableError
 from controller.experiments.sweep_plan import Setting
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.settings.load import load_config
 from hw.errors import ServoLostError
 
 ROOT = Path(__file__).parents[3]

@@ -6,9 +6,9 @@ import pytest
 from controller.commission import agreement, words
 from controller.commission.sweep_points import OPTIONS, short_sweep
 from controller.commission.verdict import Question, verdict
-from controller.config_load import load_config
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import reach
+from controller.settings.load import load_config
 
 
 def question(name="simulated", *sets):

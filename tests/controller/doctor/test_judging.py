@@ -4,7 +4,7 @@ import pytest
 
 from controller.doctor.machine import judge_lateness, judge_rights, judge_setup
 from controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
-from controller.machine_setup import machine_setup
+from controller.lateness.machine_setup import machine_setup
 from controller.realtime import Setting
 from hw.dynamixel.examine.cycles import Phase, Series
 from hw.dynamixel.examine.replies import Replies, percentile

@@ -2,14 +2,14 @@
 
 import pytest
 
-from controller.config_load import load_config
 from controller.errors import UserError
 from controller.experiments.critical import PointSearch
 from controller.experiments.sweep import excursion, expected_s, experiment_config
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import Options, Setting, hold_spring
 from controller.experiments.testbed import Testbed
-from controller.logfile import read_log
+from controller.log.file import read_log
+from controller.settings.load import load_config
 from controller.theory import critical_stiffness
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")

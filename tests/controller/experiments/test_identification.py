@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import yaml
 
-from controller.config_load import load_config
 from controller.errors import UserError
 from controller.experiments import identification
 from controller.experiments.fitting import fit_motion
@@ -18,6 +17,7 @@ from controller.experiments.identification import (
 from controller.experiments.identified_config import identified_config
 from controller.experiments.motion_model import motion_of
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.settings.load import load_config
 from hw.mechanism import Mechanism
 from hw.plant import Pull, step
 

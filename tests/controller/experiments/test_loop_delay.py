@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from controller.config_load import load_config
 from controller.errors import UserError
 from controller.experiments.loop_delay import delay_report, measure_delay
 from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
 from controller.experiments.step_fit import lost_motion
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.settings.load import load_config
 
 SMALL = (
     "servo.inertia=0.0018142",

@@ -10,7 +10,7 @@ import pytest
 from controller.cli.main import main
 from controller.delay import DelayRing
 from controller.experiments.many_walls import Loops, Walls, blocks, split_delay
-from controller.logfile import read_log
+from controller.log.file import read_log
 from controller.velocity import velocity_estimator
 from controller.wall import Wall
 from hw.plant import PlantParameters, State, step

@@ -2,10 +2,10 @@
 
 import pytest
 
-from controller.config_load import load_config
 from controller.experiments.contact_transient import plan_approach
 from controller.experiments.rendering import measure_rendering, rendering_report
 from controller.experiments.static_stiffness import plan_push
+from controller.settings.load import load_config
 from controller.theory import restitution
 
 

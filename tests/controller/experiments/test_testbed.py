@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.config_load import load_config
 from controller.errors import UserError
 from controller.experiments import testbed
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from controller.program import Phase
 from controller.run import run
+from controller.settings.load import load_config
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
 

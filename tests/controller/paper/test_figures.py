@@ -5,10 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from controller.config_load import load_config
 from controller.paper import boundaries, linear_error, lwr3
 from controller.paper.curves import Curve, FigureData, write_csv
 from controller.paper.items import ITEMS
+from controller.settings.load import load_config
 from tests.theory.oracles import Loop, radius
 
 

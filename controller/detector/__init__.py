@@ -1,0 +1,1 @@
+"""The detector: does the wall oscillate by itself, and what is done about it."""

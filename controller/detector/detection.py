@@ -1,0 +1,149 @@
+"""The detector over a record: what it would have said at every sample."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from controller.detector.acting import ActingTorque
+from controller.detector.oscillation import Detector, DetectorSettings, State
+
+Array = NDArray[np.float64]
+
+LONGEST_GAP_S = 0.05
+"""After a longer gap the motion is looked at anew: turning points may have passed unseen."""
+_LEAST_STEPS = 20
+"""Differences that must be multiples of the smallest before it is taken for a count."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionRecord:
+    """What was seen at every sample; arrays of one length."""
+
+    state: NDArray[np.int8]
+    """``State`` values"""
+    frequency_hz: Array
+    """[Hz]; NaN where there is no oscillation"""
+    amplitude: Array
+    """[rad]; 0 where there is no oscillation"""
+    growth: Array
+    """[1/s]; NaN where there is no oscillation"""
+    alarm: NDArray[np.bool_]
+    """Whether the wall feeds a sustained or growing oscillation"""
+    worst: State
+    """The worst state of all"""
+    worst_at: int
+    """Sample from which its frequency, amplitude and growth are best taken: the largest amplitude
+    in that state"""
+    first_alarm_s: float
+    """Time of the first alarm, on the record's own clock [s]; NaN: none"""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownWall:
+    """What is known of the wall that was rendered; NaN: not known."""
+
+    stiffness: ArrayLike = math.nan
+    """Commanded K, one value or one a sample [N·m/rad]"""
+    virtual_damping: float = 0.0
+    """Commanded B [N·m·s/rad]"""
+    surface: float = math.nan
+    """Where it stands [rad]"""
+    side: int = 0
+    """0: two-sided; +1 or -1: it fills the positions above or below, and never pulls"""
+
+
+def detect(
+    times: Array,
+    positions: Array,
+    torques: Array | None,
+    settings: DetectorSettings,
+    *,
+    lag: float = 0.0,
+    stiffness: ArrayLike = math.nan,
+    wall: KnownWall | None = None,
+) -> DetectionRecord:
+    """Run the detector over a record.
+
+    Args:
+        times: Of the samples, increasing, shape (n,) [s]. Samples that are missing count as periods
+            not seen; after a gap of more than 50 ms the motion is looked at anew.
+        positions: Shape (n,) [rad]; where NaN the sample is left out.
+        torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: at none.
+        settings: What is known of the servo; its period is the grid's. Without a position step it
+            is taken from the record, if there is one.
+        lag: From a sample to its torque acting, >= 0 [s].
+        stiffness: As in ``wall``, where nothing else is known.
+        wall: What is known of the wall.
+
+    Raises:
+        ValueError: The lengths differ, or times do not increase.
+    """
+    n = len(times)
+    if len(positions) != n or (torques is not None and len(torques) != n):
+        raise ValueError(
+            f"{n} times, {len(positions)} positions and"
+            f" {'no' if torques is None else len(torques)} torques; give one of each for a sample"
+        )
+    if n > 1 and not np.all(np.diff(times) > 0):
+        raise ValueError("times do not increase; give the samples in order of time")
+    known = wall or KnownWall(stiffness)
+    if math.isnan(settings.position_step):
+        settings = replace(settings, position_step=position_step(positions))
+    detector = _detector(settings, known, lag)
+    acting = ActingTorque(lag / settings.period)
+    state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
+    frequency, growth, amplitude = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
+    commanded = [math.nan] * n if torques is None else np.asarray(torques, float).tolist()
+    stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,)).tolist()
+    when, where = np.asarray(times, float).tolist(), np.asarray(positions, float).tolist()
+    last: float | None = None
+    for k in range(n):
+        if math.isfinite(where[k]):
+            gap = 0.0 if last is None else when[k] - last
+            periods = max(1, round(gap / settings.period))
+            last = when[k]
+            if gap > max(LONGEST_GAP_S, 2.0 * settings.period):
+                detector.restart()
+            detector.stiffness = stiff[k]
+            detector.update(where[k], acting.push(commanded[k], periods), periods)
+        state[k], alarm[k] = detector.state, detector.alarm
+        frequency[k], amplitude[k] = detector.frequency_hz, detector.amplitude
+        growth[k] = detector.growth
+    worst = State(int(state.max())) if n else State.QUIET
+    first = np.flatnonzero(alarm)
+    return DetectionRecord(
+        state=state,
+        frequency_hz=frequency,
+        amplitude=amplitude,
+        growth=growth,
+        alarm=alarm,
+        worst=worst,
+        worst_at=int(np.argmax(np.where(state == worst, amplitude, -1.0))) if n else 0,
+        first_alarm_s=float(times[first[0]]) if first.size else math.nan,
+    )
+
+
+def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detector:
+    detector = Detector(settings)
+    balance = detector.balance
+    balance.surface, balance.side, balance.lag = wall.surface, wall.side, lag
+    balance.virtual_damping = wall.virtual_damping
+    return detector
+
+
+def position_step(positions: Array) -> float:
+    """The encoder's count, if all positions stand apart by multiples of one [rad]; else 0."""
+    steps = np.abs(np.diff(positions[np.isfinite(positions)]))
+    steps = steps[steps > 0.0]
+    if steps.size < _LEAST_STEPS:
+        return 0.0
+    # Files are rounded to some digits, so the smallest difference is known to so many only.
+    smallest = float(np.median(steps[steps < 1.5 * steps.min()]))
+    counts = steps[steps < 20.0 * smallest] / smallest
+    whole = bool(np.mean(np.abs(counts - np.rint(counts)) < 0.1) > 0.99)
+    # Without an encoder the smallest is far below most.
+    return smallest if whole and counts.size > 0.5 * steps.size else 0.0

@@ -1,0 +1,1 @@
+"""The guard: which stiffness and damping are stable for what is believed of the servo."""

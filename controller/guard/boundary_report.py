@@ -1,0 +1,202 @@
+"""The answer of ``haptic-wall boundary``: limits over the virtual damping, and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from controller.guard.boundary_curve import EVERY_DAMPING, Curve, Question, ceiling, curve, highest
+from controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
+from controller.guard.design import FAST_BAUD, FINER, Change, Improvement, improvements
+from controller.guard.types import Limits
+from controller.theory.guaranteed import cost_of_each_unknown
+from controller.theory.ranges import Member, Ranges
+from hw.wire import cycle_s
+
+_CHANGES: tuple[Change, ...] = (
+    "virtual_damping",
+    "delay",
+    "rate",
+    "damping",
+    "baud",
+    "latency_timer",
+    "encoder",
+    "two_sided",
+    "belief",
+)
+
+
+def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:
+    """The whole answer as plain values.
+
+    Args:
+        question: The servo and its loop.
+        virtual_damping: B of each point, at least one [N·m·s/rad].
+
+    Raises:
+        ValueError: Something is outside of its domain; the message names it.
+    """
+    points = curve(question, virtual_damping)
+    answered = design(question, points)
+    return {
+        "max_virtual_damping": ceiling(question),
+        "peak": highest(question),
+        "points": [_point(points, i) for i in range(len(virtual_damping))],
+        "settings": _settings(question),
+        "design": answered,
+        "unknown": unknown(question, answered["virtual_damping"]),
+    }
+
+
+def _point(points: Curve, i: int) -> dict[str, float | None]:
+    limits = points.found.limits(i)
+    return {
+        "virtual_damping": float(points.virtual_damping[i]),
+        "linear": limits.linear,
+        "exact": limits.exact,
+        "one_sided": limits.one_sided,
+        "passive": float(points.passive[i]),
+        "frequency_hz": float(points.frequency[i]),
+        "quantisation": limits.quantisation,
+    }
+
+
+def _settings(question: Question) -> dict[str, Any]:
+    situation = question.situation
+    names = {
+        "inertia": situation.belief.inertia,
+        "damping": situation.belief.damping,
+        "delay": situation.belief.delay,
+        "torque_gain": situation.belief.torque_gain,
+    }
+    return {
+        **{name: {"low": each.low, "high": each.high} for name, each in names.items()},
+        "period": situation.period,
+        "velocity_samples": question.velocity_samples,
+    }
+
+
+def design(question: Question, points: Curve) -> dict[str, Any]:
+    """What limits the stiffest wall among the points, and what each improvement would buy.
+
+    Args:
+        question: The servo and its loop.
+        points: The limits at the virtual dampings that are to choose from.
+    """
+    best = int(np.argmax(points.smallest(question.side)))
+    damping = float(points.virtual_damping[best])
+    request = replace(question.request, damping=damping)
+    found = points.found.take(np.array([best]))
+    if question.side == "both":
+        found = replace(found, one_sided=None)
+    limits: Limits = found.limits(0)
+    binding, stiffness = limits.smallest()
+    parts = question.delay_parts
+    (better,) = improvements(
+        request, EVERY_DAMPING, question.situation, [parts], found, _CHANGES, thorough=True
+    )
+    return {
+        "side": question.side,
+        "virtual_damping": damping,
+        "stiffness": stiffness,
+        "binding": binding,
+        "encoder": question.situation.position_step > 0,
+        "delay_parts": [
+            {"name": name, "seconds": size, "share": size / parts.total}
+            for name, size in parts.sizes().items()
+        ],
+        "improvements": [
+            {
+                "change": each.change,
+                "description": describe(each, question, damping),
+                "stiffness": each.stiffness,
+                "factor": each.factor(stiffness),
+                "buys": each.buys(stiffness),
+                "binding": each.binding,
+                "virtual_damping": each.damping,
+            }
+            for each in better
+        ],
+    }
+
+
+def unknown(question: Question, damping: float) -> dict[str, Any] | None:
+    """What is guaranteed over all of the ranges, and what each of them costs; two-sided.
+
+    Args:
+        question: The servo and its loop.
+        damping: Virtual damping [N·m·s/rad].
+
+    Returns:
+        None where all is known, or where the servo may have no damping at all: then nothing can
+        be guaranteed.
+    """
+    belief = question.situation.belief
+    known = {
+        "inertia": belief.inertia,
+        "damping": belief.damping,
+        "delay": belief.delay,
+        "torque_gain": belief.torque_gain,
+    }
+    open_ = [name for name, each in known.items() if each.low < each.high]
+    if not open_ or belief.damping.low == 0:
+        return None
+    costs = cost_of_each_unknown(
+        Ranges(**{name: (each.low, each.high) for name, each in known.items()}),
+        Member(**{name: each.value for name, each in known.items()}),
+        damping,
+        question.situation.period,
+        question.velocity_samples,
+    )
+    return {
+        "virtual_damping": damping,
+        "guaranteed": costs.limit.stiffness,
+        "known": costs.known,
+        "lost": costs.lost,
+        "costs": [
+            {
+                "name": each.name,
+                "known_at": each.known_at,
+                "guaranteed": each.limit.stiffness,
+                "lost": each.lost,
+            }
+            for each in costs.unknowns
+            if each.name in open_
+        ],
+    }
+
+
+def describe(improvement: Improvement, question: Question, damping: float) -> str:
+    """A change in a few words, with its numbers.
+
+    Args:
+        improvement: The change.
+        question: What it is an improvement of.
+        damping: Virtual damping as it is [N·m·s/rad].
+    """
+    situation, parts = question.situation, question.delay_parts
+    period, low = situation.period, situation.belief.damping.low
+    match improvement.change:
+        case "virtual_damping":
+            return f"best virtual damping, {improvement.damping:.3g} instead of {damping:.3g}"
+        case "delay":
+            return f"half the delay, {ms(parts.delay / 2)} instead of {ms(parts.delay)}"
+        case "rate":
+            return f"twice the rate, {2 / period:.4g} Hz instead of {1 / period:.4g}"
+        case "damping":
+            return f"twice the viscous damping, {2 * low:.3g} instead of {low:.3g}"
+        case "baud":
+            fast, now = ms(cycle_s(FAST_BAUD)), ms(parts.named[WIRE])
+            return f"{FAST_BAUD / 1e6:g} Mbit/s, {fast} on the wire instead of {now}"
+        case "latency_timer":
+            now = ms(parts.named[ADAPTER])
+            return f"an adapter timer of {ms(SHORT_TIMER)} instead of {now}"
+        case "encoder":
+            return f"an encoder {FINER} times finer"
+        case "two_sided":
+            return "a two-sided wall, which also pulls"
+        case _:
+            return "knowing the servo: the middle of every range"

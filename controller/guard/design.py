@@ -1,0 +1,255 @@
+"""What limits a wall, and what each improvement of servo, bus or wall would buy.
+
+The one place that says so: the guard's reasons and ``haptic-wall boundary`` both ask here. Every
+answer is the limits evaluated anew with one thing changed, so improvements do not add up: with
+two of them at once another limit may bind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
+from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate, quantisation_limit
+from controller.guard.types import GuardSettings, Request, Situation
+from controller.theory import linear_limit, max_virtual_damping
+from controller.theory.checks import FloatArray
+from hw.wire import cycle_s
+
+Change = Literal[
+    "virtual_damping",
+    "largest_part",
+    "delay",
+    "rate",
+    "damping",
+    "baud",
+    "latency_timer",
+    "encoder",
+    "two_sided",
+    "belief",
+]
+"""``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``, the hold counted;
+``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud`` ``FAST_BAUD``;
+``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a wall that
+also pulls; ``belief`` the servo known to be as its believed values say."""
+
+WORTH_NAMING = 1.02
+"""An improvement by less than this factor buys nothing: limits are found to about 1 %."""
+FAST_BAUD = 4_000_000
+FINER = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """What one change would allow."""
+
+    change: Change
+    stiffness: float
+    """The smallest limit then [N·m/rad]"""
+    binding: str
+    """The name of that limit"""
+    damping: float
+    """Virtual damping then [N·m·s/rad]"""
+
+    def factor(self, now: float) -> float | None:
+        """How many times the stiffness ``now`` [N·m/rad] it allows; None where that is 0."""
+        return self.stiffness / now if now > 0 else None
+
+    def buys(self, now: float) -> bool:
+        """Whether it allows more than the stiffness ``now`` [N·m/rad] by more than 2 %."""
+        return self.stiffness > WORTH_NAMING * now
+
+
+def improvements(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    parts: Sequence[DelayParts],
+    found: Found,
+    changes: Sequence[Change],
+    thorough: bool = False,
+) -> list[list[Improvement]]:
+    """What each change would allow, for each of several delays at once.
+
+    Args:
+        request: The wall that is asked for; its stiffness plays no part.
+        settings: How cautious the guard is; in mode ``off`` every B may be had.
+        situation: The belief about the servo, the period, encoder and torque limit.
+        parts: What each delay, the device's own at its longest included, is made of.
+        found: The limits as they are, at the belief's corner, one per delay.
+        changes: What to try. What does not apply (an encoder where none is, a two-sided wall in
+            place of one, a baud rate without a part ``wire``) is left out of the answer.
+        thorough: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good
+            one, in a fraction of the time.
+
+    Returns:
+        The improvements for each delay, the greatest stiffness first.
+    """
+    answers: list[list[Improvement]] = [[] for _ in parts]
+    if not parts:
+        return answers
+    corner = _corner(situation, parts)
+    plants: list[Plants] = []
+    asked: list[FloatArray] = []
+    tried: list[Change] = []
+    for change in changes:
+        if change in ("two_sided", "encoder") or not _applies(change, situation, parts):
+            continue
+        damping = np.full_like(corner.damping, request.damping)
+        if change == "virtual_damping":
+            search = _searched_damping if thorough else _promising_damping
+            damping = search(request, settings, situation, corner)
+        plants.append(_changed(change, corner, situation, parts))
+        asked.append(damping)
+        tried.append(change)
+    if tried:
+        tolerance = 1e-4 if thorough else LOOKED_UP
+        together = plants[0].followed_by(*plants[1:])
+        after = evaluate(
+            request, settings, situation, together, tolerance, asked=np.concatenate(asked)
+        )
+        for k, change in enumerate(tried):
+            for i, answer in enumerate(answers):
+                answer.append(_improvement(change, after, k * len(parts) + i))
+    if "two_sided" in changes and found.one_sided is not None:
+        _append(answers, "two_sided", replace(found, one_sided=None))
+    if "encoder" in changes and found.quantisation is not None:
+        finer = replace(situation, position_step=situation.position_step / FINER)
+        limit = quantisation_limit(request, settings, finer, found.damping, corner.period)
+        _append(answers, "encoder", replace(found, quantisation=limit))
+    return [sorted(answer, key=lambda each: -each.stiffness) for answer in answers]
+
+
+def _append(answers: list[list[Improvement]], change: Change, found: Found) -> None:
+    for i, answer in enumerate(answers):
+        answer.append(_improvement(change, found, i))
+
+
+def _improvement(change: Change, found: Found, i: int) -> Improvement:
+    binding, stiffness = found.limits(i).smallest()
+    return Improvement(change, stiffness, binding, float(found.damping[i]))
+
+
+def _corner(situation: Situation, parts: Sequence[DelayParts]) -> Plants:
+    corner = Plants.at_corner(situation, np.zeros(len(parts)))
+    return replace(corner, delay=np.array([each.delay for each in parts]))
+
+
+def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) -> bool:
+    """Whether there is anything to change."""
+    belief = situation.belief
+    match change:
+        case "belief":
+            known = (belief.inertia, belief.damping, belief.delay, belief.torque_gain)
+            return any(each.low < each.high for each in known)
+        case "damping":
+            return belief.damping.low > 0
+        case "delay":
+            return any(each.delay > 0 for each in parts)
+        case "baud" | "latency_timer":
+            name = WIRE if change == "baud" else ADAPTER
+            return all(name in each.named for each in parts)
+        case _:
+            return True
+
+
+def _changed(
+    change: Change, corner: Plants, situation: Situation, parts: Sequence[DelayParts]
+) -> Plants:
+    """The plants of the belief's corner with one change."""
+    match change:
+        case "damping":
+            return replace(corner, damping=2 * corner.damping)
+        case "rate":
+            return replace(corner, period=corner.period / 2)
+        case "delay":
+            return replace(corner, delay=corner.delay / 2)
+        case "belief":
+            # at its longest the device's own delay is in the parts already
+            rest = np.maximum(corner.delay - situation.belief.delay.high, 0.0)
+            return Plants.nominal(situation, rest)
+        case "largest_part":
+            made = [
+                each.with_part(each.largest()[0], shorter(each, situation.slow_replies))
+                for each in parts
+            ]
+        case "baud":
+            fast = cycle_s(FAST_BAUD)
+            made = [each.with_part(WIRE, min(fast, each.named[WIRE])) for each in parts]
+        case "latency_timer":
+            made = [
+                each.with_part(ADAPTER, min(SHORT_TIMER, each.named[ADAPTER])) for each in parts
+            ]
+        case _:
+            return corner
+    return replace(
+        corner,
+        period=np.array([each.period for each in made]),
+        delay=np.array([each.delay for each in made]),
+    )
+
+
+# Virtual damping
+
+
+def _highest_damping(request: Request, settings: GuardSettings, plants: Plants) -> FloatArray:
+    p = plants
+    ceiling = max_virtual_damping(p.inertia, p.damping, p.period, p.delay, request.velocity_samples)
+    highest: FloatArray = ceiling / p.gain
+    return highest if settings.mode == "off" else settings.damping_cap * highest
+
+
+def _promising_damping(
+    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
+) -> FloatArray:
+    """A virtual damping at which much stiffness is allowed: not the best, but next to no work.
+
+    The exact limit falls below the linear one about in proportion to the share of the ceiling,
+    and the one-sided limit below it once more by about the same. That guides the choice only:
+    what is allowed there is evaluated properly.
+    """
+    if settings.mode == "passive":
+        return np.zeros_like(plants.damping)  # virtual damping costs passivity
+    highest = _highest_damping(request, settings, plants)[:, None]
+    ceiling = highest if settings.mode == "off" else highest / settings.damping_cap
+    share = np.geomspace(1e-4, 1.0, 200)
+    tried = highest * share
+    b, g, t, t_d = (
+        each[:, None] for each in (plants.damping, plants.gain, plants.period, plants.delay)
+    )
+    guide = linear_limit(b, g * tried, t, t_d) / g * (1 - tried / ceiling)
+    if request.side != "both":
+        guide = guide * (1 - tried / ceiling)
+    rough = quantisation_limit(request, settings, situation, tried, t)
+    if rough is not None:
+        guide = np.minimum(guide, rough)
+    best: FloatArray = tried[np.arange(tried.shape[0]), np.argmax(guide, axis=1)]
+    return best
+
+
+_POINTS, _ROUNDS = 17, 6
+_WITHIN = 1e-4  # share of the range that is left out at both ends, where no stiffness is allowed
+
+
+def _searched_damping(
+    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
+) -> FloatArray:
+    """The virtual damping at which the most stiffness is allowed, to 1e-5 of its range."""
+    lowest = -plants.damping / plants.gain
+    highest = _highest_damping(request, settings, plants)
+    low, high = lowest * (1 - _WITHIN), highest * (1 - _WITHIN)
+    rows = np.arange(low.size)
+    best = low
+    for _ in range(_ROUNDS):
+        tried = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _POINTS)
+        spread = plants.take(np.repeat(rows, _POINTS))
+        after = evaluate(request, settings, situation, spread, 1e-3, asked=tried.ravel())
+        top = np.argmax(after.smallest().reshape(tried.shape), axis=1)
+        best = after.damping.reshape(tried.shape)[rows, top]
+        low = tried[rows, np.maximum(top - 1, 0)]
+        high = tried[rows, np.minimum(top + 1, _POINTS - 1)]
+    return best

@@ -1,0 +1,132 @@
+"""Which stiffness and damping may be commanded: pure, off the tick, with the reason of each clamp.
+
+Virtual damping first: at most a share of the ceiling above which no stiffness is stable. Then the
+stiffness: at most ``margin`` times the smallest limit at that damping. Both at the corner of the
+belief that is least safe: lowest inertia and damping, longest delay, highest torque gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from controller.guard import reasons
+from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
+from controller.guard.design import Improvement, improvements
+from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate, unstable_nominally
+from controller.guard.types import (
+    Decision,
+    GuardSettings,
+    Limits,
+    Mode,
+    Request,
+    Side,
+    Situation,
+    decision_report,
+)
+from controller.theory.checks import FloatArray, not_negative
+
+__all__ = [
+    "Decision",
+    "GuardSettings",
+    "Limits",
+    "Mode",
+    "Request",
+    "Side",
+    "Situation",
+    "decide",
+    "decision_report",
+]
+
+
+def decide(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    delays: Sequence[float],
+    inserted: float = 0.0,
+) -> list[Decision]:
+    """What may be commanded, for each of several delays at once.
+
+    Args:
+        request: The wall that is asked for.
+        settings: How cautious to be.
+        situation: The belief about the servo, the period, and its limits.
+        delays: Inserted delay plus age of the sample, without the device's own lag, each >= 0 [s].
+        inserted: The inserted part of each of them [s]; only the reasons tell them apart.
+
+    Returns:
+        One decision per delay, in order.
+
+    Raises:
+        ValueError: The request or the situation is outside of its domain; the message names it.
+    """
+    before_device = np.atleast_1d(not_negative("delays", list(delays)))
+    corner = Plants.at_corner(situation, before_device)
+    found = evaluate(request, settings, situation, corner, LOOKED_UP)
+    alone = (
+        unstable_nominally(request, situation, before_device)
+        if settings.mode == "off"
+        else np.zeros(before_device.size, dtype=np.bool_)
+    )
+    decisions = []
+    for i, delay in enumerate(corner.delay.tolist()):
+        limits = found.limits(i)
+        name, least = limits.smallest()
+        bound = settings.mode != "off" and request.stiffness > settings.margin * least
+        decisions.append(
+            Decision(
+                request=request,
+                delay=delay,
+                stiffness=settings.margin * least if bound else request.stiffness,
+                damping=float(found.damping[i]),
+                limits=limits,
+                damping_ceiling=float(found.ceiling[i]),
+                margin=settings.margin,
+                binding=name if bound else None,
+                reasons=(),
+                only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
+            )
+        )
+    return _explained(decisions, settings, situation, before_device, inserted, found)
+
+
+def _explained(
+    decisions: list[Decision],
+    settings: GuardSettings,
+    situation: Situation,
+    before_device: FloatArray,
+    inserted: float,
+    found: Found,
+) -> list[Decision]:
+    """The decisions with their reasons, and what each remedy would allow in numbers."""
+    parts = [
+        DelayParts(
+            situation.period,
+            {
+                SAMPLE_AGE: max(delay - inserted, 0.0),
+                "inserted": min(inserted, delay),
+                "device": situation.belief.delay.high,
+            },
+        )
+        for delay in before_device.tolist()
+    ]
+    bound = [i for i, d in enumerate(decisions) if d.binding]
+    remedies: list[list[Improvement]] = [[] for _ in decisions]
+    if bound:
+        answers = improvements(
+            decisions[0].request,
+            settings,
+            situation,
+            [parts[i] for i in bound],
+            found.take(np.array(bound, dtype=np.int64)),
+            reasons.REMEDIES,
+        )
+        for i, answer in zip(bound, answers, strict=True):
+            remedies[i] = answer
+    return [
+        replace(d, reasons=reasons.explain(d, settings, situation, parts[i], remedies[i]))
+        for i, d in enumerate(decisions)
+    ]

@@ -1,0 +1,224 @@
+"""The guard's limits for many plants at once, in commanded units.
+
+What acts is the torque gain times what is commanded, so a limit is evaluated at ``gain * B`` and
+divided by the gain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.guard.types import GuardSettings, Limits, Request, Situation
+from controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    one_sided_limit,
+    passive_limit,
+)
+from controller.theory.checks import FloatArray, IntArray
+from controller.theory.one_sided_table import one_sided_limit_tabulated
+
+LOOKED_UP = 0.05
+"""How far below what is computed the table of the one-sided limit may lie"""
+
+
+@dataclass(frozen=True, slots=True)
+class Plants:
+    """Plants to evaluate, arrays of one length."""
+
+    inertia: FloatArray
+    damping: FloatArray
+    gain: FloatArray
+    period: FloatArray
+    delay: FloatArray
+    """Total [s]"""
+
+    @classmethod
+    def at_corner(cls, situation: Situation, before_device: FloatArray) -> Plants:
+        """The least safe corner of the belief.
+
+        With the linear limit among the limits, no plant within the bounds has a smaller minimum
+        (checked on random settings; see docs/decisions/guard-limits.md for what is left).
+        """
+        one = np.ones_like(before_device)
+        belief = situation.belief
+        return cls(
+            inertia=belief.inertia.low * one,
+            damping=belief.damping.low * one,
+            gain=belief.torque_gain.high * one,
+            period=situation.period * one,
+            delay=before_device + belief.delay.high,
+        )
+
+    @classmethod
+    def nominal(cls, situation: Situation, before_device: FloatArray) -> Plants:
+        """The belief without its bounds."""
+        one = np.ones_like(before_device)
+        belief = situation.belief
+        return cls(
+            inertia=belief.inertia.value * one,
+            damping=belief.damping.value * one,
+            gain=belief.torque_gain.value * one,
+            period=situation.period * one,
+            delay=before_device + belief.delay.value,
+        )
+
+    def take(self, index: IntArray) -> Plants:
+        """The plants at ``index``."""
+        return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def followed_by(self, *others: Plants) -> Plants:
+        """These plants, then the others."""
+        return Plants(
+            *(
+                np.concatenate([getattr(each, f.name) for each in (self, *others)])
+                for f in fields(self)
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Damping and limits for each plant, in commanded units."""
+
+    ceiling: FloatArray
+    damping: FloatArray
+    linear: FloatArray
+    exact: FloatArray
+    one_sided: FloatArray | None
+    quantisation: FloatArray | None
+    passive: FloatArray | None
+
+    def limits(self, i: int) -> Limits:
+        """The limits of the plant at ``i``."""
+
+        def at(values: FloatArray | None) -> float | None:
+            return None if values is None else float(values[i])
+
+        return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
+
+    def take(self, index: IntArray) -> Found:
+        """What was found for the plants at ``index``."""
+
+        def at(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[index]
+
+        return Found(
+            ceiling=self.ceiling[index],
+            damping=self.damping[index],
+            linear=self.linear[index],
+            exact=self.exact[index],
+            one_sided=at(self.one_sided),
+            quantisation=at(self.quantisation),
+            passive=at(self.passive),
+        )
+
+    def smallest(self) -> FloatArray:
+        """The smallest limit of each plant [N·m/rad]."""
+        named = (getattr(self, f.name) for f in fields(Limits))
+        least: FloatArray = np.min([values for values in named if values is not None], axis=0)
+        return least
+
+
+def evaluate(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    plants: Plants,
+    tolerance: float = 1e-4,
+    asked: FloatArray | None = None,
+) -> Found:
+    """Damping that may be commanded, and the limits of the stiffness at it.
+
+    Args:
+        request: The wall that is asked for.
+        settings: How cautious to be; in mode ``off`` the damping is as asked.
+        situation: The torque limit and the encoder step.
+        plants: What to evaluate.
+        tolerance: Wanted relative accuracy of the one-sided limit. With ``LOOKED_UP`` or more it
+            is taken from the table, on the safe side; with less, contacts are simulated.
+        asked: Virtual damping asked of each plant, where not the request's of all [N·m·s/rad].
+    """
+    m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
+    n = request.velocity_samples
+    nothing_stable = max_virtual_damping(m, b, t, t_d, n)
+    ceiling = nothing_stable / g
+    if settings.mode == "passive":
+        # beyond it not even the damper alone is passive, for whole delays
+        ceiling = np.minimum(ceiling, b / g)
+    damping = np.full_like(ceiling, request.damping) if asked is None else asked
+    if settings.mode != "off":
+        damping = np.minimum(damping, settings.damping_cap * ceiling)
+        damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping) + 0.0
+    acting = g * damping
+    exact = critical_stiffness(m, b, acting, t, t_d, n)
+    one_sided = None
+    if request.side != "both":
+        one_sided = (
+            one_sided_limit(m, b, acting, t, t_d, n, tolerance)
+            if tolerance < LOOKED_UP
+            else one_sided_limit_tabulated(
+                m, b, acting, t, t_d, n, exact=exact, ceiling=nothing_stable
+            )
+        )
+    return Found(
+        ceiling=ceiling,
+        damping=damping,
+        linear=linear_limit(b, acting, t, t_d, n) / g,
+        exact=exact / g,
+        one_sided=None if one_sided is None else one_sided / g,
+        quantisation=quantisation_limit(request, settings, situation, damping, t),
+        passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
+    )
+
+
+def quantisation_limit(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    damping: FloatArray,
+    period: FloatArray,
+) -> FloatArray | None:
+    """Stiffness at which one count commands ``quantisation_share`` of the torque limit.
+
+    Args:
+        request: The wall; only over how many samples it takes the velocity.
+        settings: The share.
+        situation: The torque limit and the encoder step.
+        damping: Commanded virtual damping [N·m·s/rad].
+        period: Of each plant [s].
+
+    Returns:
+        [N·m/rad]; None without an encoder step.
+    """
+    step = situation.position_step
+    if step == 0:
+        return None
+    by_damper = np.abs(damping) * step / (request.velocity_samples * period)
+    return np.maximum(settings.quantisation_share * situation.torque_limit - by_damper, 0.0) / step
+
+
+def unstable_nominally(
+    request: Request, situation: Situation, before_device: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether what is asked is unstable for the belief without bounds and without friction.
+
+    Args:
+        request: The wall that is asked for.
+        situation: The belief.
+        before_device: Delay without the device's own lag [s].
+    """
+    p = Plants.nominal(situation, before_device)
+    n = request.velocity_samples
+    acting = p.gain * request.damping
+    if request.stiffness > 0:
+        critical = critical_stiffness(p.inertia, p.damping, acting, p.period, p.delay, n)
+        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= critical
+        return unstable
+    ceiling = max_virtual_damping(p.inertia, p.damping, p.period, p.delay, n)
+    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= ceiling)
+    return runs_away

@@ -1,0 +1,136 @@
+"""What the guard is asked, what it knows, and what it answers: plain values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from controller.guard.belief import Belief
+
+Side = Literal["above", "below", "both"]
+Mode = Literal["stable", "passive", "off"]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """The wall that is asked for."""
+
+    stiffness: float
+    """K >= 0, as large as one likes [N·m/rad]"""
+    damping: float
+    """Virtual damping B, any sign [N·m·s/rad]"""
+    side: Side
+    velocity_samples: int = 1
+    """N of the velocity difference"""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.stiffness) and self.stiffness >= 0):
+            raise ValueError(f"stiffness must be finite and >= 0, got {self.stiffness:g}")
+        if not math.isfinite(self.damping):
+            raise ValueError(f"damping must be finite, got {self.damping:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class GuardSettings:
+    """How cautious the guard is."""
+
+    mode: Mode = "stable"
+    margin: float = 0.8
+    """Share of the smallest limit that may be commanded, 0 < margin < 1"""
+    damping_cap: float = 0.7
+    """Share of the damping ceiling that may be commanded, 0 < cap < 1"""
+    quantisation_share: float = 0.1
+    """Share of the torque limit that one encoder count may command"""
+
+    def __post_init__(self) -> None:
+        for name in ("margin", "damping_cap"):
+            value = getattr(self, name)
+            if not 0 < value < 1:
+                raise ValueError(f"{name} must be between 0 and 1, got {value:g}")
+        if not self.quantisation_share > 0:
+            raise ValueError(f"quantisation_share must be > 0, got {self.quantisation_share:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the wall is rendered on."""
+
+    belief: Belief
+    period: float
+    """Sampling period, the longest to be expected [s]"""
+    torque_limit: float
+    """[N·m]"""
+    position_step: float
+    """Encoder step [rad]; 0: the position is not quantised"""
+    slow_replies: bool = False
+    """A reply takes several periods, as it does where an adapter's latency timer is long; only the
+    reasons speak of it"""
+
+    def __post_init__(self) -> None:
+        if not self.torque_limit > 0:
+            raise ValueError(f"torque_limit must be > 0, got {self.torque_limit:g}")
+        if not self.position_step >= 0:
+            raise ValueError(f"position_step must be >= 0, got {self.position_step:g}")
+        if not self.belief.torque_gain.low > 0:
+            raise ValueError(f"torque_gain must be > 0, got {self.belief.torque_gain.low:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Stiffness limits at the commanded damping [N·m/rad]; None where one does not apply."""
+
+    linear: float | None
+    """(b + B) / (T/2 + t_d)"""
+    exact: float | None
+    """The two-sided loop is stable below"""
+    one_sided: float | None
+    """A wall that never pulls returns no device faster than it came; None when two-sided"""
+    quantisation: float | None
+    """One encoder count commands a small share of the torque limit; None without an encoder"""
+    passive: float | None
+    """Stable with any passive hand; None unless in mode ``passive``"""
+
+    def smallest(self) -> tuple[str, float]:
+        """Name and value of the smallest limit that applies."""
+        named = [(f.name, getattr(self, f.name)) for f in fields(self)]
+        return min(((n, v) for n, v in named if v is not None), key=lambda pair: pair[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What may be commanded at one delay, and why."""
+
+    request: Request
+    delay: float
+    """Total t_d that was counted, the device's own lag at its highest included [s]"""
+    stiffness: float
+    """Commanded K [N·m/rad]"""
+    damping: float
+    """Commanded B [N·m·s/rad]"""
+    limits: Limits
+    damping_ceiling: float
+    """Commanded damping above which the mode's promise holds for no stiffness [N·m·s/rad]"""
+    margin: float
+    binding: str | None
+    """Name of the limit that bound K; None: none did"""
+    reasons: tuple[str, ...]
+    only_friction: bool
+    """Without Coulomb friction this would be unstable for the nominal belief (mode off only)"""
+
+
+def decision_report(decision: Decision) -> dict[str, object]:
+    """The decision for a JSON report: no NaN, no infinity, None for what does not apply."""
+    return {
+        "requested": {
+            "stiffness": decision.request.stiffness,
+            "damping": decision.request.damping,
+        },
+        "commanded": {"stiffness": decision.stiffness, "damping": decision.damping},
+        "limit": {f.name: getattr(decision.limits, f.name) for f in fields(Limits)},
+        "damping_ceiling": decision.damping_ceiling,
+        "margin": decision.margin,
+        "binding": decision.binding,
+        "reasons": list(decision.reasons),
+        "only_friction": decision.only_friction,
+    }

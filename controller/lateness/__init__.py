@@ -1,0 +1,1 @@
+"""Why a tick was late: what the machine was set to, and what it did meanwhile."""

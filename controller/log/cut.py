@@ -1,0 +1,40 @@
+"""A stretch of a log as a log of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controller.log.file import LogWriter
+from controller.log.reader import End
+from controller.log.rows import LogRows
+
+
+def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) -> None:
+    """Write the rows of a stretch, with the log's metadata and where they were cut from.
+
+    Rows keep their numbers and their times; how the run ended goes along with its last rows.
+
+    Args:
+        path: Where to.
+        rows: At least one.
+        name: What the log is called that they are cut from.
+        from_s: Where the first of them lies in that log [s].
+        to_s: And the last [s].
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    metadata = rows.log.metadata
+    cut: dict[str, Any] = {"log": name, "from_s": from_s, "to_s": to_s}
+    if "cut" in metadata:
+        cut["earlier"] = metadata["cut"]
+    dtype = next(rows.blocks()).dtype
+    with LogWriter(path, {**metadata, "cut": cut}, dtype) as log:
+        for piece in rows.pieces():
+            if isinstance(piece, np.ndarray):
+                log.append(piece)
+            elif isinstance(piece, End):
+                log.end(piece.ended)

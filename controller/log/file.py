@@ -1,0 +1,219 @@
+"""Log files: one stream of arrays, each complete by itself, so that damage costs what it hit.
+
+A file is a sequence of ``.npy`` arrays with nothing between them: first the metadata, JSON as
+bytes, then blocks of rows of one structured dtype, and last how the run ended, JSON again.
+``numpy.load`` on an open file reads them one after the other; each carries checksums, see
+``blocks``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.errors import LogFormatError
+from controller.log.blocks import encoded
+from controller.log.reader import FORMAT, SUFFIX, Damage, LogReader
+
+__all__ = ["SUFFIX", "LogWriter", "append_end", "read_log"]
+
+
+class LogWriter:
+    """Writes one log; the same rows in the same blocks give the same bytes.
+
+    Nothing is held back: what ``append`` has taken is with the operating system, and stays
+    readable whatever becomes of this process; after ``sync`` also whatever becomes of the machine.
+
+    Args:
+        path: Where to; a file that is there is replaced.
+        metadata: What the rows belong to, as JSON can hold it; NaN is not in JSON.
+        dtype: Of the rows, little-endian.
+
+    Attributes:
+        found: The last rows of a log that is gone on with, shape (n,); None: it held none.
+
+    Raises:
+        OSError: The file cannot be written.
+        ValueError: The metadata cannot be JSON.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, Any], dtype: np.dtype[np.void]) -> None:
+        # FORMAT first, and what it says holds for this file, wherever the metadata come from.
+        head = _json({**FORMAT, **metadata, **FORMAT})
+        self._begin(path, dtype, "wb")
+        try:
+            self._write(head)
+        except OSError:
+            self._file.close()
+            raise
+
+    def _begin(self, path: Path, dtype: np.dtype[np.void], mode: str) -> None:
+        self._path = path
+        self._dtype = dtype
+        self.found: NDArray[np.void] | None = None
+        self._unsynced = True
+        self._placed = False
+        self._file = cast(BinaryIO, path.open(mode, buffering=0))
+
+    @classmethod
+    def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:
+        """Go on with a log whose writer is dead; whatever follows its last whole block is cut off.
+
+        Takes the same time for a log of days as for one of minutes.
+
+        Args:
+            path: The log; nobody else writes it any more.
+            dtype: Of its rows.
+
+        Raises:
+            LogFormatError: The file is not a log of such rows, or its metadata was cut off.
+            OSError: It cannot be read or written.
+        """
+        reader = LogReader(path)
+        last = reader.last()
+        if last is not None and last.array.dtype != dtype:
+            raise LogFormatError(f"{path} is a log of other rows: name another file")
+        log = cls.__new__(cls)
+        log._begin(path, dtype, "r+b")
+        with contextlib.ExitStack() as undo:
+            undo.callback(log._file.close)
+            end = reader.start if last is None else last.end
+            log.found = None if last is None else last.array
+            log._file.truncate(end)
+            log._file.seek(end)
+            undo.pop_all()
+        return log
+
+    def append(self, rows: NDArray[np.void]) -> None:
+        """Write a block of rows, shape (n,); none writes nothing.
+
+        Raises:
+            OSError: It could not be written (a full disk); the file is what it was before, and
+                may be appended to again.
+        """
+        if len(rows):
+            self._write(rows.astype(self._dtype, copy=False))
+
+    def end(self, ended: Mapping[str, Any]) -> None:
+        """Write how the run ended, the last of a log, as JSON can hold it.
+
+        Raises:
+            OSError: As ``append``.
+        """
+        self._write(_json(ended))
+
+    def sync(self) -> None:
+        """Have the disk keep what was written until now; waits for it.
+
+        Raises:
+            OSError: The disk has lost something.
+        """
+        if not self._unsynced:
+            return
+        self._unsynced = False
+        try:
+            os.fdatasync(self._file.fileno())
+            if not self._placed:  # a file whose folder does not know it yet is lost with its rows
+                folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
+                self._placed = True
+        except OSError:
+            if self._path.is_file():  # a device (/dev/null) has nothing to keep
+                raise
+
+    def close(self) -> None:
+        """Let go of the file; safe to call twice.
+
+        Raises:
+            OSError: The file system has lost something written earlier.
+        """
+        self._file.close()
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, array: NDArray[Any]) -> None:
+        start = self._file.tell()
+        try:
+            _write_all(self._file, array)
+        except OSError:
+            # Half a block would be noticed, but it is better not there.
+            with contextlib.suppress(OSError):  # a device has no end to cut
+                self._file.truncate(start)
+                self._file.seek(start)
+            raise
+        self._unsynced = True
+
+
+def append_end(path: Path, ended: Mapping[str, Any]) -> None:
+    """Write how a run ended behind what its recorder has left, whatever that is.
+
+    Raises:
+        OSError: It cannot be written; what is in the log stays readable.
+    """
+    if not path.is_file():
+        return
+    size = path.stat().st_size
+    with path.open("ab", buffering=0) as file:
+        try:
+            _write_all(file, _json(ended))
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.truncate(size)
+            raise
+        os.fdatasync(file.fileno())
+
+
+def _write_all(file: BinaryIO, array: NDArray[Any]) -> None:
+    """Write a block to a file without a buffer, which may take it in several parts."""
+    for part in encoded(array):
+        rest = memoryview(part)
+        while rest:
+            rest = rest[file.write(rest) :]
+
+
+def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
+    """Read a log whole; what is damaged is skipped with a warning in the program's log.
+
+    Args:
+        path: A file written by ``LogWriter``.
+
+    Returns:
+        The metadata, and all rows, shape (n,); of no field where no block was written.
+
+    Raises:
+        LogFormatError: The file is not a log of ours.
+        OSError: It cannot be read.
+    """
+    log = LogReader(path)
+    blocks: list[NDArray[np.void]] = []
+    for piece in log.pieces():
+        if isinstance(piece, Damage):
+            log.warn(piece)
+        elif isinstance(piece, np.ndarray):
+            blocks.append(piece)
+    return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
+
+
+def _json(content: Mapping[str, Any]) -> NDArray[np.uint8]:
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+    return np.frombuffer(text.encode(), np.uint8)

@@ -1,0 +1,125 @@
+"""A recorded motion on an even grid of samples.
+
+A gap parts the record, since nobody knows what happened in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LEAST = 10
+"""Samples that are worth a look."""
+GAP = 10
+"""Periods without a sample from which on the record is in parts."""
+_ON_COUNTS = 0.02
+"""Share of a count within which all steps of a counted position are whole ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What the record itself says of the servo and its loop; NaN: nothing."""
+
+    inertia: float = math.nan
+    """[kg·m²], per torque commanded, as the others"""
+    damping: float = math.nan
+    """[N·m·s/rad]"""
+    coulomb: float = math.nan
+    """[N·m]"""
+    lag: float = math.nan
+    """From a sample to its torque acting [s]"""
+    position_step: float = math.nan
+    """Encoder count [rad]; 0: none"""
+    virtual_damping: float = 0.0
+    """Commanded [N·m·s/rad]"""
+    surface: float = math.nan
+    """Where the wall stands [rad]"""
+    side: int = 0
+    """0: two-sided; +1 or -1: it fills the positions above or below"""
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A motion in parts, each on one even grid."""
+
+    period: float
+    """[s]"""
+    parts: tuple[Part, ...]
+    known: Knowledge
+    notes: tuple[str, ...]
+    """What was mended or left out, in sentences"""
+    since_s: float = -math.inf
+    """Samples before were in the recording before this one, and are here for what comes [s]"""
+    of: int = 1
+    """How many recordings there are in all"""
+
+    @property
+    def samples(self) -> int:
+        """Of all parts."""
+        return sum(part.times.size for part in self.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """An uninterrupted stretch; arrays of one length."""
+
+    times: Floats
+    """[s]"""
+    positions: Floats
+    """[rad]; NaN where one is missing"""
+    torques: Floats | None
+    """Commanded at each sample [N·m]; None: not recorded"""
+    stiffness: Floats | None
+    """Commanded [N·m/rad]; None: not recorded"""
+
+
+def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
+    """The record cut where samples are missing for long."""
+    seen = np.flatnonzero(np.isfinite(whole.positions))
+    breaks = np.flatnonzero(np.diff(whole.times[seen]) > GAP * period)
+    for at in breaks:
+        start, end = whole.times[seen[at]], whole.times[seen[at + 1]]
+        if at in breaks[:5]:
+            notes.append(
+                f"nothing is known from {start:.6g} to {end:.6g} s: looked at anew from there on"
+            )
+    if breaks.size > 5:
+        notes.append(f"there are {breaks.size - 5} more such gaps")
+    edges = [0, *(int(seen[at + 1]) for at in breaks), whole.times.size]
+    parts = []
+    for begin, end in pairwise(edges):
+        inside = seen[(seen >= begin) & (seen < end)]
+        if inside.size < LEAST:
+            notes.append(f"{inside.size} samples from {whole.times[begin]:.6g} s on are too few")
+            continue
+        cut = slice(int(inside[0]), int(inside[-1]) + 1)
+        parts.append(
+            replace(
+                whole,
+                times=whole.times[cut],
+                positions=whole.positions[cut],
+                torques=None if whole.torques is None else whole.torques[cut],
+                stiffness=None if whole.stiffness is None else whole.stiffness[cut],
+            )
+        )
+    return tuple(parts)
+
+
+def position_count(positions: Floats) -> float:
+    """The encoder's count, if all steps of the position are whole counts [rad]; else 0."""
+    moved = np.abs(np.diff(positions[np.isfinite(positions)]))
+    least = float(np.max(moved, initial=0.0)) * 1e-9
+    moved = moved[moved > least]
+    if moved.size == 0:
+        return 0.0
+    small = float(moved.min())
+    counts = moved / small
+    few = counts < 50.0  # where rounding of the record's last digits does not yet tell
+    whole = np.abs(counts - np.round(counts))[few] < _ON_COUNTS
+    return small if few.sum() >= LEAST and bool(whole.all()) else 0.0

@@ -1,0 +1,181 @@
+"""The whole configuration, and what it means to the rest of the program."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationInfo, model_validator
+
+from controller.guard.belief import Belief, Bounded
+from controller.settings.model import (
+    Delay,
+    Estimate,
+    Guard,
+    Loop,
+    Model,
+    Realtime,
+    Safety,
+    Section,
+    Wall,
+)
+from controller.settings.rules import BrokenRulesError, broken_rules
+from controller.settings.servo import EMULATED, Servo
+from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+
+if TYPE_CHECKING:
+    from controller.guard.guard import GuardSettings, Request
+
+APPROACH = 0.1
+"""How far outside a one-sided wall a simulated servo starts unless told [rad]."""
+_FAR = 1e6
+"""The far end of a wall [rad]: beyond what a servo's position register can hold."""
+
+
+class Config(Section):
+    """Everything that can be set for a run; travels between processes as JSON."""
+
+    loop: Loop = Loop()
+    realtime: Realtime = Realtime()
+    wall: Wall = Wall()
+    delay: Delay = Delay()
+    guard: Guard = Guard()
+    servo: Servo = Servo()
+    model: Model = Model()
+    safety: Safety = Safety()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _strict_on_hardware(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Real hardware gets the strict real-time profile unless told otherwise."""
+        if not isinstance(found, dict):
+            return found
+        servo, realtime = found.get("servo"), found.get("realtime", {})
+        if not isinstance(servo, dict) or not isinstance(realtime, dict):
+            return found
+        if servo.get("backend") != "dynamixel" or servo.get("port") == EMULATED:
+            return found
+        return {**found, "realtime": {"profile": "strict", **realtime}}
+
+    @model_validator(mode="after")
+    def _rules(self, info: ValidationInfo) -> Config:
+        unusable = frozenset((info.context or {}).get("unusable", ()))
+        if problems := broken_rules(self, unusable):
+            raise BrokenRulesError(problems)
+        return self
+
+    @property
+    def period_s(self) -> float:
+        """The sampling period T [s]."""
+        return 1.0 / self.loop.rate_hz
+
+    @property
+    def period_ns(self) -> int:
+        """The sampling period of the grid [ns]."""
+        return round(1e9 / self.loop.rate_hz)
+
+    @property
+    def start_position(self) -> float:
+        """Where a simulated or emulated servo starts, at rest [rad]."""
+        if self.servo.kick is not None:
+            return self.wall.position + self.servo.kick
+        outside = {"above": -APPROACH, "below": APPROACH, "both": 0.0}
+        return self.wall.position + outside[self.wall.side]
+
+    def true_servo(self) -> TrueServo:
+        """What the simulated or emulated servo is.
+
+        Raises:
+            ValueError: The servo is real: nobody knows its truth.
+        """
+        servo = self.servo
+        if servo.kind == "hardware" or servo.inertia is None:
+            raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
+        return TrueServo(
+            inertia=servo.inertia,
+            damping=servo.damping,
+            coulomb=servo.coulomb,
+            counts_per_rev=servo.counts_per_rev,
+            delay=servo.delay,
+            torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
+            torque_step=servo.torque_step,
+            backlash=servo.backlash,
+            torque_constant=servo.torque_constant or 0.0,
+            supply=servo.supply,
+            ambient=servo.ambient,
+            position=self.start_position,
+            hand=servo.hand,
+            hand_origin=self.wall.position,
+            hand_direction=-1 if self.wall.side == "below" else 1,
+        )
+
+    def servo_settings(self, port: str | None = None) -> ServoSettings:
+        """What ``hw.open`` needs.
+
+        On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
+        process of its own, and whoever started it knows its port.
+
+        Args:
+            port: The device to open in place of ``servo.port``.
+        """
+        servo = self.servo
+        if servo.kind == "simulated":
+            return SimulatedSettings(self.true_servo())
+        assert servo.port is not None and servo.baud is not None and servo.model is not None
+        emulated = servo.kind == "emulated"
+        in_memory = emulated and self.loop.clock == "simulated"
+        return DynamixelSettings(
+            port="" if in_memory else port or servo.port,
+            baud=servo.baud,
+            id=servo.id,
+            model=servo.model,
+            # The constant of an emulated servo is its truth, which the driver must not know.
+            torque_constant=0.0 if emulated else servo.torque_constant or 0.0,
+            torque_limit=servo.torque_limit or 0.0,
+            watchdog_s=servo.watchdog_s,
+            probe_torque=servo.probe_torque,
+            probe_direction=1 if self.wall.side == "below" else -1,
+            keep_out=self._inside(),
+            period_s=self.period_s,
+            max_speed=self.safety.max_speed,
+            emulated=self.true_servo() if in_memory else None,
+            faults=servo.faults if emulated else (),
+            fault_seed=servo.fault_seed,
+        )
+
+    def _inside(self) -> tuple[float, float] | None:
+        """Positions inside a one-sided wall [rad]; a two-sided one has no inside."""
+        if self.wall.side == "above":
+            return self.wall.position, _FAR
+        return (-_FAR, self.wall.position) if self.wall.side == "below" else None
+
+    def belief(self) -> Belief:
+        """What the controller believes of the servo: ``model.*``, else the simulated truth."""
+        servo, model = self.servo, self.model
+        return Belief(
+            inertia=_bounded(model.inertia, servo.inertia or 0.0),
+            damping=_bounded(model.damping, servo.damping),
+            coulomb=_bounded(model.coulomb, servo.coulomb),
+            delay=_bounded(model.delay, servo.delay),
+            torque_gain=_bounded(model.torque_gain, 1.0),
+        )
+
+    def request(self) -> Request:
+        """The wall that is asked for, as the guard takes it."""
+        from controller.guard.guard import Request  # not at the top: it loads the theory's arrays
+
+        wall = self.wall
+        return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
+
+    def guard_settings(self) -> GuardSettings:
+        """How careful the guard is."""
+        from controller.guard.guard import GuardSettings
+
+        guard = self.guard
+        return GuardSettings(guard.mode, guard.margin, guard.damping_cap, guard.quantisation_share)
+
+
+def _bounded(estimate: Estimate[float] | None, truth: float) -> Bounded:
+    """The belief of one quantity; the rules see to it that hardware has an estimate."""
+    if estimate is None:
+        return Bounded.exactly(truth)
+    return Bounded(estimate.value, estimate.low, estimate.high)

@@ -1,0 +1,244 @@
+"""From a preset or a file and ``--set`` to a configuration, with all that is wrong at once."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from controller.errors import ConfigError, UserError
+from controller.settings import yaml_text as config_yaml
+from controller.settings.config import Config
+from controller.settings.fields import fields, sections
+from controller.settings.rules import BrokenRulesError, Problem
+
+DEFAULT_PRESET = "simulated"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A configuration and where it came from."""
+
+    config: Config
+    name: str
+    """The preset's name or the file's path."""
+    origins: Mapping[str, str]
+    """Where each field that was given came from, by path: the preset, the file or ``--set``.
+    What is not here has its default."""
+
+
+def preset_names() -> list[str]:
+    """The presets that come with the program, sorted."""
+    return sorted(
+        entry.name.removesuffix(".yaml")
+        for entry in _presets().iterdir()
+        if entry.name.endswith(".yaml")
+    )
+
+
+def preset_summary(name: str) -> str:
+    """What a preset is for: the first line of its file."""
+    first = _presets().joinpath(f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
+    return first.lstrip("# ")
+
+
+def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
+    """Read, change and check a configuration.
+
+    Args:
+        source: A preset's name, or the path of a YAML file.
+        sets: Changes as ``PATH=VALUE``, applied in order before anything is checked.
+
+    Raises:
+        ConfigError: With every problem found.
+        UserError: There is no such preset or file, or it cannot be read.
+    """
+    text, title = _read(source)
+    data = config_yaml.parse(text, title)
+    data = {} if data is None else data
+    if not isinstance(data, dict):
+        raise ConfigError(
+            title, [f"found {_shown(data)}, wanted sections such as wall: and servo:"]
+        )
+    origins = dict.fromkeys(_leaves(data), title)
+    problems: list[str] = []
+    for change in sets:
+        try:
+            path = apply_set(data, change)
+        except UserError as error:
+            problems.append(str(error))
+        else:
+            origins[".".join(path.split(".")[:2])] = "--set"
+    config, found = _validated(data)
+    problems += [_line(problem, origins) for problem in found]
+    if problems or config is None:
+        raise ConfigError(title, problems)
+    return Loaded(config, source, origins)
+
+
+def apply_set(data: dict[str, Any], change: str) -> str:
+    """Apply one ``PATH=VALUE`` to unchecked data, in place; the value is read as YAML.
+
+    Returns:
+        The path.
+
+    Raises:
+        UserError: It is not of that form, or leads through something that is no section.
+    """
+    path, equals, text = change.partition("=")
+    path = path.strip()
+    steps = path.split(".")
+    if not equals or not all(steps):
+        raise UserError(f"--set {change}: wanted PATH=VALUE, e.g. --set wall.stiffness=20")
+    value = config_yaml.parse(text, f"--set {change}")
+    place = data
+    for depth, step in enumerate(steps[:-1], start=1):
+        inner = place.setdefault(step, {})
+        if inner is None:
+            inner = place[step] = {}
+        if not isinstance(inner, dict):
+            raise UserError(
+                f"--set {change}: {'.'.join(steps[:depth])} is {_shown(inner)} and has no "
+                f"{steps[depth]}; to give bounds set {'.'.join(steps[:depth])}="
+                "{value: V, low: L, high: H}"
+            )
+        place = inner
+    place[steps[-1]] = value
+    return path
+
+
+def _presets() -> resources.abc.Traversable:
+    return resources.files("controller").joinpath("presets")
+
+
+def _read(source: str) -> tuple[str, str]:
+    """The text of a preset or file, and its title for messages."""
+    if source in preset_names():
+        text = _presets().joinpath(f"{source}.yaml").read_text(encoding="utf-8")
+        return text, f"preset {source}"
+    path = Path(source)
+    try:
+        return path.read_text(encoding="utf-8"), str(path)
+    except FileNotFoundError:
+        raise UserError(
+            f"CONFIG {source}: no such preset or file{_did_you_mean(source, preset_names())}; "
+            f"presets are {', '.join(preset_names())}"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise UserError(f"CONFIG {source}: cannot be read: {reason}; wanted a YAML file") from None
+
+
+def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
+    """The configuration, or everything that is wrong with it."""
+    try:
+        return Config.model_validate(data), []
+    except ValidationError as error:
+        problems = _problems(error, data)
+    # Rules between fields are checked only when each field is right by itself. So that they are
+    # heard too, look again with the wrong fields left out; rules that read those stay silent.
+    pruned = copy.deepcopy(data)
+    unusable = {problem.path for problem in problems}
+    for path in unusable:
+        _remove(pruned, path)
+    try:
+        Config.model_validate(pruned, context={"unusable": unusable})
+    except ValidationError as error:
+        problems += [p for p in _problems(error, pruned) if p not in problems]
+    order = list(fields())
+    problems.sort(key=lambda p: order.index(p.path) if p.path in order else -1)
+    return None, problems
+
+
+def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
+    """The library's errors in our words, one for each field."""
+    found: dict[str, Problem] = {}
+    for detail in error.errors():
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, BrokenRulesError):
+            return cause.problems
+        where = [str(step) for step in detail["loc"]]
+        if detail["type"] in ("extra_forbidden", "invalid_key"):
+            path = ".".join(where)
+            found[path] = Problem(path, _unknown(where))
+            continue
+        path = ".".join(where[:2])
+        if path not in found:
+            found[path] = Problem(path, _wrong(path, _at(data, path), detail["type"]))
+    return list(found.values())
+
+
+def _wrong(path: str, value: Any, kind: str) -> str:  # noqa: ANN401
+    field = fields().get(path)
+    if field is None:
+        keys = ", ".join(sections()[path].model_fields)
+        return f"found {_shown(value)}, wanted a section with {keys}"
+    unit = f" [{field.unit}]" if field.unit else ""
+    hint = _did_you_mean(value, field.choices) if isinstance(value, str) else ""
+    if kind == "value_error":
+        return f"found {_shown(value)}, wanted low <= value <= high"
+    return f"found {_shown(value)}, wanted {field.wanted}{unit}{hint}"
+
+
+def _unknown(where: list[str]) -> str:
+    """An unknown key: the nearest known one, by its own name or in any section."""
+    name, section = where[-1], sections().get(where[0])
+    if len(where) == 1:
+        homes = [path for path in fields() if path.endswith(f".{name}")]
+        return "unknown" + (
+            _did_you_mean(name, sections())
+            or (f"; did you mean {homes[0]}?" if homes else "")
+            or f"; sections are {', '.join(sections())}"
+        )
+    if len(where) > 2 or section is None:
+        return "unknown; wanted value, low and high"
+    homes = [path for path in fields() if path.endswith(f".{name}")]
+    near = _did_you_mean(name, section.model_fields, f"{where[0]}.")
+    elsewhere = f"; did you mean {homes[0]}?" if homes else ""
+    return "unknown" + (near or elsewhere or f"; {where[0]} has {', '.join(section.model_fields)}")
+
+
+def _did_you_mean(found: str, known: Iterable[str], prefix: str = "") -> str:
+    near = difflib.get_close_matches(found, list(known), n=1)
+    return f"; did you mean {prefix}{near[0]}?" if near else ""
+
+
+def _line(problem: Problem, origins: Mapping[str, str]) -> str:
+    origin = " (from --set)" if origins.get(problem.path) == "--set" else ""
+    return f"{problem.path}{origin}: {problem.message}"
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401
+    """A found value, short enough for a line."""
+    text = "null" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _leaves(data: dict[str, Any]) -> list[str]:
+    """Paths of the fields that data gives."""
+    return [
+        f"{section}.{key}"
+        for section, content in data.items()
+        if isinstance(content, dict)
+        for key in content
+    ]
+
+
+def _at(data: Any, path: str) -> Any:  # noqa: ANN401
+    for step in path.split("."):
+        data = data.get(step) if isinstance(data, dict) else None
+    return data
+
+
+def _remove(data: Any, path: str) -> None:  # noqa: ANN401
+    *outer, last = path.split(".")
+    for step in outer:
+        data = data.get(step) if isinstance(data, dict) else None
+    if isinstance(data, dict):
+        data.pop(last, None)

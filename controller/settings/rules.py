@@ -1,0 +1,302 @@
+"""What must hold between fields; each rule names the fields it reads and the one it blames."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from controller.loop import SPIN_SHARE
+from controller.settings.servo import TRUTH_FIELDS
+from controller.wall import SIGNS
+from hw.wire import cycle_s
+
+if TYPE_CHECKING:
+    from controller.settings.config import Config
+
+_KIND = ("servo.backend", "servo.port")
+"""The fields that decide whether the servo is simulated, emulated or real."""
+
+
+class Problem(NamedTuple):
+    """One thing that is wrong: a field's path, and what was found and is wanted."""
+
+    path: str
+    message: str
+
+
+class BrokenRulesError(ValueError):
+    """Fields that are each right, but not together."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        super().__init__("; ".join(f"{path}: {message}" for path, message in problems))
+        self.problems = problems
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """A check and the fields it reads: it is left out while one of them is itself wrong."""
+
+    reads: tuple[str, ...]
+    check: Callable[[Config], Iterator[Problem]]
+
+
+_RULES: list[_Rule] = []
+
+
+def _reads(
+    *paths: str,
+) -> Callable[[Callable[[Config], Iterator[Problem]]], Callable[[Config], Iterator[Problem]]]:
+    def register(
+        check: Callable[[Config], Iterator[Problem]],
+    ) -> Callable[[Config], Iterator[Problem]]:
+        _RULES.append(_Rule(paths, check))
+        return check
+
+    return register
+
+
+def broken_rules(config: Config, unusable: frozenset[str] = frozenset()) -> list[Problem]:
+    """Everything that is wrong between fields.
+
+    Args:
+        config: The configuration, each field valid by itself.
+        unusable: Paths of fields that were wrong and hold a stand-in: rules that read them, or
+            a part of them, say nothing.
+    """
+
+    def usable(path: str) -> bool:
+        return path not in unusable and path.partition(".")[0] not in unusable
+
+    return [
+        problem
+        for rule in _RULES
+        if all(map(usable, rule.reads))
+        for problem in rule.check(config)
+        if usable(problem.path)
+    ]
+
+
+def _is_real(config: Config) -> bool:
+    """Whether a real servo is named; a port that is missing is blamed by another rule."""
+    return config.servo.kind == "hardware" and config.servo.port is not None
+
+
+@_reads(*_KIND, "servo.inertia")
+def _truth_is_given(config: Config) -> Iterator[Problem]:
+    if config.servo.kind != "hardware" and config.servo.inertia is None:
+        yield Problem(
+            "servo.inertia",
+            f"found nothing, wanted the inertia of the {config.servo.kind} servo [kg·m²] above 0",
+        )
+
+
+@_reads(*_KIND)
+def _truth_is_not_ours_to_say(config: Config) -> Iterator[Problem]:
+    if not _is_real(config):
+        return
+    for name in TRUTH_FIELDS:
+        if name in config.servo.model_fields_set:
+            belief = f"; say what you believe of it in model.{name}" if name in _BELIEVED else ""
+            yield Problem(
+                f"servo.{name}",
+                f"found {getattr(config.servo, name)!r}, but this is for simulated and emulated "
+                f"servos and servo.port {config.servo.port} is a real one{belief}",
+            )
+
+
+_BELIEVED = ("inertia", "damping", "coulomb", "delay", "torque_gain")
+
+
+@_reads(*_KIND)
+def _hardware_is_believed_something(config: Config) -> Iterator[Problem]:
+    if not _is_real(config):
+        return
+    for name in _BELIEVED:
+        if getattr(config.model, name) is None:
+            yield Problem(
+                f"model.{name}",
+                "found nothing, wanted a number or {value, low, high}: of a real servo the "
+                "controller knows only what you say",
+            )
+
+
+@_reads("servo.backend")
+def _bus_is_named(config: Config) -> Iterator[Problem]:
+    if config.servo.backend != "dynamixel":
+        return
+    wanted = {
+        "port": "a serial device such as /dev/ttyUSB0, or emulated",
+        "baud": "the speed the servo is set to, e.g. 4000000",
+        "model": "the servo's model, e.g. XM430-W350",
+    }
+    for name, what in wanted.items():
+        if getattr(config.servo, name) is None:
+            yield Problem(
+                f"servo.{name}", f"found nothing, wanted {what} (servo.backend is dynamixel)"
+            )
+
+
+@_reads(*_KIND, "loop.clock")
+def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
+    if _is_real(config) and config.loop.clock == "simulated":
+        yield Problem(
+            "loop.clock",
+            f"found simulated, wanted monotonic: the servo at {config.servo.port} is real",
+        )
+
+
+@_reads(*_KIND, "servo.kick", "wall.side")
+def _emulated_starts_outside(config: Config) -> Iterator[Problem]:
+    inward = SIGNS[config.wall.side]
+    kick = config.servo.kick
+    if config.servo.kind == "emulated" and kick is not None and inward * kick > 0:
+        yield Problem(
+            "servo.kick",
+            f"found {kick:g}, which is inside the wall ({config.wall.side}): the driver starts no "
+            f"servo there; wanted {'at most' if inward > 0 else 'at least'} 0, or servo.backend "
+            "simulated",
+        )
+
+
+@_reads(*_KIND, "servo.counts_per_rev")
+def _emulated_counts(config: Config) -> Iterator[Problem]:
+    if config.servo.kind == "emulated" and config.servo.counts_per_rev != 4096:
+        yield Problem(
+            "servo.counts_per_rev",
+            f"found {config.servo.counts_per_rev}, wanted 4096: the position register of the X "
+            "series counts so; only servo.backend simulated can have another encoder",
+        )
+
+
+@_reads(*_KIND, "servo.torque_constant")
+def _emulated_gain(config: Config) -> Iterator[Problem]:
+    if (
+        config.servo.kind == "emulated"
+        and config.servo.torque_constant is not None
+        and config.model.torque_gain is None
+    ):
+        yield Problem(
+            "model.torque_gain",
+            f"found nothing, wanted a number or {{value, low, high}}: servo.torque_constant "
+            f"{config.servo.torque_constant:g} makes the emulated servo differ from its model's "
+            "data sheet, which the driver goes by",
+        )
+
+
+@_reads("servo.backend", "servo.model", "servo.torque_constant")
+def _model_makes_torque(config: Config) -> Iterator[Problem]:
+    name = config.servo.model
+    if config.servo.backend != "dynamixel" or name is None:
+        return
+    from hw.open import torque_models  # not at the top: most configurations have no bus
+
+    models = torque_models()
+    if name not in models:
+        near = difflib.get_close_matches(name.upper(), models, n=1, cutoff=0.6)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        yield Problem(
+            "servo.model",
+            f"found {name!r}, wanted one of the models with current control: "
+            f"{', '.join(models)}{hint}",
+        )
+    elif not models[name] and config.servo.torque_constant is None:
+        yield Problem(
+            "servo.torque_constant",
+            f"found nothing, wanted a measured torque per current [N·m/A]: that of the {name} is "
+            "not published",
+        )
+
+
+@_reads(*_KIND, "servo.faults", "servo.id")
+def _faults_can_happen(config: Config) -> Iterator[Problem]:
+    servo = config.servo
+    if servo.faults and servo.kind == "simulated":
+        yield Problem(
+            "servo.faults",
+            f"found {', '.join(servo.faults)}, but a simulated servo has no bus; wanted an emulated"
+            " one, such as the preset emulated-xm430",
+        )
+    elif servo.kind == "emulated":
+        from hw.open import check_fault  # not at the top: most configurations have no faults
+
+        for spec in servo.faults:
+            try:
+                check_fault(spec, servo.id)
+            except ValueError as error:
+                hint = (
+                    "; in a list, quote a fault that has commas"
+                    if "=" in spec.split(":")[0]
+                    else ""
+                )
+                yield Problem("servo.faults", f"{error}{hint}")
+
+
+_CYCLE_SHARE = 0.8
+"""Of a period that a cycle may be on the wire: what comes later than that counts as lost"""
+
+
+@_reads("servo.backend", "servo.baud", "loop.rate_hz")
+def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
+    baud = config.servo.baud
+    if config.servo.backend != "dynamixel" or baud is None:
+        return
+    cycle = cycle_s(baud)
+    if cycle > _CYCLE_SHARE * config.period_s:
+        yield Problem(
+            "servo.baud",
+            f"found {baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more than "
+            f"{_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} ms; wanted a faster bus "
+            f"(set the servo to it first) or loop.rate_hz below {_CYCLE_SHARE / cycle:.3g}",
+        )
+
+
+@_reads("servo.backend", "servo.watchdog_s", "loop.rate_hz")
+def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
+    watchdog, period = config.servo.watchdog_s, config.period_s
+    if config.servo.backend == "dynamixel" and watchdog < 2 * period:
+        yield Problem(
+            "servo.watchdog_s",
+            f"found {watchdog:g} s, wanted at least two periods ({2 * period:g} s at loop.rate_hz "
+            f"{config.loop.rate_hz:g}), else one lost message stops the servo",
+        )
+
+
+@_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
+def _warm_up_sees_the_bus(config: Config) -> Iterator[Problem]:
+    least = WARM_UP_AGES * config.period_s
+    if config.servo.backend == "dynamixel" and config.loop.warm_up_s < least * (1 - 1e-9):
+        yield Problem(
+            "loop.warm_up_s",
+            f"found {config.loop.warm_up_s:g} s, wanted at least {least:g} s "
+            f"({WARM_UP_AGES} readings at loop.rate_hz {config.loop.rate_hz:g}): the delay of the "
+            "bus is measured before the wall is switched on",
+        )
+
+
+@_reads("safety.heartbeat_s", "loop.rate_hz")
+def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
+    heartbeat, period = config.safety.heartbeat_s, config.period_s
+    if heartbeat < 2 * period:
+        yield Problem(
+            "safety.heartbeat_s",
+            f"found {heartbeat:g} s, wanted at least two periods ({2 * period:g} s at loop.rate_hz "
+            f"{config.loop.rate_hz:g}), else every tick looks like a hang",
+        )
+
+
+WARM_UP_AGES = 20
+"""Readings over a bus from which its delay is known well enough to begin"""
+
+
+@_reads("realtime.spin_us", "loop.rate_hz")
+def _spinning_leaves_time_to_sleep(config: Config) -> Iterator[Problem]:
+    spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * config.period_s * 1e6
+    if spin_us is not None and spin_us > most_us * (1 + 1e-9):
+        yield Problem(
+            "realtime.spin_us",
+            f"found {spin_us:g} µs, wanted at most {SPIN_SHARE:g} of a period ({most_us:g} µs at "
+            f"loop.rate_hz {config.loop.rate_hz:g}): Linux halts a real-time process that never "
+            "sleeps for 50 ms of every second",
+        )

@@ -1,0 +1,201 @@
+"""The servo's section of the configuration: what it is when simulated, where it is when real."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
+
+from controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
+from hw.settings import HandName, Schedule
+
+Kind = Literal["simulated", "emulated", "hardware"]
+EMULATED = "emulated"
+"""The port that stands for an emulated bus of our own."""
+
+Baud = Annotated[
+    Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
+    BeforeValidator(whole),
+]
+"""What the Baud Rate register of the X series can hold. Source: ROBOTIS e-manual."""
+
+
+def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Let one text be a list of its words, and a list be what pydantic calls a tuple."""
+    if isinstance(found, str):
+        return tuple(found.split())
+    return tuple(found) if isinstance(found, list) else found
+
+
+def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
+    """What a field's declaration carries beside its bounds: unit, and which servos it is for."""
+    return {"unit": unit, "used_by": list(used_by)}
+
+
+def used_by(name: str) -> tuple[str, ...]:
+    """The kinds of servo that one of the servo's fields is for; all of them unless it says so."""
+    extra = Servo.model_fields[name].json_schema_extra
+    kinds = extra.get("used_by") if isinstance(extra, dict) else None
+    return tuple(map(str, kinds)) if isinstance(kinds, list) else get_args(Kind)
+
+
+_ANY: tuple[Kind, ...] = ("simulated", "emulated", "hardware")
+_TRUTH: tuple[Kind, ...] = ("simulated", "emulated")
+_BUS: tuple[Kind, ...] = ("emulated", "hardware")
+_EMULATED: tuple[Kind, ...] = ("emulated",)
+
+
+class Servo(Section):
+    """The servo: what a simulated or emulated one is, or where a real one is found."""
+
+    backend: Literal["simulated", "dynamixel"] = Field(
+        "simulated", description="In this process, or on a Dynamixel bus"
+    )
+    inertia: Positive | None = Field(
+        None, description="True inertia", json_schema_extra=_facts("kg·m²", _TRUTH)
+    )
+    damping: NotNegative = Field(
+        0.0, description="True viscous friction", json_schema_extra=_facts("N·m·s/rad", _TRUTH)
+    )
+    coulomb: NotNegative = Field(
+        0.0, description="True Coulomb friction", json_schema_extra=_facts("N·m", _TRUTH)
+    )
+    counts_per_rev: Whole = Field(
+        4096,
+        ge=0,
+        le=2**24,
+        description="Encoder counts per revolution; 0: the position is not quantised",
+        json_schema_extra=_facts("counts/rev", _TRUTH),
+    )
+    delay: Lag = Field(
+        0.0,
+        description="True lag from a torque's arrival at the servo to its action",
+        json_schema_extra=_facts("s", _TRUTH),
+    )
+    torque_step: NotNegative = Field(
+        0.0,
+        description="Torques are rounded to multiples of it; 0: not rounded (an emulated servo "
+        "rounds to its current unit)",
+        json_schema_extra=_facts("N·m", ("simulated",)),
+    )
+    backlash: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="True play between shaft and encoder, full width",
+        json_schema_extra=_facts("rad", _TRUTH),
+    )
+    supply: float | None = Field(
+        None,
+        ge=1,
+        le=60,
+        description="True voltage of the supply; null: the one its model's figures hold for",
+        json_schema_extra=_facts("V", _EMULATED),
+    )
+    ambient: float = Field(
+        32.0,
+        ge=-40,
+        le=200,
+        description="True temperature of the servo while it does nothing",
+        json_schema_extra=_facts("°C", _EMULATED),
+    )
+    faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        (),
+        description="What goes wrong on the emulated bus, as for haptic-wall emulate --fault, e.g. "
+        "drop:p=0.01; several as a list, or in one text with blanks between them",
+        json_schema_extra=_facts("", _EMULATED),
+    )
+    fault_seed: Whole = Field(
+        0,
+        ge=0,
+        le=2**32,
+        description="Decides what the faults strike",
+        json_schema_extra=_facts("", _EMULATED),
+    )
+    hand: HandName = Field(
+        "none",
+        description="Scripted hand: push, slowly in and out of the wall; tap; lean, a steady "
+        "push in the positive direction",
+        json_schema_extra=_facts("", _TRUTH),
+    )
+    kick: float | None = Field(
+        None,
+        ge=-100,
+        le=100,
+        description="Displacement from the wall at the start, positive toward positive "
+        "positions; null: 0.1 rad outside a one-sided wall, on a two-sided one",
+        json_schema_extra=_facts("rad", _TRUTH),
+    )
+    torque_limit: Positive | None = Field(
+        None,
+        description="The largest torque: where a simulated one saturates (null: 4.1); on a bus "
+        "a limit of ours below the servo's own (null: the servo's Current Limit)",
+        json_schema_extra=_facts("N·m", _ANY),
+    )
+    torque_constant: Positive | None = Field(
+        None,
+        description="Torque per current: the truth of an emulated servo, a calibration of a real "
+        "one; null: the model's stall torque over its stall current",
+        json_schema_extra=_facts("N·m/A", _BUS),
+    )
+    port: str | None = Field(
+        None,
+        min_length=1,
+        description="Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus of our own",
+        json_schema_extra=_facts("", _BUS),
+    )
+    baud: Baud | None = Field(
+        None, description="Speed of the bus", json_schema_extra=_facts("bit/s", _BUS)
+    )
+    id: Whole = Field(
+        1, ge=0, le=252, description="The servo's id on the bus", json_schema_extra=_facts("", _BUS)
+    )
+    model: str | None = Field(
+        None,
+        min_length=1,
+        description="The servo's model, e.g. XM430-W350",
+        json_schema_extra=_facts("", _BUS),
+    )
+    schedule: Schedule = Field(
+        "immediate",
+        description="immediate: ask and answer within one period; pipelined: the reply travels "
+        "while the loop sleeps, its age is counted",
+        json_schema_extra=_facts("", _BUS),
+    )
+    watchdog_s: float = Field(
+        0.04,
+        ge=0.02,
+        le=2.54,
+        multiple_of=0.02,
+        description="The servo stops by itself after this long without a message",
+        json_schema_extra=_facts("s", _BUS),
+    )
+    probe_torque: float = Field(
+        0.3,
+        ge=0,
+        le=5,
+        description="Largest torque of the probe that proves the torque's sign at the start; 0: "
+        "no probe",
+        json_schema_extra=_facts("N·m", _BUS),
+    )
+
+    @property
+    def kind(self) -> Kind:
+        """What stands behind the servo interface."""
+        if self.backend == "simulated":
+            return "simulated"
+        return "emulated" if self.port == EMULATED else "hardware"
+
+    @model_serializer(mode="wrap")
+    def _without_the_truth_of_hardware(
+        self, handler: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        """Drop what only a simulated servo has: of a real one nobody knows it."""
+        fields: dict[str, Any] = handler(self)
+        if self.kind == "hardware":
+            fields = {name: value for name, value in fields.items() if name not in TRUTH_FIELDS}
+        return fields
+
+
+TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))
+"""The servo's fields that say what a simulated or emulated servo is."""

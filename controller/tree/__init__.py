@@ -1,0 +1,1 @@
+"""The processes of a run: the supervisor, the loop, and those who write and tell."""

@@ -1,0 +1,63 @@
+"""A run on the simulated clock: loop, recorder and statistics in one process, nothing to watch."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import asdict
+from pathlib import Path
+
+from controller.log.file import LogWriter
+from controller.session import run_session
+from controller.statistics import RunStatistics
+from controller.telemetry import ROW, Telemetry
+from controller.tree.plan import Ended, Plan
+from controller.tree.recorder import Recorder
+from hw.clock import SimulatedClock
+
+
+def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
+    """Run a plan in this process, on the simulated clock.
+
+    Args:
+        plan: What to run.
+        telemetry: Where a stop is asked for.
+
+    Raises:
+        ServoError: The servo could not be started.
+    """
+    statistics = RunStatistics()
+    log: LogWriter | None = None
+    warnings: list[str] = []
+    try:
+        log = LogWriter(plan.log, plan.metadata, ROW)
+        recorder = Recorder(telemetry, log)
+    except OSError as error:
+        warnings.append(_log_warning(plan.log, error))
+    counted = 0
+
+    def on_block() -> None:
+        nonlocal counted
+        rows, counted = telemetry.read(counted)
+        statistics.add(rows)
+        if log is not None and not warnings:
+            try:
+                recorder.drain()
+            except OSError as error:
+                warnings.append(_log_warning(plan.log, error))
+
+    clock = SimulatedClock()
+    try:
+        result = run_session(
+            plan.config, clock, telemetry, plan.duration_s, program=plan.program, on_block=on_block
+        )
+    finally:
+        if log is not None:
+            with contextlib.suppress(OSError):  # a full disk was reported when it was met
+                log.close()
+    return Ended(
+        result.stop_reason, statistics, result.ticks, result.missed, asdict(result), [], warnings
+    )
+
+
+def _log_warning(log: Path, error: OSError) -> str:
+    return f"the log {log} is incomplete: {error.strerror or error}; the run went on without it"

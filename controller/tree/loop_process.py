@@ -1,0 +1,138 @@
+"""The loop's own process: takes its orders on standard input, reports on standard output.
+
+Orders are one JSON object; reports are one JSON object a line, each with an ``event``. Nothing
+else runs here: a busy thread beside the loop would cost it stalls of 5 ms.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import traceback
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from controller import realtime
+from controller.errors import PlatformError
+from controller.lateness.causes import Machine
+from controller.lateness.machine_setup import is_virtual, machine_setup, start_table
+from controller.lateness.thread_counters import CounterReader
+from controller.lateness.ticks import LateTicks
+from controller.program import Phase
+from controller.session import run_session
+from controller.settings.config import Config
+from controller.telemetry import Telemetry, Word
+from hw.clock import MonotonicClock
+from hw.errors import ServoError
+
+LAST_S = 5
+"""How long this process may live on after it was told to end by a signal [s]; the kernel ends it
+then, which ends no torque: the servo's Bus Watchdog has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the supervisor tells the loop."""
+
+    config: str
+    """The effective configuration as JSON"""
+    telemetry: int
+    """Descriptor of the shared memory"""
+    port: int | None
+    """Descriptor of the open serial port"""
+    parent: int
+    """Process id of the supervisor"""
+    core: int
+    duration_s: float | None
+    program: list[dict[str, Any]]
+    """Phases in place of the wall; empty: the wall"""
+
+
+def main() -> None:
+    """Run one session as ordered; ends with torque off, whatever happens."""
+    orders = Orders(**json.loads(sys.stdin.readline()))
+    telemetry = Telemetry(orders.telemetry)
+
+    def stop(_signal: int, _frame: object) -> None:
+        telemetry.words[Word.STOP] = 1
+        signal.alarm(LAST_S)  # who would end it by force, should it hang, may be dead
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    config = Config.model_validate_json(orders.config)
+    single = os.sched_getaffinity(0) == {orders.core}
+    os.sched_setaffinity(0, {orders.core})
+    try:
+        with contextlib.ExitStack() as scope:
+            result = run_session(
+                config,
+                MonotonicClock(),
+                telemetry,
+                orders.duration_s,
+                orders.port,
+                [Phase(**phase) for phase in orders.program],
+                tell=lambda text: _tell("tell", text=text),
+                prepare=lambda: _prepare(config, orders.core, single, scope),
+            )
+    except (ServoError, PlatformError) as error:
+        _tell("refused", message=str(error))
+        return
+    except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
+        # The session has switched the torque off on its way here; say what it was.
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        _tell(
+            "refused",
+            message=f"{type(error).__name__}: {error} (in {where.name}, {Path(where.filename).name}"
+            f" line {where.lineno}): this is a defect of haptic-wall, please report it",
+        )
+        return
+    _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+
+
+def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
+    """Take the real-time settings, say what was granted, and have late ticks explained.
+
+    Raises:
+        PlatformError: The profile is strict, and what it needs was not granted.
+    """
+    wishes = config.realtime
+    settings = realtime.apply(wishes.profile, wishes.priority, {core})
+    _tell("realtime", settings=[asdict(setting) for setting in settings])
+    missing = realtime.missing_for_strict(settings)
+    if missing and wishes.profile == "strict":
+        raise PlatformError(_strict_message(missing))
+    _tell("tell", text=start_table(settings, machine_setup(core)))
+    reader = CounterReader(core)
+    machine = Machine(
+        virtual=is_virtual(),
+        real_time=os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
+        shared=single,
+        knows_run_delay=reader.knows_run_delay,
+    )
+    late = scope.enter_context(LateTicks(machine, reader, config.period_ns))
+    signal.signal(signal.SIGCONT, lambda *_: late.continued())
+    return late
+
+
+def _strict_message(missing: list[realtime.Setting]) -> str:
+    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
+    return (
+        f"realtime.profile is strict, and the system did not grant what it needs ({wishes}); or"
+        " run with --set realtime.profile=best-effort to take what is granted"
+    )
+
+
+def _tell(event: str, **content: object) -> None:
+    try:
+        os.write(sys.stdout.fileno(), (json.dumps({"event": event, **content}) + "\n").encode())
+    except BrokenPipeError:
+        return  # the supervisor is gone; torque off does not depend on it
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""What to run, and what is known when it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from controller.program import Phase
+from controller.settings.config import Config
+from controller.statistics import RunStatistics
+from controller.tree.stream import Stream
+
+Tell = Callable[[str], None]
+"""Called with what a person should know meanwhile."""
+
+
+@dataclass(slots=True)
+class Ended:
+    """What is known when a run is over."""
+
+    stop_reason: str
+    statistics: RunStatistics
+    ticks: int
+    missed: int
+    result: dict[str, Any] | None = None
+    """The loop's own ``session.Result``; None: it ended without one"""
+    realtime: list[dict[str, Any]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    cause: str = ""
+    """Of a run that was ended from outside of the loop: what happened, and to the torque"""
+    cut: bool | None = None
+    """Whether torque off was read back by the supervisor; None: the loop had seen to it"""
+
+    @property
+    def torque_off(self) -> bool | None:
+        """Whether torque off was read back in the end; None: nobody knows."""
+        if self.cut is None and self.result is not None:
+            return bool(self.result["torque_off"])
+        return self.cut
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run, and where its traces go."""
+
+    config: Config
+    duration_s: float | None
+    log: Path
+    metadata: dict[str, Any]
+    witness: Path | None
+    """Record of the emulated bus; None: none"""
+    program: tuple[Phase, ...] = ()
+    """What is rendered in place of the wall; the run ends with it. Empty: the wall"""
+    stream: Stream | None = None
+    """Who watches live; None: nobody"""

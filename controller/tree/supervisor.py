@@ -1,0 +1,346 @@
+"""The process tree of a run: who starts, watches and ends whom.
+
+The command's own process is the supervisor. It opens the port, passes its descriptor to the
+loop's process and stays silent; it writes to the bus only when the loop is dead or hung, and then
+nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.detector.oscillation import State as Oscillation
+from controller.realtime import pick_cores
+from controller.safety import Trip
+from controller.statistics import RunStatistics
+from controller.telemetry import State, Telemetry, Word
+from controller.tree.children import Child, first_line
+from controller.tree.log_keeper import LogKeeper
+from controller.tree.loop_process import Orders
+from controller.tree.loop_watch import END_S, START_S, LoopWatch
+from controller.tree.plan import Ended, Plan, Tell
+from hw.clock import MonotonicClock
+from hw.errors import ServoError
+from hw.open import cut_torque, open_port
+from hw.settings import DynamixelSettings, TrueServo
+
+POLL_MS = 20
+"""How often the heartbeat is looked at [ms]."""
+LOOK_S = 0.25
+"""How often all else is looked at, and rows are counted [s]; rarely, since bytes reach the loop
+through kernel threads that want the same core."""
+
+
+class Supervisor:
+    """Starts the children, watches them, and cuts the torque when the loop cannot.
+
+    Args:
+        plan: What to run.
+        telemetry: The memory that all of them share.
+        tell: Called with what a person should know meanwhile; must not wait for the terminal.
+    """
+
+    def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
+        self._plan = plan
+        self._telemetry = telemetry
+        self._words = telemetry.words
+        self._tell = tell
+        self._cause = ""
+        self._torque_off: bool | None = None
+        self._statistics = RunStatistics()
+        self._counted = 0
+        self._oscillates = False
+        self._warnings: list[str] = []
+        self._realtime: list[dict[str, Any]] = []
+        self._result: dict[str, Any] | None = None
+        self._refused: str | None = None
+        self._settings = plan.config.servo_settings()
+        self._port: int | None = None
+        self._streamer: Child | None = None
+        self._core, self._others = pick_cores(plan.config.realtime.core)
+
+    def run(self) -> Ended:
+        """Start the children, watch them to the end of the run, and leave none behind.
+
+        Raises:
+            ServoError: The servo could not be started.
+        """
+        with self._away_from_the_loop(), contextlib.ExitStack() as children:
+            emulator = self._start_emulator(children)
+            log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
+            children.callback(log.close)
+            self._start_streamer(children)
+            loop = self._start_loop(children)
+            reason = self._watch(loop, emulator, log)
+            self._warnings += log.end()
+        self._count()
+        if self._refused is not None:
+            raise ServoError(self._refused)
+        words, result = self._words, self._result
+        return Ended(
+            reason,
+            self._statistics,
+            words[Word.TICKS] if result is None else result["ticks"],
+            words[Word.MISSED] if result is None else result["missed"],
+            result,
+            self._realtime,
+            self._warnings,
+            self._cause,
+            self._torque_off,
+        )
+
+    @contextlib.contextmanager
+    def _away_from_the_loop(self) -> Iterator[None]:
+        """Keep this process too off the loop's core: a hung loop at real-time priority holds it."""
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, self._others)
+        try:
+            yield
+        finally:
+            os.sched_setaffinity(0, before)
+
+    def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
+        settings = self._settings
+        if not isinstance(settings, DynamixelSettings):
+            return None
+        emulator = None
+        config = self._plan.config
+        if config.servo.kind == "emulated":
+            arguments = emulator_arguments(settings, config.true_servo(), self._plan.witness)
+            emulator = Child("emulator", arguments, None, (), self._others)
+            children.callback(emulator.dismiss, END_S)
+            path = first_line(emulator, START_S)
+            if path is None:
+                raise ServoError(
+                    f"the emulated bus did not start: it {emulator.exit_text()}; see its message"
+                    " above, if any, and start again"
+                )
+            settings = replace(settings, port=path)
+        self._port = open_port(settings)
+        children.callback(os.close, self._port)
+        return emulator
+
+    def _start_recorder(self, resume: bool) -> Child:
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "parent": os.getpid(),
+            "log": str(self._plan.log),
+            "metadata": self._plan.metadata,
+            "resume": resume,
+        }
+        return Child(
+            "recorder",
+            ["controller.tree.recorder"],
+            orders,
+            [self._telemetry.descriptor],
+            self._others,
+        )
+
+    def _start_streamer(self, children: contextlib.ExitStack) -> None:
+        stream = self._plan.stream
+        if stream is None:
+            return
+        orders = {
+            "telemetry": self._telemetry.descriptor,
+            "parent": os.getpid(),
+            "stream": asdict(stream),
+            "loop_hz": self._plan.config.loop.rate_hz,
+        }
+        self._streamer = Child(
+            "streamer",
+            ["controller.tree.streamer"],
+            orders,
+            [self._telemetry.descriptor],
+            self._others,
+        )
+        children.callback(self._streamer.dismiss, END_S)
+
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        orders = Orders(
+            config=self._plan.config.model_dump_json(),
+            telemetry=self._telemetry.descriptor,
+            port=self._port,
+            parent=os.getpid(),
+            core=self._core,
+            duration_s=self._plan.duration_s,
+            program=[asdict(phase) for phase in self._plan.program],
+        )
+        descriptors = [self._telemetry.descriptor]
+        if self._port is not None:
+            descriptors.append(self._port)
+        loop = Child("loop", ["controller.tree.loop_process"], asdict(orders), descriptors)
+        children.callback(self._leave, loop)
+        return loop
+
+    def _watch(self, loop: Child, emulator: Child | None, log: LogKeeper) -> str:
+        """Until the loop has ended, by itself or by force; why."""
+        poll = select.poll()
+        poll.register(loop.pidfd, select.POLLIN)
+        poll.register(loop.output, select.POLLIN)
+        looked = time.monotonic()
+        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
+        while True:
+            news = poll.poll(POLL_MS)
+            now = time.monotonic()
+            overdue = watch.overdue(now)
+            if not news and overdue is None and now < looked + LOOK_S:
+                continue
+            if loop.ended():
+                break
+            if overdue is not None:
+                return self._cut_overdue(loop, emulator, overdue)
+            self._hear(loop)
+            log.look(now)
+            if now >= looked + LOOK_S:
+                self._count()
+                self._hear_streamer()
+                looked = now
+            if emulator is not None and emulator.ended():
+                watch.asked()
+        self._hear(loop)
+        self._mourn(emulator)
+        if self._result is not None:
+            if not self._result["torque_off"]:
+                text = self._cut_text()
+                first = "the loop could not read torque off back; " if self._torque_off else ""
+                self._warnings.append(first + text)
+            return str(self._result["stop_reason"])
+        if self._refused is not None:
+            return "refused"
+        return self._cut(loop, Trip.LOOP_DIED, "")
+
+    def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> str:
+        """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
+        starting = self._words[Word.STATE] == State.STARTING
+        reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
+        self._hear(loop)
+        self._mourn(emulator)
+        if self._result is not None:  # only its process would not end
+            reason = str(self._result["stop_reason"])
+        elif emulator is not None and emulator.ended():
+            return f"trip:{Trip.SERVO_LOST}"
+        elif starting and self._words[Word.STOP]:
+            reason = "interrupted"
+        else:
+            return reason
+        self._warnings.append(self._cause)
+        self._cause = ""
+        return reason
+
+    def _mourn(self, emulator: Child | None) -> None:
+        if emulator is not None and emulator.ended():
+            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
+
+    def _cut(self, loop: Child, trip: Trip, overdue: str) -> str:
+        """Take the bus from a loop that is dead or hung; from here on it says nothing on it.
+
+        Args:
+            loop: Whose bus it was.
+            trip: What the run is ended by.
+            overdue: What it has failed to do; empty: it is dead.
+        """
+        doing = loop.doing()
+        self._words[Word.CUT] = 1
+        loop.send(signal.SIGKILL)  # a loop that only seems hung must not talk during the cut
+        text = self._cut_text()
+        loop.wait(END_S)
+        what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
+        self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
+        return f"trip:{trip}"
+
+    def _leave(self, loop: Child) -> None:
+        """Whatever goes wrong here, the loop does not stay behind with its torque on."""
+        if not loop.ended():
+            self._words[Word.STOP] = 1
+            if not loop.wait(END_S):
+                self._cut(loop, Trip.LOOP_HUNG, "was left")
+        loop.dismiss(END_S)
+
+    def _cut_text(self) -> str:
+        """Switch the torque off; what came of it."""
+        if self._port is None or not isinstance(self._settings, DynamixelSettings):
+            self._torque_off = True
+            return "the simulated servo ended with it"
+        self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
+        if self._torque_off:
+            return "the supervisor switched the torque off and read it back"
+        return (
+            "torque off could not be read back: switch the servo's power off; its Bus Watchdog"
+            " should have stopped it"
+        )
+
+    def _hear(self, loop: Child) -> None:
+        for line in loop.lines():
+            event = json.loads(line)
+            match event.pop("event"):
+                case "realtime":
+                    self._realtime = event["settings"]
+                case "refused":
+                    self._refused = event["message"]
+                case "tell":
+                    self._tell(event["text"])
+                case "ended":
+                    self._result = event["result"]
+
+    def _hear_streamer(self) -> None:
+        if self._streamer is None:
+            return
+        for line in self._streamer.lines():
+            self._tell(json.loads(line)["trouble"])
+        if self._streamer.ended():
+            self._tell(
+                f"--stream: its process {self._streamer.exit_text()}; the run goes on without it"
+            )
+            self._streamer = None
+
+    def _count(self) -> None:
+        rows, self._counted = self._telemetry.read(self._counted)
+        self._statistics.add(rows)
+        if rows.size and not self._plan.program:  # an experiment makes its own of it
+            self._tell_of_oscillation(rows)
+
+    def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
+        """Say once when an oscillation is noticed, and once when it is over."""
+        oscillates = bool(np.any(rows["oscillation"] >= Oscillation.SUSTAINED))
+        if oscillates and not self._oscillates:
+            softer = (
+                f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
+                " full wall again"
+                if self._plan.config.safety.on_oscillation == "reduce"
+                else ""
+            )
+            self._tell(f"the wall oscillates by itself{softer}")
+        elif self._oscillates and not oscillates:
+            stiffness = float(rows["stiffness"][-1])
+            self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
+        self._oscillates = oscillates
+
+
+def emulator_arguments(
+    settings: DynamixelSettings, true: TrueServo, witness: Path | None
+) -> list[str]:
+    """The command that starts an emulated bus with one servo, after ``python -m``."""
+    arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
+    arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
+    arguments += ["--seed", str(settings.fault_seed)]
+    for fault in settings.faults:
+        arguments += ["--fault", fault]
+    for part in fields(true):
+        value = getattr(true, part.name)
+        if value is not None:
+            arguments += ["--set", f"servo.{part.name}={value}"]
+    if witness is not None:
+        arguments += ["--record", str(witness)]
+    return arguments
