@@ -153,27 +153,8 @@ def _places(
     refuse_other_pictures("--plot", plot)
     refuse_same_file({"--log": log, "--plot": plot, "--witness": witness})
     for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
-        if path is None:
-            continue
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(
-                f"{option}: the folder {path.parent} cannot be made ({error.strerror}); name"
-                " another place"
-            ) from error
-        if path.is_dir():
-            raise UserError(f"{option}: {path} is a folder; name a file")
-        if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
-            raise UserError(f"{option}: {path} is a pipe; name a file")
-        ours = option != "--log" or asked[0] is not None
-        if ours and path.is_file():  # what a failed run leaves here must not pass for its own
-            try:
-                path.unlink()
-            except OSError as error:
-                raise UserError(
-                    f"{option}: {path} cannot be replaced ({error.strerror}); name another file"
-                ) from error
+        if path is not None:
+            _make_room(option, path, ours=option != "--log" or asked[0] is not None)
     if asked[0] is None:
         try:
             log.touch(exist_ok=False)
@@ -182,6 +163,34 @@ def _places(
         except OSError:
             pass  # the recorder will say it
     return log, plot
+
+
+def _make_room(option: str, path: Path, *, ours: bool) -> None:
+    """See that a file can be made there; one of a run before, if it is ours, is taken away."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{option}: the folder {path.parent} cannot be made ({error.strerror}); name"
+            " another place"
+        ) from error
+    if path.is_dir():
+        raise UserError(f"{option}: {path} is a folder; name a file")
+    if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
+        raise UserError(f"{option}: {path} is a pipe; name a file")
+    if not ours or not path.is_file():
+        return
+    if option == "--log":
+        from controller.log.file import being_written
+
+        if being_written(path):
+            raise UserError(f"--log: another run is writing {path}; name another file")
+    try:
+        path.unlink()  # what a failed run leaves here must not pass for its own
+    except OSError as error:
+        raise UserError(
+            f"{option}: {path} cannot be replaced ({error.strerror}); name another file"
+        ) from error
 
 
 def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:

@@ -9,6 +9,7 @@ bytes, then blocks of rows of one structured dtype, and last how the run ended, 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ from controller.errors import LogFormatError
 from controller.log.blocks import encoded
 from controller.log.reader import FORMAT, SUFFIX, Damage, LogReader
 
-__all__ = ["SUFFIX", "LogWriter", "append_end", "read_log"]
+__all__ = ["SUFFIX", "LogWriter", "append_end", "being_written", "read_log"]
 
 
 class LogWriter:
@@ -62,6 +63,8 @@ class LogWriter:
         self._unsynced = True
         self._placed = False
         self._file = cast(BinaryIO, path.open(mode, buffering=0))
+        with contextlib.suppress(OSError):  # a dying writer may still have it; a device has none
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @classmethod
     def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:
@@ -162,6 +165,16 @@ class LogWriter:
                 self._file.seek(start)
             raise
         self._unsynced = True
+
+
+def being_written(path: Path) -> bool:
+    """Whether a ``LogWriter`` of some process has this file open."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def append_end(path: Path, ended: Mapping[str, Any]) -> None:

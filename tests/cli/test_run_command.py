@@ -6,10 +6,13 @@ import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from controller.cli import main as cli
 from controller.cli import run as run_command
+from controller.log.file import LogWriter, read_log
+from controller.telemetry import ROW
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
@@ -76,6 +79,17 @@ def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
     for name in ("a", "b"):
         assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
     assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()
+
+
+def test_a_log_that_another_run_is_writing_is_not_taken_from_it(capsys, folder):
+    log = folder / "mine.hwlog"
+    with LogWriter(log, {}, ROW) as writer:
+        status, out, err = run(capsys, "--log", log)
+        assert (status, out) == (2, "")
+        assert "another run is writing" in err
+        writer.append(np.zeros(3, ROW))
+    assert len(read_log(log)[1]) == 3
+    assert run(capsys, "--log", log)[0] == 0
 
 
 def test_two_runs_begun_together_do_not_write_one_log(tmp_path, monkeypatch):
