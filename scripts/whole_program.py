@@ -51,7 +51,7 @@ def child_of(pid: int, module: str) -> int | None:
     with contextlib.suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):
-                if f"controller.{module}" in Path(f"/proc/{child}/cmdline").read_text():
+                if f"controller.tree.{module}" in Path(f"/proc/{child}/cmdline").read_text():
                     return int(child)
     return None
 

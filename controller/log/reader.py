@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
 from controller.log.blocks import Block, block_at, last_block, next_magic
+from controller.log.plausible import plausible
 
 SUFFIX = ".hwlog"
 FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
@@ -137,7 +138,11 @@ def _pieces(file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Pi
         if block is not None and block.array.dtype.names is None:
             ended = _from_json(block.array)
             piece = End(ended) if ended is not None else None
-        elif block is not None and dtype in (None, block.array.dtype):
+        elif (
+            block is not None
+            and dtype in (None, block.array.dtype)
+            and (checked or plausible(block.array))
+        ):
             piece = block.array
             dtype = block.array.dtype
         if block is None or piece is None:

@@ -1,10 +1,13 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
 import builtins
+import contextlib
 import csv
 import json
 import os
+import re
 import signal
+from random import Random
 
 import numpy as np
 import pytest
@@ -280,7 +283,7 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
         seen.append(path)
         raise KeyboardInterrupt
 
-    for place in ("csv_export.write_csv", "plot.plot_log", "mcap_export.write_mcap"):
+    for place in ("log.csv_export.write_csv", "plots.run.plot_log", "log.mcap_export.write_mcap"):
         monkeypatch.setattr(f"controller.{place}", interrupted)
     monkeypatch.setattr("controller.log.cut.cut_log", interrupted)
     assert CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(target)]).exit_code
@@ -306,3 +309,29 @@ def test_a_csv_may_go_into_a_pipe(log):
         answer(log, "--from", 0.1, "--to", 0.11, "--csv", f"/dev/fd/{writing}")
         os.close(writing)
         assert len(pipe.readlines()) == 11
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_log_of_before_checksums_with_damaged_numbers_is_told_of_and_never_a_defect(
+    log, tmp_path, seed
+):
+    """Where only the numbers tell, a block that no loop can have written is damage."""
+    content = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
+    content = bytearray(content.replace(b'"checksum": "crc32", ', b" " * 21))
+    random = Random(seed)
+    for _ in range(random.choice((1, 5, 50))):
+        content[random.randrange(3000, len(content))] = random.randrange(256)
+    old = tmp_path / "old.hwlog"
+    old.write_bytes(content)
+    assert "checksum" not in read_log(old)[0]
+    for arguments in ((old,), (old, "--json"), (old, "--csv", tmp_path / "old.csv")):
+        result = CliRunner().invoke(command, list(map(str, arguments)))
+        assert result.exit_code in (0, 2) or isinstance(result.exception, UserError)
+    for recording in filter(None, readable(old)):
+        for part in recording.parts:
+            assert np.all(np.diff(part.times) > 0.0)
+
+
+def readable(path):
+    with contextlib.suppress(UserError):
+        yield from read_recordings(path)
