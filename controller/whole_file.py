@@ -21,7 +21,8 @@ def whole(path: Path) -> Iterator[Path]:
     Raises:
         OSError: It cannot be put in place.
     """
-    if path.exists() and not path.is_file():  # looked at first: a pipe has no name to resolve to
+    # First: a pipe has no name to resolve to, and others write to what /dev/stdout is, too.
+    if path.exists() and (not path.is_file() or path.is_relative_to("/dev")):
         yield path
         return
     path = path.resolve()  # what a link points to is replaced, not the link

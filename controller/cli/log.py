@@ -60,6 +60,12 @@ def command(
     refuse_same_file({"LOG": log, **wanted})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
+    for option, path in (("--mcap", mcap_path), ("--cut", cut_path)):
+        if path is not None and path.exists() and not path.is_file() and not path.is_dir():
+            raise UserError(
+                f"{option} {path}: found a pipe or a device, wanted a file: it is not written from"
+                " its beginning to its end; only --csv is"
+            )
     stretch = _stretch(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError("--cut: found neither --from nor --to; say which stretch, in seconds")

@@ -52,6 +52,9 @@ def _ending(report: Mapping[str, Any]) -> Iterator[str]:
 
 def _timing(report: Mapping[str, Any]) -> Iterator[str]:
     ticks, missed = report["ticks"], report["missed_ticks"]
+    if not ticks and not missed:
+        yield from _entry("ticks", "none: it ended before the wall was on")
+        return
     share = f" ({100 * missed / (ticks + missed):.2f} %)" if missed else ""
     yield from _entry(
         "ticks",

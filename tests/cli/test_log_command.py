@@ -332,6 +332,15 @@ def test_a_log_of_before_checksums_with_damaged_numbers_is_told_of_and_never_a_d
             assert np.all(np.diff(part.times) > 0.0)
 
 
+@pytest.mark.parametrize("option", ["--mcap", "--cut"])
+def test_what_is_not_written_from_begin_to_end_wants_a_file(log, tmp_path, option):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    result = CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(pipe)])
+    assert isinstance(result.exception, UserError)
+    assert "found a pipe" in str(result.exception)
+
+
 def readable(path):
     with contextlib.suppress(UserError):
         yield from read_recordings(path)
