@@ -21,7 +21,7 @@ from controller.lateness.machine_setup import machine_setup
 from controller.realtime import Setting, pick_cores
 from controller.settings.config import Config
 from controller.tree.children import Child, first_line
-from controller.tree.supervisor import emulator_arguments
+from controller.tree.emulator import emulator_arguments
 from hw.clock import MonotonicClock
 from hw.dynamixel.drivable import drivable
 from hw.dynamixel.examine.adapter import examine_port

@@ -14,27 +14,23 @@ import select
 import signal
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, fields, replace
-from pathlib import Path
+from dataclasses import asdict, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from controller.detector.oscillation import State as Oscillation
 from controller.realtime import pick_cores
 from controller.safety import Trip
-from controller.statistics import RunStatistics
 from controller.telemetry import State, Telemetry, Word
 from controller.tree.children import Child, first_line
+from controller.tree.emulator import emulator_arguments
 from controller.tree.log_keeper import LogKeeper
 from controller.tree.loop_process import Orders
 from controller.tree.loop_watch import END_S, START_S, LoopWatch
 from controller.tree.plan import Ended, Plan, Tell
+from controller.tree.row_count import RowCount
 from hw.clock import MonotonicClock
 from hw.errors import ServoError
 from hw.open import cut_torque, open_port
-from hw.settings import DynamixelSettings, TrueServo
+from hw.settings import DynamixelSettings
 
 POLL_MS = 20
 """How often the heartbeat is looked at [ms]."""
@@ -59,9 +55,7 @@ class Supervisor:
         self._tell = tell
         self._cause = ""
         self._torque_off: bool | None = None
-        self._statistics = RunStatistics()
-        self._counted = 0
-        self._oscillates = False
+        self._rows = RowCount(telemetry, plan, tell)
         self._warnings: list[str] = []
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
@@ -85,13 +79,13 @@ class Supervisor:
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
             self._warnings += log.end()
-        self._count()
+        self._rows.count()
         if self._refused is not None:
             raise ServoError(self._refused)
         words, result = self._words, self._result
         return Ended(
             reason,
-            self._statistics,
+            self._rows.statistics,
             words[Word.TICKS] if result is None else result["ticks"],
             words[Word.MISSED] if result is None else result["missed"],
             result,
@@ -204,7 +198,7 @@ class Supervisor:
             self._hear(loop)
             log.look(now)
             if now >= looked + LOOK_S:
-                self._count()
+                self._rows.count()
                 self._hear_streamer()
                 looked = now
             if emulator is not None and emulator.ended():
@@ -304,43 +298,3 @@ class Supervisor:
                 f"--stream: its process {self._streamer.exit_text()}; the run goes on without it"
             )
             self._streamer = None
-
-    def _count(self) -> None:
-        rows, self._counted = self._telemetry.read(self._counted)
-        self._statistics.add(rows)
-        if rows.size and not self._plan.program:  # an experiment makes its own of it
-            self._tell_of_oscillation(rows)
-
-    def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
-        """Say once when an oscillation is noticed, and once when it is over."""
-        oscillates = bool(np.any(rows["oscillation"] >= Oscillation.SUSTAINED))
-        if oscillates and not self._oscillates:
-            softer = (
-                f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
-                " full wall again"
-                if self._plan.config.safety.on_oscillation == "reduce"
-                else ""
-            )
-            self._tell(f"the wall oscillates by itself{softer}")
-        elif self._oscillates and not oscillates:
-            stiffness = float(rows["stiffness"][-1])
-            self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
-        self._oscillates = oscillates
-
-
-def emulator_arguments(
-    settings: DynamixelSettings, true: TrueServo, witness: Path | None
-) -> list[str]:
-    """The command that starts an emulated bus with one servo, after ``python -m``."""
-    arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
-    arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
-    arguments += ["--seed", str(settings.fault_seed)]
-    for fault in settings.faults:
-        arguments += ["--fault", fault]
-    for part in fields(true):
-        value = getattr(true, part.name)
-        if value is not None:
-            arguments += ["--set", f"servo.{part.name}={value}"]
-    if witness is not None:
-        arguments += ["--record", str(witness)]
-    return arguments

@@ -12,7 +12,7 @@ from controller.session import run_session
 from controller.settings.config import Config
 from controller.settings.load import load_config
 from controller.telemetry import Telemetry
-from controller.tree.supervisor import emulator_arguments
+from controller.tree.emulator import emulator_arguments
 from hw.clock import SimulatedClock
 from hw.errors import UnfitServoError
 

@@ -1,0 +1,26 @@
+"""The emulated bus that a run starts for itself."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+from hw.settings import DynamixelSettings, TrueServo
+
+
+def emulator_arguments(
+    settings: DynamixelSettings, true: TrueServo, witness: Path | None
+) -> list[str]:
+    """The command that starts an emulated bus with one servo, after ``python -m``."""
+    arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
+    arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
+    arguments += ["--seed", str(settings.fault_seed)]
+    for fault in settings.faults:
+        arguments += ["--fault", fault]
+    for part in fields(true):
+        value = getattr(true, part.name)
+        if value is not None:
+            arguments += ["--set", f"servo.{part.name}={value}"]
+    if witness is not None:
+        arguments += ["--record", str(witness)]
+    return arguments
