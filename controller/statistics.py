@@ -76,15 +76,18 @@ class RunStatistics:
             return
         self.unread += int(rows["seq"][-1]) + 1 - self._next_seq - rows.size
         self._next_seq = int(rows["seq"][-1]) + 1
-        rows = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
-        if rows.size == 0:
+        # Column by column: to choose whole rows would copy them field by field.
+        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        if not on.any():
             return
-        self.rows += rows.size
-        self.lateness.add(rows["lateness_ns"])
-        after_first = rows[rows["seq"] > 0]
-        self.work.add(after_first["work_ns"])
-        self.bus.add(after_first["bus_ns"])
-        answered = rows[np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))]
-        self.age.add(answered["age_ns"])
-        self.max_torque = max(self.max_torque, float(np.abs(rows["torque"]).max()))
-        self.saturated += int(np.count_nonzero(rows["flags"] & FLAG_SATURATED))
+        self.rows += int(np.count_nonzero(on))
+        self.lateness.add(rows["lateness_ns"][on])
+        after_first = on & (rows["seq"] > 0)
+        self.work.add(rows["work_ns"][after_first])
+        self.bus.add(rows["bus_ns"][after_first])
+        outcomes = rows["outcome"]
+        answered = (outcomes == Outcome.OK) | (outcomes == Outcome.WAITING)
+        self.age.add(rows["age_ns"][on & answered])
+        self.max_torque = max(self.max_torque, float(np.abs(rows["torque"][on]).max()))
+        saturated = (rows["flags"] & FLAG_SATURATED) != 0
+        self.saturated += int(np.count_nonzero(on & saturated))
