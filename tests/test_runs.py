@@ -316,6 +316,7 @@ def test_strict_refuses_without_rights_and_names_the_command(tmp_path):
     assert done.returncode == 4
     assert done.stdout == ""
     assert "realtime.profile is strict" in done.stderr
+    assert "to grant it: " in done.stderr, "the table of wanted and got comes first"
     assert "rtprio" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -103,10 +103,10 @@ def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStac
     wishes = config.realtime
     settings = realtime.apply(wishes.profile, wishes.priority, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
+    _tell("tell", text=start_table(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
         raise PlatformError(_strict_message(missing))
-    _tell("tell", text=start_table(settings, machine_setup(core)))
     reader = CounterReader(core)
     machine = Machine(
         virtual=is_virtual(),
