@@ -96,8 +96,10 @@ def gathered(pieces: Iterable[Piece]) -> Iterator[Piece]:
             if rows < _GATHERED:
                 continue
         if held:
-            yield np.concatenate(held)
+            together = np.concatenate(held)
             held, rows = [], 0
+            yield together
+            del together  # or it would be there beside the next one
         if not isinstance(piece, np.ndarray):
             yield piece
     if held:

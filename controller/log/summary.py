@@ -148,6 +148,7 @@ def summarised(rows: LogRows) -> LogSummary:
     summary = LogSummary(begins)
     for piece in gathered(rows.pieces()):
         summary.add(piece)
+        del piece  # or it would be there while the next one is put together
     return summary
 
 

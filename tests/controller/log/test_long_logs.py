@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from controller.log import detected as seen
-from controller.log import recording
 from controller.log import recordings as log_recording
 from controller.log import windows as log_windows
 from controller.log.csv_export import write_csv
@@ -128,10 +127,10 @@ def test_a_short_run_is_drawn_row_by_row():
 def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
     path = logs[2]
     monkeypatch.setattr(seen, "_WHOLE", 2000)
-    whole = seen.detect_all(recording.read_recordings(path), NOTHING)
+    whole = seen.detect_all(log_recording.read_recordings(path), NOTHING)
     for module in (log_windows, log_recording):
         monkeypatch.setattr(module, "WINDOW", 6_000)
-    found = list(recording.read_recordings(path))
+    found = list(log_recording.read_recordings(path))
     assert [r.of for r in found] == [5] * 5
     assert max(r.samples for r in found) <= 6_000 + 250 + 10_000
     parted = seen.detect_all(found, NOTHING)
