@@ -28,8 +28,11 @@ def run(plan: Plan, tell: Tell) -> Ended:
         ServoError: The servo could not be started.
     """
     telemetry = Telemetry.create()
+    asked = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
         telemetry.words[Word.STOP] = 1
 
     def raise_again(_signal: int, _frame: FrameType | None) -> None:
@@ -46,7 +49,8 @@ def run(plan: Plan, tell: Tell) -> Ended:
             ):
                 ended = Supervisor(plan, telemetry, teller).run()
         _tell_the_log(plan, ended, int(telemetry.words[Word.HEAD]))
-        return ended
+    ended.asked = asked
+    return ended
 
 
 def _tell_the_log(plan: Plan, ended: Ended, rows: int) -> None:
@@ -59,6 +63,6 @@ def _tell_the_log(plan: Plan, ended: Ended, rows: int) -> None:
         "rows": rows,
     }
     try:
-        append_end(plan.log, facts)
+        append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")
     except OSError as error:
         ended.warnings.append(f"the log does not tell how the run ended: {error.strerror or error}")

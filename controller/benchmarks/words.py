@@ -67,7 +67,7 @@ def meanwhile(report: Mapping[str, Any]) -> str:
 def stolen(percent: float | None) -> str:
     """Steal time of the host."""
     if percent is None:
-        return "steal time not told by this system"
+        return "what the host took is not known"
     return f"{percent:.2g} % of the processors' time taken by the host"
 
 

@@ -141,7 +141,7 @@ class Testbed:
             program=tuple(phases),
         )
         ended = run(plan, self._tell_new)
-        if ended.stop_reason == "interrupted":
+        if ended.stop_reason == "interrupted" or ended.asked:
             raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
         if ended.stop_reason != "duration":
             raise ExperimentTrippedError(ended.stop_reason, explanation(ended) or "")

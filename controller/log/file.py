@@ -177,8 +177,13 @@ def being_written(path: Path) -> bool:
     return False
 
 
-def append_end(path: Path, ended: Mapping[str, Any]) -> None:
+def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> None:
     """Write how a run ended behind what its recorder has left, whatever that is.
+
+    Args:
+        path: The log; where there is none, none is made.
+        ended: What JSON can hold.
+        sync: Wait until the disk keeps it.
 
     Raises:
         OSError: It cannot be written; what is in the log stays readable.
@@ -193,7 +198,8 @@ def append_end(path: Path, ended: Mapping[str, Any]) -> None:
             with contextlib.suppress(OSError):
                 file.truncate(size)
             raise
-        os.fdatasync(file.fileno())
+        if sync:
+            os.fdatasync(file.fileno())
 
 
 def _write_all(file: BinaryIO, array: NDArray[Any]) -> None:

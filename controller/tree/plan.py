@@ -32,6 +32,8 @@ class Ended:
     """Of a run that was ended from outside of the loop: what happened, and to the torque"""
     cut: bool | None = None
     """Whether torque off was read back by the supervisor; None: the loop had seen to it"""
+    asked: bool = False
+    """A signal has asked to stop; where the loop was just over, the reason does not say so"""
 
     @property
     def torque_off(self) -> bool | None:

@@ -6,6 +6,7 @@ Nothing is asserted about speed; the work is cut down so that the test is quick.
 import html
 import importlib
 import importlib.util
+import itertools
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from types import SimpleNamespace
 import pytest
 
 from controller.benchmarks import array_simulation, boundary, bus_clients, bus_cycle, plant_alone
+from controller.benchmarks.machine import ProcessorTime
 from controller.benchmarks.rows import Histogram, Row, Section, interleaved, over_rounds
 from controller.cli import main as cli
 from controller.cli.bench import ABOUT_S, SECTIONS
@@ -70,6 +72,9 @@ def made_up(monkeypatch):
 
     become(lambda: FOUND)
     monkeypatch.setattr("controller.benchmarks.report.granted", lambda: RIGHTS)
+    # What is made up takes less than the unit of the processors' time.
+    times = (ProcessorTime(1000 * n, n) for n in itertools.count())
+    monkeypatch.setattr("controller.benchmarks.report.processor_time", lambda: next(times))
     return become
 
 

@@ -1,3 +1,5 @@
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -5,7 +7,12 @@ import pytest
 
 from controller.errors import UserError
 from controller.experiments import testbed
-from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+    Testbed,
+)
+from controller.log.file import append_end
 from controller.program import Phase
 from controller.run import run
 from controller.settings.load import load_config
@@ -41,6 +48,17 @@ def test_a_trip_ends_it_by_name(tmp_path):
     with pytest.raises(ExperimentTrippedError) as error:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
     assert error.value.stop_reason == "trip:overspeed"
+
+
+def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(tmp_path, monkeypatch):
+    def interrupted(path, facts, *, sync):
+        os.kill(os.getpid(), signal.SIGINT)
+        append_end(path, facts, sync=sync)
+
+    monkeypatch.setattr("controller.run.append_end", interrupted)
+    with pytest.raises(ExperimentInterruptedError):
+        bed(tmp_path).play("whole", [Phase(0.01)])
+    assert (tmp_path / "whole.hwlog").exists()
 
 
 def test_it_ends_with_its_last_phase(tmp_path):
