@@ -155,15 +155,7 @@ class LogWriter:
         self.close()
 
     def _write(self, array: NDArray[Any]) -> None:
-        start = self._file.tell()
-        try:
-            _write_all(self._file, array)
-        except OSError:
-            # Half a block would be noticed, but it is better not there.
-            with contextlib.suppress(OSError):  # a device has no end to cut
-                self._file.truncate(start)
-                self._file.seek(start)
-            raise
+        _write_block(self._file, array)
         self._unsynced = True
 
 
@@ -190,24 +182,26 @@ def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> No
     """
     if not path.is_file():
         return
-    size = path.stat().st_size
     with path.open("ab", buffering=0) as file:
-        try:
-            _write_all(file, _json(ended))
-        except OSError:
-            with contextlib.suppress(OSError):
-                file.truncate(size)
-            raise
+        _write_block(file, _json(ended))
         if sync:
             os.fdatasync(file.fileno())
 
 
-def _write_all(file: BinaryIO, array: NDArray[Any]) -> None:
-    """Write a block to a file without a buffer, which may take it in several parts."""
-    for part in encoded(array):
-        rest = memoryview(part)
-        while rest:
-            rest = rest[file.write(rest) :]
+def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
+    """Write a block to a file without a buffer, which may take it in several parts; all or none."""
+    start = file.tell()
+    try:
+        for part in encoded(array):
+            rest = memoryview(part)
+            while rest:
+                rest = rest[file.write(rest) :]
+    except OSError:
+        # Half a block would be noticed, but it is better not there.
+        with contextlib.suppress(OSError):  # a device has no end to cut
+            file.truncate(start)
+            file.seek(start)
+        raise
 
 
 def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
