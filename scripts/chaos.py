@@ -24,8 +24,9 @@ from controller.realtime import pick_cores
 from scripts.chaos_judge import Stall
 from scripts.chaos_loads import own_mounts
 from scripts.chaos_page import Hour, page
-from scripts.chaos_run import Course, Run, judge, perform
+from scripts.chaos_run import Course, Run, perform
 from scripts.chaos_shots import GENTLE, HARD, Shot, end, load
+from scripts.chaos_verdict import judge
 from scripts.whole_program import page_options
 
 HARD_SHARE = 0.35

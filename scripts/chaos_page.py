@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from statistics import median
 
 from scripts.chaos_judge import MACHINE, REFUSED, STRANGERS, Stall
-from scripts.chaos_run import ASKED, PATIENT_WATCHDOG_S, WATCHDOG_S, Run, growth
+from scripts.chaos_run import ASKED, PATIENT_WATCHDOG_S, WATCHDOG_S, Run
 from scripts.chaos_shots import SHOTS
+from scripts.chaos_verdict import growth
 from scripts.whole_program import measured_on
 
 FLAT_MB = 5.0

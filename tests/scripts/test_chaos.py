@@ -19,8 +19,9 @@ from scripts.chaos_judge import (
     stalled,
 )
 from scripts.chaos_page import Hour, page
-from scripts.chaos_run import ASKED, DID_NOT_START, Run, judge
+from scripts.chaos_run import ASKED, DID_NOT_START, Run
 from scripts.chaos_shots import GENTLE, HARD, MAY_END
+from scripts.chaos_verdict import judge
 
 WATCHDOG_S = 0.04
 GOAL, ON, OFF = "6600020001", "400001", "400000"
