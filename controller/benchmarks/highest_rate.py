@@ -65,16 +65,20 @@ def measure() -> Section:
             for _ in range(_STEPS):
                 for name, loop in LOOPS.items():
                     searches[name].tell(holds(loop, path, searches[name].rate_hz))
-            found = {name: search.held_hz for name, search in searches.items()}
+            found = {
+                name: search.held_hz
+                for name, search in searches.items()
+                if search.held_hz is not None
+            }
             notes += [
                 f"round {number + 1}, {name}: no rate above {_LOW_HZ:g} Hz was held; the machine"
                 " is too busy"
-                for name, rate_hz in found.items()
-                if rate_hz is None
+                for name in LOOPS
+                if name not in found
             ]
-            if all(found.values()):
+            if len(found) == len(LOOPS):
                 for name, rate_hz in found.items():
-                    held[name].append(rate_hz or math.nan)
+                    held[name].append(rate_hz)
     if not all(held.values()):
         return Section((), tuple(notes))
     rows = [

@@ -3,51 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from controller.errors import LogFormatError
 from controller.log.rows import LogRows
-from controller.plots.dense_picture import in_pieces, outline
-from controller.plots.sketch import TIMES, Floats, Sketch, sketched
+from controller.plots import run_panels
+from controller.plots.dense_picture import in_pieces
+from controller.plots.sketch import Sketch, sketched
 from controller.settings.config import Config
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+from controller.telemetry import FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
-_SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
-_SMOOTH_S = 0.02
-"""The velocity is also drawn as its mean over this time [s]: one encoder count within a sample is
-a spike that hides the motion."""
-_LEAST_US = 0.02
-"""Times are drawn on a logarithmic axis from here [µs]."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """What the panels draw from."""
-
-    sketch: Sketch
-    on: NDArray[np.bool_]
-    """The wall is on: the warm-up is over"""
-    config: Config
-
-    @property
-    def rows(self) -> NDArray[np.void]:
-        """Those that are drawn."""
-        return self.sketch.rows
-
-    @property
-    def time(self) -> Floats:
-        """Of each [s]."""
-        return self.sketch.time
 
 
 def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
@@ -87,14 +58,14 @@ def plot_run(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    run = _run(sketch, metadata)
-    panels: list[tuple[Callable[[Axes, _Run], None], float]] = [
-        (_position, 3.0),
-        (_torque, 2.0),
-        (_third, 1.6),
+    run = _drawn(sketch, metadata)
+    panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
+        (run_panels.position, 3.0),
+        (run_panels.torque, 2.0),
+        (run_panels.stiffness_or_velocity, 1.6),
     ]
-    if _has_timing(run):
-        panels.append((_timing, 2.0))
+    if run_panels.has_timing(run):
+        panels.append((run_panels.timing, 2.0))
     heights = [height for _, height in panels]
     figure = Figure(figsize=(11, 1.1 * sum(heights)), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
@@ -103,7 +74,7 @@ def plot_run(
     figure.suptitle(title, fontsize=12, ha="left", x=0.01)
     for (panel, _), ax in zip(panels, axes, strict=True):
         panel(ax, run)
-        _shade_warm_up(ax, run)
+        run_panels.shade_warm_up(ax, run)
         ax.grid(True, color="#e6e6e6", linewidth=0.6)
         ax.set_axisbelow(True)
         for side in ("top", "right"):
@@ -125,7 +96,7 @@ def plot_run(
         figure.savefig(path, format="png")
 
 
-def _run(sketch: Sketch, metadata: Mapping[str, Any]) -> _Run:
+def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
     if "config" not in metadata:
         raise LogFormatError(
             "the log tells no configuration, that part of it is damaged: it cannot be drawn, but"
@@ -138,10 +109,10 @@ def _run(sketch: Sketch, metadata: Mapping[str, Any]) -> _Run:
             f"the log's configuration is not one this program knows ({error.error_count()} "
             "differences); draw it with the haptic-wall that wrote it"
         ) from error
-    return _Run(sketch, (sketch.rows["flags"] & FLAG_WARM_UP) == 0, config)
+    return run_panels.DrawnRun(sketch, (sketch.rows["flags"] & FLAG_WARM_UP) == 0, config)
 
 
-def _title(run: _Run, name: str, stop_reason: str) -> str:
+def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
     wall, servo = run.config.wall, run.config.servo
     what = servo.model or f"{servo.kind} servo"
     where = f" at {servo.port}" if servo.port and servo.kind == "hardware" else ""
@@ -169,174 +140,3 @@ def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:
     as_asked = np.isclose(commanded, requested, rtol=1e-6)
     asked = "as requested" if as_asked else f"of {requested:.4g} requested"
     return f"{name} {commanded:.4g} {unit} ({asked})"
-
-
-def _position(ax: Axes, run: _Run) -> None:
-    wall, rows = run.config.wall, run.rows
-    _line(ax, run.time, rows["position"], _INK, "position", 1.3)
-    ax.set_ylabel("position [rad]")
-    ax.axhline(wall.position, color=_WALL, linewidth=1.2, label="wall's surface")
-    if wall.side == "both":
-        return  # always in contact: it has no inside to shade
-    low, high = ax.get_ylim()
-    margin = 0.12 * (high - low)
-    if wall.side == "above":
-        high = max(high, wall.position + margin)
-        inside = (wall.position, high)
-    else:
-        low = min(low, wall.position - margin)
-        inside = (low, wall.position)
-    ax.axhspan(
-        *inside,
-        facecolor="none",
-        edgecolor=_WALL,
-        hatch="//",
-        alpha=0.35,
-        linewidth=0,
-        label=f"wall (fills {wall.side})",
-    )
-    _shade_contact(ax, run)
-    ax.set_ylim(low, high)
-
-
-def _torque(ax: Axes, run: _Run) -> None:
-    rows = run.rows
-    _line(ax, run.time, rows["wall_torque"], "#c9d0d5", "wall (before delay and limit)", 3.5)
-    _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
-    ax.set_ylabel("torque [N·m]")
-    _shade_contact(ax, run)
-    saturated = (rows["flags"] & FLAG_SATURATED) != 0
-    limit = _torque_limit(run, saturated)
-    if limit is not None:
-        largest = float(np.nanmax(np.abs(rows["torque"])))
-        if largest > 0.4 * limit:
-            for sign in (-1, 1):
-                if np.any(sign * rows["torque"] > 0.4 * limit):
-                    ax.axhline(sign * limit, color=_ALARM, linestyle="--", linewidth=1.0)
-            ax.plot([], [], "--", color=_ALARM, label=f"limit ±{limit:.3g} N·m")
-        else:
-            ax.plot([], [], " ", label=f"(limit ±{limit:.3g} N·m: off the scale)")
-    _shade(ax, run.time, saturated, "#f7d4d5", "cut by the limit")
-
-
-def _torque_limit(run: _Run, saturated: NDArray[np.bool_]) -> float | None:
-    """The torque limit as far as the log tells [N·m]."""
-    if saturated.any():
-        return float(np.abs(run.rows["torque"][saturated]).max())
-    servo = run.config.servo
-    return servo.torque_limit if servo.kind == "hardware" else run.config.true_servo().torque_limit
-
-
-def _third(ax: Axes, run: _Run) -> None:
-    """Commanded stiffness where the guard has changed it; else the velocity."""
-    stiffness = run.rows["stiffness"][run.on]
-    if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
-        ax.step(run.time[run.on], stiffness, where="post", color=_INK, label="commanded K")
-        ax.set_ylim(0, 1.15 * float(stiffness.max()))
-        requested = run.config.wall.stiffness
-        if requested <= 1.15 * float(stiffness.max()):
-            ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
-        ax.set_ylabel("stiffness\n[N·m/rad]")
-        return
-    velocity, sketch = run.rows["velocity"], run.sketch
-    _line(ax, run.time, velocity, "#cfd6db", "estimated, every tick", 0.6)
-    if sketch.mean_time.size:
-        over_s = (run.time[-1] - run.time[0]) / sketch.mean_time.size
-        means = (sketch.mean_time, sketch.mean_velocity)
-    else:
-        samples = max(1, min(round(_SMOOTH_S / run.config.period_s), len(velocity)))
-        smooth = np.convolve(np.nan_to_num(velocity), np.full(samples, 1.0 / samples), mode="same")
-        over_s, means = _SMOOTH_S, (run.time, smooth)
-    _line(ax, *means, _INK, f"its mean over {1e3 * over_s:.3g} ms", 1.2)
-    ax.set_ylabel("velocity [rad/s]")
-
-
-def _has_timing(run: _Run) -> bool:
-    """Whether anything took time: on the simulated clock every tick is on time."""
-    rows = run.rows
-    return any(bool((rows[field] > 0).any()) for field in (*TIMES, "missed"))
-
-
-def _timing(ax: Axes, run: _Run) -> None:
-    """The ticks' times; a period is drawn as a line, a missed tick as a mark above it."""
-    rows = run.rows
-    ax.set_yscale("log")
-    for field, color, label in (
-        ("bus_ns", _WALL, "waiting for the bus"),
-        ("work_ns", _SENT, "work"),
-        ("lateness_ns", _INK, "lateness"),
-    ):
-        times = rows[field] * 1e-3
-        if (times > 0).any():
-            ax.plot(
-                run.time,
-                np.maximum(times, _LEAST_US),
-                ".",
-                markersize=1.6,
-                color=color,
-            )
-            # A dot of its own for the legend, large enough to be seen.
-            median = run.sketch.medians_us[field]
-            ax.plot([], [], ".", color=color, label=f"{label} (median {median:.3g} µs)")
-    period_us = 1e-3 * run.config.period_ns
-    missed = np.flatnonzero(rows["missed"] > 0)
-    ax.axhline(
-        period_us, color=_ALARM, linewidth=0.8, linestyle=":", label=f"period {period_us:g} µs"
-    )
-    ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
-    if len(missed):
-        ax.plot(
-            run.time[missed],
-            np.full(len(missed), 1.6 * period_us),
-            "v",
-            color=_ALARM,
-            markersize=5,
-            label=_missed_label(run),
-        )
-    ax.set_ylabel("time per tick [µs]")
-
-
-def _missed_label(run: _Run) -> str:
-    """Missed ticks as the report counts them, those of the warm-up apart."""
-    on, before = run.sketch.missed
-    apart = f" (and {before} in the warm-up)" if before else ""
-    return f"missed: {on} ticks{apart}"
-
-
-def _shade_contact(ax: Axes, run: _Run) -> None:
-    """Mark the contact with a one-sided wall; a two-sided one always acts."""
-    if run.config.wall.side != "both":
-        contact = (run.rows["flags"] & FLAG_CONTACT) != 0
-        label = "in contact" if _is_first(ax) else ""
-        _shade(ax, run.time, contact & run.on, _CONTACT, label)
-
-
-def _shade_warm_up(ax: Axes, run: _Run) -> None:
-    label = "warm-up: the wall is off" if _is_first(ax) else ""
-    _shade(ax, run.time, ~run.on, _WARM_UP, label)
-
-
-def _is_first(ax: Axes) -> bool:
-    """Whether this is the panel whose legend names what all of them show."""
-    return ax is ax.figure.axes[0]
-
-
-def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
-    """Shade the stretches of time in which ``where`` holds."""
-    if not where.any():
-        return
-    times, heights = outline(time, where)
-    ax.fill_between(
-        times,
-        0.0,
-        heights,
-        transform=ax.get_xaxis_transform(),
-        color=color,
-        linewidth=0,
-        zorder=0,
-        label=label or "_",
-    )
-
-
-def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
-    ax.plot(time, values, color=color, linewidth=width, label=label)
