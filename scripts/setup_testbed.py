@@ -26,6 +26,8 @@ LIMITS = Path("etc/security/limits.d/haptic-wall.conf")
 MARK = "# Written by haptic-wall's scripts/setup-testbed; --undo removes it."
 JOINED = "# joined: "
 """Before the user and the group that this script has put the user into"""
+MADE = f"# made: {GROUP}"
+"""The group was not there before this script"""
 RULES_TEXT = f"""\
 {MARK}
 # FTDI adapters (U2D2 and most others): replies are handed on after 1 ms, not after 16.
@@ -69,18 +71,19 @@ def command(*words: str) -> None:
 
 
 def changes(user: str, root: Path) -> list[Change]:
-    """What is missing of the set-up; who joins which group is written down before it is done."""
+    """What is missing of the set-up; what is done to groups is written down before it is done."""
     groups = _groups()
     serial = next((name for name in SERIAL_GROUPS if name in groups), None)
     joins = [name for name in (GROUP, serial) if name and user not in groups.get(name, ())]
+    missing = GROUP not in groups
     found: list[Change] = []
-    if GROUP not in groups:
-        found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
-    earlier = [line for line in _ours(root / LIMITS) if line.startswith(JOINED)]
-    joined = [f"{JOINED}{user} {name}" for name in joins]
-    limits = "\n".join([*LIMITS_TEXT.splitlines(), *dict.fromkeys([*earlier, *joined]), ""])
+    done = [line for line in _ours(root / LIMITS) if line == MADE or line.startswith(JOINED)]
+    done += [MADE] * missing + [f"{JOINED}{user} {name}" for name in joins]
+    limits = "\n".join([*LIMITS_TEXT.splitlines(), *dict.fromkeys(done), ""])
     if _ours(root / LIMITS) != limits.splitlines():
         found.append(_writing(root / LIMITS, limits, f"rtprio 95, memlock unlimited for {GROUP}"))
+    if missing:
+        found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
     if _ours(root / RULES) != RULES_TEXT.splitlines():
         why = "FTDI adapters at 1 ms and left alone, the processor kept awake on request"
         found += [_writing(root / RULES, RULES_TEXT, why), _REREAD]
@@ -88,19 +91,19 @@ def changes(user: str, root: Path) -> list[Change]:
 
 
 def undoing(root: Path) -> list[Change]:
-    """What takes the set-up back; whoever was in a group before stays in it."""
-    groups = _groups()
+    """What takes the set-up back; a group that was there before stays, with whoever was in it."""
+    groups, limits = _groups(), _ours(root / LIMITS)
     found: list[Change] = []
-    for line in _ours(root / LIMITS):
+    for line in limits:
         if line.startswith(JOINED):
             user, group = line.removeprefix(JOINED).split()
             if user in groups.get(group, ()):
                 found.append(_leaving(user, group))
-    if GROUP in groups:
+    if MADE in limits and GROUP in groups:
         found.append(Change(f"remove the group {GROUP}", lambda: command("groupdel", GROUP)))
     if _ours(root / RULES):
         found += [_removing(root / RULES), _REREAD]
-    if _ours(root / LIMITS):  # the last, since it knows what else is to be undone
+    if limits:  # the last, since it knows what else is to be undone
         found.append(_removing(root / LIMITS))
     return found
 

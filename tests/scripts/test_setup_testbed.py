@@ -61,11 +61,21 @@ def test_it_says_what_it_will_do_and_does_it_once(system, capsys):
     assert "nothing to do" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("was_in_dialout", [False, True])
-def test_undoing_leaves_what_was_there_before(system, was_in_dialout, capsys):
-    if was_in_dialout:
-        system.groups["dialout"].append(ME)
-    before = {name: list(members) for name, members in system.groups.items()}
+BEFORE = pytest.mark.parametrize(
+    "before",
+    [
+        {"dialout": ["somebody"]},
+        {"dialout": ["somebody", ME]},
+        {"dialout": ["somebody"], GROUP: []},
+        {"dialout": ["somebody"], GROUP: ["somebody", ME]},
+    ],
+    ids=["no group", "in dialout", "a group of that name", "in a group of that name"],
+)
+
+
+@BEFORE
+def test_undoing_leaves_what_was_there_before(system, before, capsys):
+    system.groups.update({name: list(members) for name, members in before.items()})
     system.call("--yes", f"--user={ME}")
     system.call("--undo", "--yes")
     assert system.groups == before
@@ -75,22 +85,43 @@ def test_undoing_leaves_what_was_there_before(system, was_in_dialout, capsys):
     assert "nothing to undo" in capsys.readouterr().out
 
 
-def test_one_that_was_broken_off_can_be_undone(system, monkeypatch):
-    """Who joins is written down before it is done."""
-    usual = setup_testbed.command
+def broken_off(system, monkeypatch, plan, steps, *options):
+    """Call the script, and press Ctrl-C after so many of its changes."""
+    usual = getattr(setup_testbed, plan)
 
-    def broken(*words):
-        usual(*words)
-        if words[0] == "usermod":
-            raise KeyboardInterrupt
+    def ctrl_c():
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(setup_testbed, "command", broken)
-    with pytest.raises(SystemExit) as ended:
-        system.call("--yes", f"--user={ME}")
+    def planned(*given):
+        return [*usual(*given)[:steps], setup_testbed.Change("be broken off", ctrl_c)]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(setup_testbed, plan, planned)
+        with pytest.raises(SystemExit) as ended:
+            system.call(*options)
     assert ended.value.code == 130
-    monkeypatch.setattr(setup_testbed, "command", usual)
+
+
+@BEFORE
+@pytest.mark.parametrize("steps", range(7))
+def test_one_that_was_broken_off_can_be_undone(system, monkeypatch, before, steps):
+    """What is done to groups is written down before it is done."""
+    system.groups.update({name: list(members) for name, members in before.items()})
+    broken_off(system, monkeypatch, "changes", steps, "--yes", f"--user={ME}")
     system.call("--undo", "--yes")
-    assert system.groups == {"dialout": ["somebody"]}
+    assert system.groups == before
+    assert not [path for path in system.root.rglob("*") if path.is_file()]
+
+
+@BEFORE
+@pytest.mark.parametrize("steps", range(7))
+def test_an_undoing_that_was_broken_off_can_be_ended(system, monkeypatch, before, steps):
+    system.groups.update({name: list(members) for name, members in before.items()})
+    system.call("--yes", f"--user={ME}")
+    broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
+    system.call("--undo", "--yes")
+    assert system.groups == before
+    assert not [path for path in system.root.rglob("*") if path.is_file()]
 
 
 def test_files_of_others_are_not_touched(system):
