@@ -243,7 +243,7 @@ class Safety(Section):
         json_schema_extra={"unit": "s"},
     )
     max_losses_in_row: Whole = Field(
-        5, ge=1, le=1000, description="Lost readings one after the other that trip"
+        5, ge=1, le=1000, description="More readings than this lost one after the other trip"
     )
     on_oscillation: Literal["reduce", "trip", "report"] = Field(
         "reduce",
