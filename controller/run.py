@@ -17,7 +17,7 @@ from controller.tree.teller import Teller
 def run(plan: Plan, tell: Tell) -> Ended:
     """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
 
-    In real time Ctrl-Z does the same.
+    In real time Ctrl-Z does the same; a SIGHUP that nohup has had ignored stays ignored.
     SIGUSR1 asks to go back to the full wall after an oscillation has made it softer.
 
     Args:
@@ -27,7 +27,11 @@ def run(plan: Plan, tell: Tell) -> Ended:
     Raises:
         ServoError: The servo could not be started.
     """
-    telemetry = Telemetry.create()
+    with Telemetry.create() as telemetry:
+        return _run(plan, tell, telemetry)
+
+
+def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
     asked = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:

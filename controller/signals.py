@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: one handler for all three, for a while."""
+"""Ctrl-C, SIGTERM and the closed terminal: one handler for all of them, for a while."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""The signals that ask a run to stop."""
+STOPPING = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    *([] if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else [signal.SIGHUP]),
+)
+"""The signals that ask a run to stop; not the closed terminal's, where the program was begun by
+nohup."""
 
 
 @contextlib.contextmanager

@@ -26,17 +26,22 @@ PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)
 def renewed(text: str, report: Mapping[str, Any]) -> str:
     """The page with the parts of what was measured made anew; the others stay.
 
+    What the machine did meanwhile stands at the head of the page for a whole run, else beside each
+    part.
+
     Args:
         text: The page.
         report: What ``haptic-wall bench --json`` printed.
     """
+    whole = set(SECTIONS) <= report["sections"].keys()
+    apart = "" if whole else f"Measured apart from the rest: {words.meanwhile(report)}. "
 
     def part(found: re.Match[str]) -> str:
         begin, name, old, end = found.groups()
         if name == "machine":
-            body = on_machine(report)
+            body = on_machine(report) if whole else old
         elif name in report["sections"]:
-            body = figures(report["sections"][name])
+            body = figures(report["sections"][name], apart)
         else:
             body = old
         return f"{begin}{body}{end}"
@@ -50,9 +55,9 @@ def on_machine(report: Mapping[str, Any]) -> str:
     return "\n".join(["", *(f"- {line}" for line in (*lines, *words.rights(report))), "", ""])
 
 
-def figures(section: Mapping[str, Any]) -> str:
-    """The table of a section, and its notes."""
-    took = f"{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}."
+def figures(section: Mapping[str, Any], apart: str = "") -> str:
+    """The table of a section, and its notes; ``apart`` says if it is of another run."""
+    took = f"{apart}{section['seconds']:.0f} s, {words.stolen(section['steal_percent'])}."
     table = ["| what | figure | unit | quartiles of the rounds |", "|---|---|---|---|"]
     for row in section["rows"]:
         cells = (row["name"], words.figure(row["value"]), words.unit(row), words.quartiles(row))

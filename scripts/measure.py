@@ -153,8 +153,8 @@ def main() -> None:
         "# Measured",
         "",
         "Written by `scripts/measure`; run it to see the figures of your machine.",
-        f"{measured_on()} No wire and no USB adapter is in these figures: the bus is a"
-        " pseudo-terminal.",
+        f"{measured_on()} Runs of {wanted.seconds:g} s, {wanted.rounds} rounds.",
+        "No wire and no USB adapter is in these figures: the bus is a pseudo-terminal.",
         "",
     ]
     with tempfile.TemporaryDirectory() as name:

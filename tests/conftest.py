@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -18,6 +19,8 @@ def pytest_addoption(parser):
 def pytest_configure():
     """Thousands of tests are made and kept: looking for garbage among them takes a fifth of it."""
     gc.disable()
+    # Under nohup the program and those that tests start would leave the terminal's end unheeded.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_collection_finish():

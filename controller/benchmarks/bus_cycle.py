@@ -47,7 +47,7 @@ class _Times:
     rounds: list[float] = field(default_factory=list)
     """Median cycle of each round"""
     busy: list[float] = field(default_factory=list)
-    """Processor time of a cycle, mean of each round"""
+    """Median processor time of a cycle of each round"""
     cycles: list[float] = field(default_factory=list)
     """Every one, to be drawn"""
     failed: int = 0
@@ -95,16 +95,17 @@ def _taking_turns(
     for counted in range(_ROUNDS + 1):
         for title, clients in groups.items():
             for name, cycle in clients.items():
-                taken = []
+                taken, worked = [], []
                 good = 0
-                began_ns = busy_ns()
                 for _ in range(_CYCLES):
+                    began_ns = busy_ns()
                     sent_ns = now_ns()
                     good += cycle()
                     taken.append(now_ns() - sent_ns)
+                    worked.append(busy_ns() - began_ns)
                 if counted:
                     client = times[title][name]
-                    client.busy.append(1e-3 * (busy_ns() - began_ns) / _CYCLES)
+                    client.busy.append(1e-3 * statistics.median(worked))
                     client.cycles += [1e-3 * each for each in taken]
                     client.rounds.append(1e-3 * statistics.median(taken))
                     client.failed += _CYCLES - good
@@ -120,7 +121,8 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
                 statistics.median(times.rounds),
                 "µs/cycle",
                 "a real adapter, which adds its USB frames and latency timer; in it are the "
-                "emulated wire at 4 Mbit/s and the emulator's own time",
+                "emulated wire at 4 Mbit/s and the emulator's own time; and a pseudo-terminal's "
+                "bytes are carried by a kernel thread, which a client that spins may keep waiting",
             ),
             Row(
                 f"{name}, {what}, processor time",
@@ -170,7 +172,7 @@ def _bus(ids: Sequence[int]) -> Iterator[str]:
     apart = {max(cores)} if len(cores) > 1 else cores
     with emulated_bus(ids=ids, cores=apart) as path:
         try:
-            os.sched_setaffinity(0, cores - apart or cores)
+            os.sched_setaffinity(0, {min(cores - apart or cores)})
             yield path
         finally:
             os.sched_setaffinity(0, cores)

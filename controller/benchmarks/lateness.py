@@ -35,15 +35,19 @@ from controller.tree.supervisor import Supervisor
 _ROUNDS, _TICKS = 8, 1000
 _START_S: Final = 20.0
 _WARM_UP_S: Final = 0.1
+_WARM_UP_TICKS: Final = round(1e9 * _WARM_UP_S / PERIOD_NS)
+"""Of each loop but cyclictest, which has none: not counted"""
 _PERCENTILES: Final = (50.0, 99.0, 99.9)
 _PROGRAM: Final = "haptic-wall run"
 _WAIT: Final = "haptic-wall's wait alone"
 _WAIT_ONLY: Final = "haptic-wall's wait alone, no real-time settings"
 _YARDSTICK: Final = "cyclictest"
 _SHOWS_NOT: Final = {
-    _PROGRAM: "a servo on a bus: this one is simulated in the loop's process",
+    _PROGRAM: "a servo on a bus: this one is simulated in the loop's process; nor its processor"
+    " time",
     _WAIT: "a loop that does something: nothing is computed between two wake-ups",
-    _YARDSTICK: "a loop that does something; figures are whole µs, rounded down",
+    _YARDSTICK: "a loop that does something; figures are whole µs, rounded down, from the first"
+    " wake-up on (the others' begin after a tenth of a second)",
 }
 _SHOWS_NOT_PEOPLE: Final = "what it is with real-time settings, or while other work runs"
 
@@ -178,22 +182,23 @@ def _child(client: str, core: int) -> Turn:
     Raises:
         PlatformError: It told nothing.
     """
-    orders = Orders(client, core, cyclictest.PRIORITY, _TICKS, os.getpid())
+    ticks = _WARM_UP_TICKS + _TICKS
+    orders = Orders(client, core, cyclictest.PRIORITY, ticks, os.getpid())
     module = "controller.benchmarks.lateness_client"
     with _elsewhere(core):
         child = Child(f"the loop '{client}'", [module], asdict(orders), cores={core})
         try:
-            child.wait(_START_S + 2e-9 * PERIOD_NS * _TICKS)
+            child.wait(_START_S + 2e-9 * PERIOD_NS * ticks)
             lines = child.lines()
         finally:
             child.dismiss(_START_S)
     if not lines:
         raise PlatformError(f"{child.name} told nothing: it {child.exit_text()}")
     told = json.loads(lines[0])
-    late = 1e-3 * np.array(told["lateness_ns"], dtype=np.float64)
+    late = 1e-3 * np.array(told["lateness_ns"][_WARM_UP_TICKS:], dtype=np.float64)
     elapsed_ns = told["elapsed_ns"]
     busy = told["busy_ns"] / elapsed_ns
-    return Turn(late, _rate(_TICKS, elapsed_ns), busy, told["settings"])
+    return Turn(late, _rate(ticks, elapsed_ns), busy, told["settings"])
 
 
 def _program(core: int) -> Turn:
@@ -204,15 +209,14 @@ def _program(core: int) -> Turn:
     """
     sets = ("realtime.profile=best-effort", f"realtime.core={core}", f"loop.warm_up_s={_WARM_UP_S}")
     loaded = load_config("simulated", sets)
-    telemetry = Telemetry.create()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, Telemetry.create() as telemetry:
         seconds = 1e-9 * PERIOD_NS * _TICKS
         plan = Plan(loaded.config, seconds, Path(folder) / "log", {"name": loaded.name}, None)
         # Without the handlers of a command: a Ctrl-C is meant for all of this.
         ended = Supervisor(plan, telemetry, lambda _text: None).run()
+        rows, _ = telemetry.read(0)
     if ended.stop_reason != "duration":
         raise PlatformError(f"a run of the simulated servo ended by itself: {ended.stop_reason}")
-    rows, _ = telemetry.read(0)
     rows = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
     woken = rows["deadline_ns"] + rows["lateness_ns"]
     rate_hz = _rate(rows.size, int(woken[-1] - woken[0]))

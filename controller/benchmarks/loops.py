@@ -165,7 +165,7 @@ def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
         ServoError: The servo could not be started.
     """
     loaded = load_config(preset, (*FORGIVING, *sets))
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, Telemetry.create() as telemetry:
         log = Path(folder) / "run.hwlog"
         plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
-        return Supervisor(plan, Telemetry.create(), lambda _text: None).run()
+        return Supervisor(plan, telemetry, lambda _text: None).run()

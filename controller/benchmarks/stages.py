@@ -25,7 +25,7 @@ def measure() -> Section:
         ServoError: The servo could not be started.
         PlatformError: The bus or a loop could not be started, or ended before its time.
     """
-    whole: dict[str, list[dict[str, float | None]]] = {}
+    whole: dict[str, list[dict[str, float]]] = {}
     timed: dict[str, list[dict[str, Any]]] = {}
     with emulated_bus() as path:
         servos = {
@@ -38,8 +38,7 @@ def measure() -> Section:
         }
         for _ in range(_ROUNDS):
             for name, (preset, *sets) in (servos | unrehearsed).items():
-                ended = wall_run(preset, _SECONDS, *sets)
-                whole.setdefault(name, []).append(ended.statistics.work.as_report(50, 99))
+                whole.setdefault(name, []).append(_whole_run(preset, *sets))
             for name, (preset, *sets) in servos.items():
                 timed.setdefault(name, []).append(_timed_run(preset, *sets))
     rows: list[Row] = []
@@ -48,6 +47,16 @@ def measure() -> Section:
     for name in servos:
         rows += _stage_rows(name, timed[name])
     return Section(tuple(rows), (), tuple(_drawn(name, timed[name]) for name in servos))
+
+
+def _whole_run(preset: str, *sets: str) -> dict[str, float]:
+    """Percentiles of the work of a run's ticks [µs]."""
+    ended = wall_run(preset, _SECONDS, *sets)
+    report = ended.statistics.work.as_report(50, 99)
+    found = {name: value for name, value in report.items() if value is not None}
+    if ended.stop_reason != "duration" or not found:
+        raise PlatformError(f"a run of {preset} did not run to its end: {ended.stop_reason}")
+    return found
 
 
 def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
@@ -72,11 +81,11 @@ def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
     return dict(figures)
 
 
-def _whole_rows(name: str, reports: list[dict[str, float | None]]) -> list[Row]:
+def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Row]:
     return [
         over_rounds(
             f"{name}: work of a tick, {percentile}",
-            [report[percentile] or 0.0 for report in reports],
+            [report[percentile] for report in reports],
             "µs",
             "waiting for a bus, which is no work; the processor's caches as another program beside"
             " the loop would leave them",

@@ -15,7 +15,7 @@ import numpy as np
 from haptic_wall_pytest.record import BusRow, read_rows
 from numpy.typing import NDArray
 
-from controller.benchmarks.loops import LOOPS, emulated_bus
+from controller.benchmarks.loops import BAUD, LOOPS, emulated_bus
 from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
 from controller.errors import PlatformError
 from hw.dynamixel.codec import Instruction
@@ -23,9 +23,16 @@ from hw.dynamixel.codec import Instruction
 _ROUNDS, _SECONDS, _RATE_HZ = 5, 2.0, 1000.0
 _START_S, _END_S = 0.2, 0.05
 """Cut off where a loop begins and where it ends"""
+_CYCLE_BYTES: Final = 58
+"""Request, reply and torque frame of a cycle"""
+_WIRE_US: Final = 1e7 * _CYCLE_BYTES / BAUD
+_BACKLOG_US: Final = 1.1 * _WIRE_US
+"""Torque frames that come no further apart waited in a bus that was held up: no loop makes up for
+periods that it has skipped"""
 _SHOWS_NOT: Final = (
     "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
-    " dates them, is a process that is late itself at times; of that both loops have their share"
+    " dates them, is a process that is late itself at times; what it was held up for so long that"
+    " frames had to wait for it is left out"
 )
 
 
@@ -46,11 +53,14 @@ def measure() -> Section:
                     loop(path, _SECONDS, _RATE_HZ)
                     turns[name].append((began_s, time.monotonic()))
         sent_s = torque_frames(read_rows(record))
-    deviations = {
-        name: [deviations_us(sent_s, *turn, _SECONDS, _RATE_HZ) for turn in each]
+    intervals = {
+        name: [intervals_us(sent_s, *turn, _SECONDS, _RATE_HZ) for turn in each]
         for name, each in turns.items()
     }
-    return Section(tuple(_rows(deviations)), (), (_drawn(deviations),))
+    own = {name: [each[~held_up(each)] for each in turns] for name, turns in intervals.items()}
+    period_us = 1e6 / _RATE_HZ
+    deviations = {name: [np.abs(each - period_us) for each in turns] for name, turns in own.items()}
+    return Section((*_rows(deviations), *_left_out(intervals)), (), (_drawn(deviations),))
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
@@ -63,10 +73,10 @@ def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
     return np.array([r.time_s for r in rows if r.event == "rx" and r.instruction == wanted])
 
 
-def deviations_us(
+def intervals_us(
     sent_s: NDArray[np.float64], began_s: float, ended_s: float, seconds: float, rate_hz: float
 ) -> NDArray[np.float64]:
-    """By how much each interval of a loop's torque frames differed from the period [µs].
+    """The intervals between a loop's torque frames [µs].
 
     Args:
         sent_s: When torque frames came [s], shape (n,).
@@ -76,7 +86,7 @@ def deviations_us(
         rate_hz: Of the loop.
 
     Returns:
-        Without sign, in the order of time; shape (m,).
+        In the order of time; shape (m,).
 
     Raises:
         PlatformError: It sent fewer than half of what was due.
@@ -91,8 +101,25 @@ def deviations_us(
             f"found {own.size} torque frames of a loop, wanted about {due:.0f}: the machine is too"
             " busy; try again when it is not"
         )
-    deviations: NDArray[np.float64] = np.abs(np.diff(own) - 1.0 / rate_hz) * 1e6
-    return deviations
+    intervals: NDArray[np.float64] = np.diff(own) * 1e6
+    return intervals
+
+
+def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which intervals say nothing of a loop: its frames had to wait for the bus.
+
+    Those between frames that waited together, the one in which the bus stood still, before them,
+    and what is left of a period after them.
+
+    Args:
+        intervals_us: Between the torque frames of a loop [µs], shape (n,).
+
+    Returns:
+        Shape (n,).
+    """
+    together: NDArray[np.bool_] = np.pad(intervals_us <= _BACKLOG_US, 1)
+    of_the_bus: NDArray[np.bool_] = together[:-2] | together[1:-1] | together[2:]
+    return of_the_bus
 
 
 def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
@@ -116,6 +143,18 @@ def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
             )
         )
     return rows
+
+
+def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
+    return [
+        over_rounds(
+            f"{name}, intervals left out because the emulated bus was held up",
+            [100.0 * float(np.mean(held_up(turn))) for turn in each],
+            "%",
+            "the loop: frames were sent in time and waited for the process that reads them",
+        )
+        for name, each in intervals.items()
+    ]
 
 
 def _drawn(deviations: dict[str, list[NDArray[np.float64]]]) -> Histogram:

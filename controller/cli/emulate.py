@@ -18,6 +18,7 @@ from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
 from controller.cli.options import writing
 from controller.errors import PlatformError, UserError
+from controller.signals import on_signals
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
 from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.console import Console
@@ -124,9 +125,7 @@ def command(
     given = given_truth(sets)
     plan = [servo_of(text) for text in servos]
     with ExitStack() as stack:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            before = signal.signal(number, lambda received, _frame: signals.append(received))
-            stack.callback(signal.signal, number, before)
+        stack.enter_context(on_signals(lambda received, _frame: signals.append(received)))
         witness = None
         if record is not None:
             with writing("--record", record):

@@ -76,7 +76,8 @@ def recording_of_csv(path: Path) -> Recording:
         torques = _held(torques)
     steps = np.diff(times)
     usual = steps[np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)]
-    period = float(np.mean(usual))
+    # Samples that come in bursts may have no usual step.
+    period = float(np.mean(usual if usual.size else steps))
     step = position_count(columns["position_rad"])
     whole = _even(Part(times, columns["position_rad"], torques, None), period, notes)
     return Recording(

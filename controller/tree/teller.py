@@ -24,12 +24,15 @@ class Teller:
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
         self._texts: SimpleQueue[str | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._say, daemon=True)
-        self._thread.start()
+        # Begun with the first word, when whoever speaks has left the loop's core: so has it then.
+        self._thread: threading.Thread | None = None
 
     def __call__(self, text: str) -> None:
         """Say ``text``, soon; never waits."""
         self._texts.put(text)
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._say, daemon=True)
+            self._thread.start()
 
     def __enter__(self) -> Teller:
         return self
@@ -42,7 +45,8 @@ class Teller:
     ) -> None:
         """Wait until all is said."""
         self._texts.put(None)
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def _say(self) -> None:
         while (text := self._texts.get()) is not None:

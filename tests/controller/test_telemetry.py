@@ -1,6 +1,9 @@
 """Rows survive the trip through shared memory; a slow reader loses rows, never gets wrong ones."""
 
+import os
+
 import numpy as np
+import pytest
 
 from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
 
@@ -62,3 +65,11 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
     assert not np.any(rows["position"] == -1.0)
     assert rows["seq"][-1] == CAPACITY - 1
     assert rows.size == CAPACITY - 11
+
+
+def test_the_descriptor_is_let_go_and_what_was_written_stays_readable():
+    with Telemetry.create() as telemetry:
+        telemetry.write(*VALUES)
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(telemetry.descriptor)
+    assert telemetry.read(0)[0].size == 1

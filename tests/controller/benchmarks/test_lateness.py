@@ -113,6 +113,8 @@ def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(m
     core, _ = pick_cores()
     assert {"core", "scheduler", "memory"} <= {setting["name"] for setting in granted()}
     for turn in (lateness._child("settings", core), lateness._program(core)):
-        assert turn.late_us.size == pytest.approx(50, abs=1) or turn.rate_hz < 1000.0
+        # A wake-up a tick: what a busy machine has skipped has none, and lowers the rate.
+        assert 0 < turn.late_us.size <= 51
+        assert turn.late_us.size >= 25 or turn.rate_hz < 900.0
         assert turn.late_us.min() >= 0.0
     assert os.sched_getaffinity(0) == cores

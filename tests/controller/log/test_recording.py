@@ -92,6 +92,13 @@ def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path):
     assert any("uneven" in note for note in found.notes)
 
 
+def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path):
+    times = np.concatenate([[0.0], np.cumsum(np.tile([0.3e-3, 1.7e-3], 1500))])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert found.period == pytest.approx(1e-3, rel=0.01)
+    assert any("uneven" in note for note in found.notes)
+
+
 def test_times_that_go_back_are_left_out_and_told(tmp_path):
     times = np.arange(200) * 1e-3
     times[100] = 0.05

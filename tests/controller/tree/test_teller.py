@@ -1,5 +1,6 @@
 """What is said is said in order, and nobody waits for a terminal that stands still."""
 
+import os
 import threading
 
 from controller.tree.teller import Teller
@@ -33,3 +34,16 @@ def test_a_terminal_that_is_gone_is_no_reason_to_end():
         teller("first")
         teller("second")
     assert heard == ["second"]
+
+
+def test_who_speaks_keeps_off_the_core_that_the_speaker_has_left():
+    cores = os.sched_getaffinity(0)
+    others = {min(cores)}
+    heard = []
+    with Teller(lambda _text: heard.append(os.sched_getaffinity(0))) as teller:
+        os.sched_setaffinity(0, others)
+        try:
+            teller("first")
+        finally:
+            os.sched_setaffinity(0, cores)
+    assert heard == [others]
