@@ -9,6 +9,7 @@ bytes, then blocks of rows of one structured dtype, and last how the run ended, 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -117,7 +118,7 @@ class LogWriter:
         """Have the disk keep what was written until now; waits for it.
 
         Raises:
-            OSError: The disk has lost something.
+            OSError: The disk has lost something; it says so once, and nobody knows what.
         """
         if not self._unsynced:
             return
@@ -125,15 +126,20 @@ class LogWriter:
         try:
             os.fdatasync(self._file.fileno())
             if not self._placed:  # a file whose folder does not know it yet is lost with its rows
-                folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
-                try:
-                    os.fsync(folder)
-                finally:
-                    os.close(folder)
-                self._placed = True
-        except OSError:
-            if self._path.is_file():  # a device (/dev/null) has nothing to keep
+                with contextlib.suppress(PermissionError):  # a folder to put in, not to look into
+                    self._place()
+        except OSError as error:
+            # Some file systems cannot be asked, and a device (/dev/null) has nothing to keep.
+            if error.errno != errno.EINVAL and self._path.is_file():
                 raise
+
+    def _place(self) -> None:
+        folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+        self._placed = True
 
     def close(self) -> None:
         """Let go of the file; safe to call twice.

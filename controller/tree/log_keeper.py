@@ -14,6 +14,7 @@ from collections.abc import Callable
 from controller.telemetry import CAPACITY, Word
 from controller.tree.children import Child
 from controller.tree.plan import Tell
+from controller.tree.recorder import rows_lacking
 
 AGAIN_S = 1.0
 AGAIN_MOST_S = 10.0
@@ -54,8 +55,14 @@ class LogKeeper:
         self._dying: Child | None = None
         self._tail = 0
         self._trouble: str | None = None
+        self._lost: str | None = None
         self._losing = False
         self._deaths: Counter[str] = Counter()
+
+    @property
+    def lacking(self) -> int | None:
+        """How many rows the log lacks; None: nobody knows, since the disk has lost part of it."""
+        return rows_lacking(self._words) if self._lost is None else None
 
     def look(self, now: float) -> None:
         """Look after the recorder; waits for nothing but the start of another where one is due.
@@ -163,7 +170,11 @@ class LogKeeper:
     def _hear(self) -> None:
         """What the recorder says of its trouble with the disk."""
         for line in [] if self._recorder is None else self._recorder.lines():
-            trouble = json.loads(line)["trouble"]
+            said = json.loads(line)
+            if "lost" in said:
+                self._hear_of_loss(said["lost"])
+                continue
+            trouble = said["trouble"]
             if trouble is not None and self._trouble is None:
                 self._tell(
                     f"the log cannot be written ({trouble}); make room: the last {CAPACITY} rows"
@@ -173,10 +184,19 @@ class LogKeeper:
                 self._tell("the log is written again")
             self._trouble = trouble
 
+    def _hear_of_loss(self, lost: str) -> None:
+        """For good: the disk says it once, and takes the next rows as if nothing had been."""
+        if self._lost is None:
+            self._lost = lost
+            if not self._words[Word.FINISHED]:
+                self._tell(f"the disk has lost part of the log ({lost}); the run goes on")
+
     def _notes(self) -> list[str]:
         head, tail = self._words[Word.HEAD], self._words[Word.TAIL]
-        missing = head - tail + self._words[Word.LACKING]
-        well = "" if missing else "; another one went on, and no row is missing from the log"
+        missing = rows_lacking(self._words)
+        well = "; another one went on, and no row is missing from the log"
+        if missing or self._lost is not None:
+            well = ""
         notes = [
             f"the recorder {how}{f' ({times} times)' if times > 1 else ''}{well}"
             for how, times in self._deaths.items()
@@ -188,5 +208,10 @@ class LogKeeper:
             notes.append(
                 f"the log is incomplete ({why}): it lacks {missing} of {head} rows; the run was"
                 " not disturbed"
+            )
+        if self._lost is not None:
+            notes.append(
+                f"the disk has lost part of the log ({self._lost}), and nobody knows which rows;"
+                " the run was not disturbed"
             )
         return notes

@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,15 @@ BEHIND = 8192
 BLOCK = 500
 """Rows in a block at most. What has gathered while the disk was full comes in parts that fit; and a
 copy of these 80 kB lies in memory that this process has, that of more is fetched page by page."""
+
+
+def rows_lacking(words: memoryview[int]) -> int:
+    """How many of the rows that there were until now are not in the log.
+
+    Args:
+        words: The control words.
+    """
+    return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
 class Recorder:
@@ -81,7 +90,7 @@ class Recorder:
         """Have the disk keep what was written; waits for it, while rows wait in the ring.
 
         Raises:
-            OSError: The disk has lost something.
+            OSError: The disk has lost something; it says so once.
         """
         self._log.sync()
 
@@ -95,7 +104,11 @@ class Recorder:
 
 
 class _Attempts:
-    """Writes whenever it can, and says on standard output when it cannot, and when it can again."""
+    """Writes whenever it can; says on standard output when it cannot, and when it can again.
+
+    Rows that could not be written wait, and trouble ends. What the disk has lost after it had taken
+    it does not come back: that is said apart, for whoever listens to remember.
+    """
 
     def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:
         self._telemetry = telemetry
@@ -111,30 +124,39 @@ class _Attempts:
             if self._recorder is None:
                 self._recorder = Recorder(self._telemetry, _open(self._orders))
             wrote = self._recorder.drain()
-            if time.monotonic() - self._synced_s >= SYNC_S:
-                self._recorder.sync()
-                self._synced_s = time.monotonic()
-            self._say(None)
         except OSError as error:
-            self._say(error)
+            self._trouble_is(self._text(error))
+            return wrote
+        self._trouble_is(None)
+        if time.monotonic() - self._synced_s >= SYNC_S:
+            self._keep(self._recorder.sync)
+            self._synced_s = time.monotonic()
         return wrote
 
     def close(self) -> None:
         """Close the log, if it was ever open."""
-        try:
-            if self._recorder is not None:
-                self._recorder.sync()
-                self._recorder.close()
-        except OSError as error:
-            self._say(error)
+        if self._recorder is not None:
+            self._keep(self._recorder.sync)
+            self._keep(self._recorder.close)
 
-    def _say(self, error: OSError | None) -> None:
-        trouble = None if error is None else f"{self._orders['log']}: {error.strerror or error}"
-        if trouble == self._trouble:
-            return
-        self._trouble = trouble
+    def _keep(self, keep: Callable[[], None]) -> None:
+        """Have the disk keep what it has taken; say what it has lost."""
+        try:
+            keep()
+        except OSError as error:
+            self._say({"lost": self._text(error)})
+
+    def _trouble_is(self, trouble: str | None) -> None:
+        if trouble != self._trouble:
+            self._trouble = trouble
+            self._say({"trouble": trouble})
+
+    def _text(self, error: OSError) -> str:
+        return f"{self._orders['log']}: {error.strerror or error}"
+
+    def _say(self, what: dict[str, str | None]) -> None:
         with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
-            os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+            os.write(sys.stdout.fileno(), (json.dumps(what) + "\n").encode())
 
 
 def _open(orders: Mapping[str, Any]) -> LogWriter:

@@ -250,6 +250,35 @@ def test_a_log_is_synced_without_harm_to_a_device(tmp_path):
         log.sync()
 
 
+def test_what_the_disk_has_lost_is_an_error_once(tmp_path, monkeypatch):
+    def lose(_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        with monkeypatch.context() as once:
+            once.setattr(os, "fdatasync", lose)
+            with pytest.raises(OSError, match="Input/output"):
+                log.sync()
+        log.append(rows(3))
+        log.sync()
+
+
+def test_a_disk_that_cannot_be_asked_has_lost_nothing(tmp_path, monkeypatch):
+    def cannot(_):
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    def may_not(*_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        with monkeypatch.context() as folder:
+            folder.setattr(os, "open", may_not)  # written to by all, read by one
+            log.sync()
+        log.append(rows(3))
+        monkeypatch.setattr(os, "fdatasync", cannot)
+        log.sync()
+
+
 class _FullDisk(io.FileIO):
     """A disk that takes ``room`` more bytes, a few at a time."""
 

@@ -2,15 +2,16 @@
 
 import errno
 import json
+import os
 
 import numpy as np
 import pytest
 
 from controller.log.file import LogWriter, read_log
 from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
-from controller.tree import log_keeper
+from controller.tree import log_keeper, recorder
 from controller.tree.log_keeper import STUCK_S, LogKeeper
-from controller.tree.recorder import Recorder, may_stand_back
+from controller.tree.recorder import Recorder, _Attempts, may_stand_back
 
 VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 
@@ -35,6 +36,9 @@ class Child:
 
     def say(self, trouble):
         self._said.append(json.dumps({"trouble": trouble}))
+
+    def lose(self, lost):
+        self._said.append(json.dumps({"lost": lost}))
 
     def end(self, code):
         if self.code is None:
@@ -67,10 +71,36 @@ class Child:
         self.end(-9)
 
 
+class TalkingChild(Child):
+    """What a recorder's process does and says, in this process."""
+
+    def __init__(self, telemetry, path, resume, capfd):
+        self._attempts = _Attempts(telemetry, {"log": str(path), "metadata": {}, "resume": resume})
+        self._words = telemetry.words
+        self._capfd = capfd
+        self.mortal = True
+        self.code = None
+
+    def turn(self):
+        if self.code is None:
+            self._attempts.write()
+            if self._words[Word.FINISHED]:
+                self.end(0)
+
+    def lines(self):
+        return self._capfd.readouterr().out.splitlines()
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            self._attempts.close()
+
+
 class Run:
     """A loop that writes a row each millisecond, a keeper that looks, on one simulated time."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, child=Child):
+        self._child = child
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.path = folder / "run.hwlog"
@@ -83,7 +113,7 @@ class Run:
     def start(self, resume):
         if self.refused is not None:
             raise self.refused
-        self.recorders.append(Child(self.telemetry, self.path, resume))
+        self.recorders.append(self._child(self.telemetry, self.path, resume))
         return self.recorders[-1]
 
     def go(self, seconds, rows_per_s=1000, step=0.25):
@@ -112,6 +142,7 @@ def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
     run.go(5.0)
     notes, rows = run.end()
     assert notes == run.told == []
+    assert run.keeper.lacking == 0
     np.testing.assert_array_equal(rows, np.arange(5000))
 
 
@@ -230,7 +261,64 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     missing = run.words[Word.HEAD] - len(rows)
     assert missing > 0
     assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
+    assert run.keeper.lacking == missing
     assert np.all(np.diff(rows) > 0)
+
+
+@pytest.fixture
+def talking(tmp_path, monkeypatch, capfd):
+    """A run whose recorder syncs at each turn."""
+    monkeypatch.setattr(recorder, "SYNC_S", 0.0)
+    return Run(tmp_path, lambda *of: TalkingChild(*of, capfd))
+
+
+def failing(*_):
+    raise OSError(errno.EIO, "Input/output error")
+
+
+LOST = "run.hwlog: Input/output error), and nobody knows which rows; the run was not disturbed"
+
+
+def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talking, monkeypatch):
+    talking.go(1.0)
+    with monkeypatch.context() as once:
+        once.setattr(os, "fdatasync", failing)
+        talking.go(0.25)
+    (told,) = talking.told
+    assert "the disk has lost part of the log" in told
+    assert "run.hwlog: Input/output error" in told
+    talking.go(1.0)
+    notes, rows = talking.end()
+    assert talking.told == [told], "it is not well again"
+    (note,) = notes
+    assert note.endswith(LOST)
+    assert str(talking.path) in note
+    assert talking.keeper.lacking is None
+    np.testing.assert_array_equal(rows, np.arange(2250), "and all else is kept")
+
+
+@pytest.mark.parametrize("when", ["sync", "close"])
+def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when):
+    talking.go(1.0)
+    if when == "sync":
+        talking.telemetry.write(*VALUES)
+        monkeypatch.setattr(os, "fdatasync", failing)
+    else:
+        close = LogWriter.close
+        monkeypatch.setattr(LogWriter, "close", lambda log: failing(close(log)))
+    (note,), _ = talking.end()
+    assert note.endswith(LOST)
+    assert talking.keeper.lacking is None
+
+
+def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run):
+    run.go(1.0)
+    run.recorders[-1].lose("run.hwlog: Input/output error")
+    run.recorders[-1].end(-9)
+    run.go(3.0)
+    notes, _ = run.end()
+    assert notes[0] == "the recorder was killed by SIGKILL"
+    assert notes[1].endswith(LOST)
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped"])
@@ -254,6 +342,7 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run)
     run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
     notes, rows = run.end()
     assert any("lacks 1 of 2001 rows" in note for note in notes)
+    assert run.keeper.lacking == 1
     assert len(rows) == 2000
     assert len(run.recorders) == 1 <= log_keeper.LAST_ATTEMPTS
 
