@@ -63,7 +63,7 @@ class Target:
 
     def ready(self, rows: int) -> bool:
         """Whether so many rows are recorded."""
-        return self.find() and self.words[Word.TAIL] >= rows
+        return self.find() and self.words is not None and self.words[Word.TAIL] >= rows
 
     def send(self, number: signal.Signals, *names: str) -> None:
         """Send a signal to some of its processes."""
@@ -73,8 +73,20 @@ class Target:
 
     def fault(self, spec: str) -> None:
         """Have something go wrong on the bus."""
+        assert self.bus.process.stdin is not None
         self.bus.process.stdin.write(spec + "\n")
         self.bus.process.stdin.flush()
+
+    def end_survivors(self, patience_s: float) -> int:
+        """How many processes of a run that is over do not end in time; they are ended here."""
+        end = time.monotonic() + patience_s
+        while time.monotonic() < end:
+            there = [name for name, pid in self.pids.items() if Path(f"/proc/{pid}/exe").exists()]
+            if not there:
+                return 0
+            time.sleep(0.05)
+        self.send(signal.SIGKILL, *there)
+        return len(there)
 
     def hang_up(self) -> None:
         """Close the terminal, as when its window is closed."""

@@ -1,0 +1,72 @@
+"""Of made-up hits each that did what it must not is found, and none is invented."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from scripts.kill_times import Hit, as_wanted, said, torque_of
+from scripts.shots import SHOTS
+
+NAMED = {shot.name: shot for shot in SHOTS}
+RECORDER, LOOP = NAMED["recorder: SIGKILL"], NAMED["loop: SIGKILL"]
+SUPERVISOR = NAMED["supervisor: SIGKILL"]
+WENT_ON = Hit(None, "nothing, the run goes on", 130, "nothing", 0, 0, 5.0)
+ENDED = Hit(40.3, "Bus Watchdog", 3, "`trip:loop_died`", 0, 0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("shot", "hit", "wanted"),
+    [
+        (RECORDER, WENT_ON, True),
+        (RECORDER, replace(WENT_ON, time_ms=40.3), False),
+        (RECORDER, replace(WENT_ON, time_ms=math.inf), False),
+        (RECORDER, replace(WENT_ON, status=3), False),
+        (RECORDER, replace(WENT_ON, status=None), False),
+        (RECORDER, replace(WENT_ON, lost=1), False),
+        (RECORDER, replace(WENT_ON, left=1), False),
+        (LOOP, ENDED, True),
+        (LOOP, replace(ENDED, time_ms=60.1), False),
+        (LOOP, replace(ENDED, left=1), False),
+        (LOOP, replace(ENDED, lost=250), True),  # some must be: who would write them is dead
+        (SUPERVISOR, replace(ENDED, time_ms=77.1, status=-9), True),  # the loop renders until then
+        (SUPERVISOR, replace(ENDED, time_ms=math.inf, status=-9), False),
+    ],
+)
+def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot, hit, wanted):
+    assert as_wanted(shot, hit) == wanted
+
+
+def report(reason, explanation=None):
+    return {"stop_reason": reason, "explanation": explanation, "warnings": []}
+
+
+ENDING = (812.0, "Torque Enable 0")
+
+
+@pytest.mark.parametrize(
+    ("shot", "told", "lived", "goes_on"),
+    [
+        (RECORDER, report("interrupted"), True, True),
+        (RECORDER, report("trip:torque_lost"), True, False),  # it still made its picture
+        (RECORDER, report("trip:torque_lost"), False, False),
+        (RECORDER, report("interrupted"), False, False),  # before anybody asked
+        (RECORDER, None, True, False),
+        (NAMED["supervisor: SIGTERM"], report("interrupted"), True, False),
+    ],
+)
+def test_a_run_went_on_only_where_its_report_says_so(shot, told, lived, goes_on):
+    time_ms, by = torque_of(shot, told, ENDING, lived=lived)
+    assert (time_ms, by) == ((None, "nothing, the run goes on") if goes_on else ENDING)
+
+
+def test_a_run_that_should_have_gone_on_says_what_ended_it(tmp_path):
+    (tmp_path / "said").write_text(
+        f"another one goes on with {tmp_path}/run.hwlog, the log\nelse\n"
+    )
+    told = "another one goes on with run.hwlog, the log"
+    assert said(RECORDER, report("interrupted"), tmp_path) == told
+    lost = report("trip:torque_lost", "the torque is gone")
+    assert said(RECORDER, lost, tmp_path) == f"`trip:torque_lost`; the torque is gone; {told}"
+    assert said(LOOP, report("trip:loop_died"), tmp_path) == "`trip:loop_died`"
+    assert said(RECORDER, None, tmp_path) == "nothing: it was killed"
