@@ -25,7 +25,8 @@ from scripts.chaos_judge import Stall
 from scripts.chaos_loads import own_mounts
 from scripts.chaos_page import Hour, page
 from scripts.chaos_run import Course, Run, perform
-from scripts.chaos_shots import GENTLE, HARD, Shot, end, load
+from scripts.chaos_shots import GENTLE, HARD, RECORDER_KILLED, end, load
+from scripts.chaos_stage import Shot
 from scripts.chaos_verdict import judge
 from scripts.whole_program import page_options
 
@@ -55,6 +56,11 @@ def mixed(random: Random, gentle: Iterator[Shot], hard: Iterator[Shot]) -> Itera
     """Gentle shots with hard ones among them."""
     while True:
         yield next(hard if random.random() < HARD_SHARE else gentle)
+
+
+def sparing_recorder(gentle: Iterator[Shot]) -> Iterator[Shot]:
+    """Gentle shots of which no recorder dies, so that one is watched for as long as the run."""
+    return (shot for shot in gentle if shot.name != RECORDER_KILLED)
 
 
 @contextlib.contextmanager
@@ -119,11 +125,12 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
             found.room = place is not None
             while (now := time.monotonic()) < until - STARTING_S:
                 patient = bool(long_at) and now >= long_at[-1]
-                if patient:
-                    long_at.pop()
                 seconds = long_s if patient else random.uniform(SHORTEST_S, LONGEST_S)
                 seconds = min(seconds, until - now - STARTING_S)
-                shots = gentle if patient else mixed(random, gentle, hard)
+                shots = mixed(random, gentle, hard)
+                if patient:
+                    shots = sparing_recorder(gentle) if len(long_at) == LONG_RUNS else gentle
+                    long_at.pop()
                 course = Course(seconds, shots, patient)
                 here = folder / "run"
                 here.mkdir(exist_ok=True)

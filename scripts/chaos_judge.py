@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import inf
 from statistics import median
 
 import numpy as np
@@ -27,6 +28,8 @@ READ_LATE_S = 0.1
 _REGISTERS = MODELS["XM430-W350"].registers
 _TORQUE_ENABLE = _REGISTERS["torque_enable"].address
 _GOAL_CURRENT = _REGISTERS["goal_current"].address
+_STATE_S = 2e-3
+"""Two records of the state: torque that outlives its time by less has not [s]"""
 _CYCLES = 100
 """Goals after which a run has begun for good; the start-up's probe has fewer"""
 
@@ -75,36 +78,39 @@ class Ending:
 def ending(rows: Iterable[BusRow], watchdog_s: float) -> Ending:
     """Follow a record to its end: when was the torque cut, and did any come after it?
 
-    Where Torque Enable 0 never came through, the servo's Bus Watchdog is the cut: ``watchdog_s``
-    after the last frame.
+    Until Torque Enable 0 has come through the servo's Bus Watchdog stands for it: ``watchdog_s``
+    after a frame that no other follows no torque may act, whether a cut comes later or never. A
+    watchdog that has tripped at zero torque may be armed again, so that what acts after the next
+    frame is no offence. The start-up is left alone: there it is not always armed.
 
     Args:
         rows: Of the record, in order.
         watchdog_s: What the Bus Watchdog is set to [s].
     """
     found = Ending()
-    last_frame_s = last_torque_s = None
+    armed_until_s, late_s = inf, 0.0
     for row in rows:
         found.ended_s = row.time_s
+        if row.torque_nm != 0.0 and found.cut_s is None:
+            late_s = max(late_s, row.time_s - armed_until_s)
         if row.event == "rx":
-            last_frame_s = row.time_s
+            armed_until_s = row.time_s + watchdog_s
             _take_frame(found, row)
+            if found.goals < _CYCLES:
+                late_s = 0.0
         elif row.event == "fault" and row.fault == "duplicate" and row.instruction != 85:
             found.duplicates += 1
         if row.torque_nm != 0.0:
-            last_torque_s = row.time_s
+            found.torque_until_s = row.time_s
             if found.cut_s is not None and row.event == "state":
                 found.offences.append(
                     f"{row.torque_nm:.3g} N·m {1e3 * (row.time_s - found.cut_s):.1f} ms after the"
                     " cut"
                 )
-    found.torque_until_s = last_torque_s
-    if found.cut_s is None and last_torque_s is not None and last_frame_s is not None:
-        late = last_torque_s - last_frame_s - watchdog_s
-        if late > 2e-3:
-            found.offences.append(
-                f"torque {1e3 * late:.1f} ms after the Bus Watchdog should have ended it"
-            )
+    if late_s > _STATE_S:
+        found.offences.append(
+            f"torque {1e3 * late_s:.1f} ms after the Bus Watchdog should have ended it"
+        )
     return found
 
 
@@ -222,7 +228,7 @@ def growth_mb(samples: Sequence[tuple[float, float]]) -> float | None:
     """By how much a process has grown [MB]; None: it was not watched for long enough.
 
     Args:
-        samples: Time since its start [s], resident memory [MB].
+        samples: Of one process: time since it was first seen [s], resident memory [MB].
     """
     settled = [(t, size) for t, size in samples if t >= SETTLED_S]
     if not settled or settled[-1][0] - settled[0][0] < 2 * WINDOW_S:

@@ -11,6 +11,8 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from controller import realtime
@@ -21,7 +23,9 @@ WATCH_S = 0.005
 """How often the machine is asked for a sign of life [s]"""
 STRANGERS_S = 1.0
 """How often others' real-time programs are looked for [s]"""
-_VIRTUAL_SIZE, _POLICY = 20, 38
+RAN_MS = 10
+"""What a real-time program of others must have had of the processor between two looks [ms]"""
+_PARENT, _USER, _SYSTEM, _START, _VIRTUAL_SIZE, _POLICY = 1, 11, 12, 19, 20, 38
 """Places in /proc/PID/stat, counted from the state on"""
 _REAL_TIME = (str(os.SCHED_FIFO), str(os.SCHED_RR))
 LEAST_S = 0.005
@@ -36,11 +40,12 @@ def busy(core: int) -> None:
 
 
 def hog(core: int, seconds: float) -> None:
-    """Hold a core at real-time priority, so that nothing below it runs there."""
+    """Hold a core at real-time priority, ahead of all below it; say since when [s]."""
     os.sched_setaffinity(0, {core})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(HOG_PRIORITY))
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    held_s = time.monotonic()
+    print(f"{held_s:.6f}", flush=True)
+    while time.monotonic() < held_s + seconds:
         pass
 
 
@@ -96,27 +101,52 @@ def watch(core: int) -> None:
 
 
 def strangers(ours: int) -> None:
-    """Look out for real-time programs of others; say when there were any: from and until [s]."""
+    """Look out for real-time programs of others that run; say when: from and until [s]."""
     os.nice(10)
+    last, before = time.monotonic(), others(ours)
     while True:
         time.sleep(STRANGERS_S)
-        if strangers_at_real_time(ours):
-            now = time.monotonic()
-            print(f"{now - 2 * STRANGERS_S:.6f} {now:.6f}", flush=True)
+        now, seen = time.monotonic(), others(ours)
+        if ran_at_real_time(before, seen):
+            print(f"{last:.6f} {now:.6f}", flush=True)
+        last, before = now, seen
 
 
-def strangers_at_real_time(ours: int) -> bool:
-    """Whether a program runs at real-time priority that no process of ours has started."""
-    parents, real_time = {}, []
-    for folder in Path("/proc").iterdir():
+@dataclass(frozen=True, slots=True)
+class Other:
+    """A program that no process of ours has started."""
+
+    real_time: bool
+    """It may run ahead of ordinary ones, which most of these hardly ever do"""
+    ran_ms: int
+    """What it has had of the processor since it began [ms]"""
+
+
+def others(ours: int, proc: Path = Path("/proc")) -> dict[tuple[int, str], Other]:
+    """The programs of others, each by its pid and its start: pids are given again."""
+    parents, found = {}, {}
+    for folder in proc.iterdir():
         with contextlib.suppress(OSError, ValueError):
             pid = int(folder.name)
             words = (folder / "stat").read_text().rpartition(")")[2].split()
-            parents[pid] = int(words[1])
+            parents[pid] = int(words[_PARENT])
+            ticks = int(words[_USER]) + int(words[_SYSTEM])
             # Kernel threads have no memory of their own.
-            if words[_POLICY] in _REAL_TIME and words[_VIRTUAL_SIZE] != "0":
-                real_time.append(pid)
-    return any(not _descends(pid, ours, parents) for pid in real_time)
+            real_time = words[_POLICY] in _REAL_TIME and words[_VIRTUAL_SIZE] != "0"
+            ran_ms = 1000 * ticks // os.sysconf("SC_CLK_TCK")
+            found[pid, words[_START]] = Other(real_time, ran_ms)
+    return {key: other for key, other in found.items() if not _descends(key[0], ours, parents)}
+
+
+def ran_at_real_time(
+    before: Mapping[tuple[int, str], Other], now: Mapping[tuple[int, str], Other]
+) -> bool:
+    """Whether a real-time program of others has had the processor between two looks."""
+    unborn = Other(real_time=False, ran_ms=0)
+    return any(
+        other.real_time and other.ran_ms - before.get(key, unborn).ran_ms >= RAN_MS
+        for key, other in now.items()
+    )
 
 
 def _descends(pid: int, ancestor: int, parents: dict[int, int]) -> bool:
@@ -133,7 +163,7 @@ def own_mounts() -> bool:
     clone_newns, ms_rec, ms_private = 0x20000, 0x4000, 0x40000
     if libc.unshare(clone_newns):
         return False
-    return libc.mount(b"none", b"/", None, ctypes.c_ulong(ms_rec | ms_private), None) == 0
+    return not libc.mount(b"none", b"/", None, ctypes.c_ulong(ms_rec | ms_private), None)
 
 
 def may_set_clock() -> bool:

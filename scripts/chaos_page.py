@@ -7,20 +7,23 @@ from statistics import median
 
 from scripts.chaos_judge import MACHINE, REFUSED, STRANGERS, Stall
 from scripts.chaos_run import ASKED, PATIENT_WATCHDOG_S, WATCHDOG_S, Run
-from scripts.chaos_shots import SHOTS
+from scripts.chaos_shots import CORE_HELD, SHOTS
 from scripts.chaos_verdict import growth
 from scripts.whole_program import measured_on
 
 FLAT_MB = 5.0
 OFF_MS = 60.0
-"""From the death or the stop of a loop to no torque"""
+"""From the death or the stop of a loop to no torque, or from when nothing below runs on its core"""
 AT_ONCE = (
     "loop killed",
     "supervisor killed",
     "supervisor and loop killed",
     "loop stopped for 0.1 to 1 s",
+    CORE_HELD,
 )
 """The shots that this is promised for"""
+WATCHED = ("emulator", "loop", "recorder", "supervisor")
+"""Whose memory is"""
 
 
 @dataclass(slots=True)
@@ -107,8 +110,8 @@ def page(hour: Hour) -> str:
         "## What was thrown, and what followed",
         "",
         "A run goes on unless it is said to have ended. Off: from the shot to the last torque that"
-        f" acted, by the witness, median and longest (a load takes 0.1 s to begin); the"
-        f" Bus Watchdog is set to"
+        f" acted, by the witness, median and longest (a core is held from when who holds it says"
+        f" so); the Bus Watchdog is set to"
         f" {1e3 * WATCHDOG_S:.0f} ms ({1e3 * PATIENT_WATCHDOG_S:.0f} in long runs).",
         "",
         "| shot | thrown | ended a run | by | off, ms |",
@@ -126,7 +129,11 @@ def _promises(hour: Hour) -> list[str]:
     witnessed = [run for run in runs if run.witnessed]
     causes = Counter(run.cause for run in runs)
     after = sum(len(run.torque_problems) for run in runs)
-    memory = ", ".join(f"{name} {mb:+.1f} MB" for name, mb in sorted(grown.items()))
+    memory = ", ".join(
+        f"{name} {grown[name]:+.1f} MB" if name in grown else f"no {name} was watched long enough"
+        for name in WATCHED
+    )
+    flat = all(mb <= FLAT_MB for mb in grown.values())
     off = [ms for name in AT_ONCE for ms in hour.off_ms(name)]
     longest = f"{len(off)} times, {max(off):.0f} ms at most" if off else "not seen"
     explained = len(runs) - sum(causes[each] for each in (None, MACHINE, STRANGERS, REFUSED, ASKED))
@@ -135,7 +142,7 @@ def _promises(hour: Hour) -> list[str]:
         "|---|---|---|",
         f"| no torque after a trip | {len(witnessed)} ends witnessed, torque or orders for it"
         f" behind the cut: {after} | {_holds(not after)} |",
-        f"| a dead or stopped loop's torque is gone within {OFF_MS:.0f} ms | {longest}"
+        f"| a dead, stopped or starved loop's torque is gone within {OFF_MS:.0f} ms | {longest}"
         f" | {_holds(not hour.off_late)} |",
         f"| no unexplained stop | {explained} by a shot, {causes[ASKED]} asked to end,"
         f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[STRANGERS]} while"
@@ -146,9 +153,10 @@ def _promises(hour: Hour) -> list[str]:
         f" {sum(run.rows for run in runs)} rows; lost and said so: {sum(run.lost for run in runs)},"
         f" lost without a word: in {sum(bool(run.log_problems) for run in runs)} runs"
         f" | {_holds(not any(run.log_problems for run in runs))} |",
-        f"| memory flat within {FLAT_MB:g} MB | last minute of a long run against its second,"
-        f" at most, the shared ring of rows left out: {memory or 'no run was long enough'}"
-        f" | {_holds(all(mb <= FLAT_MB for mb in grown.values())) if grown else '–'} |",
+        f"| memory flat within {FLAT_MB:g} MB | last minute of one process against its second,"
+        " at most, the shared ring of rows left out:"
+        f" {memory if grown else 'no run was long enough'}"
+        f" | {'–' if flat and len(grown) < len(WATCHED) else _holds(flat)} |",
         "| nothing left behind | processes that outlived their run, runs that did not end:"
         f" {sum(len(run.other_problems) for run in runs)}"
         f" | {_holds(not any(run.other_problems for run in runs))} |",

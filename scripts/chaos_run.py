@@ -14,10 +14,9 @@ from random import Random
 
 from controller.benchmarks.loops import FORGIVING
 from controller.telemetry import ROW
-from scripts.chaos_judge import (
-    Thrown,
-)
-from scripts.chaos_shots import NO_REPORT, Lasting, Shot, Stage
+from scripts.chaos_judge import Thrown
+from scripts.chaos_shots import NO_REPORT
+from scripts.chaos_stage import Lasting, Shot, Stage
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
@@ -72,8 +71,8 @@ class Run:
     """When the loop last spoke, by the witness [s]"""
     ended_s: float = 0.0
     """When its last process had ended, the report and the picture made [s]"""
-    memory: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
-    """Of each process: time since the start [s], resident memory [MB]"""
+    memory: dict[tuple[str, int], list[tuple[float, float]]] = field(default_factory=dict)
+    """Of each process, by name and pid: time since it was first seen [s], resident memory [MB]"""
     strangers: int = 0
     """How often programs of others were seen at real-time priority"""
     cause: str | None = None
@@ -139,8 +138,8 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
         os.sched_setaffinity(bus.process.pid, set(cores) - {core} or set(cores))
         process = subprocess.Popen(
             [
-                *[*PROGRAM, "run", "xm430-w350", "--json", "--log", log],
-                *["--plot", folder / "run.png"],
+                *[*PROGRAM, "run", "xm430-w350", "--json", "--log", str(log)],
+                *["--plot", str(folder / "run.png")],
                 *with_sets((f"servo.port={bus.port}", *sets)),
             ],
             stdin=subprocess.DEVNULL,
@@ -193,7 +192,7 @@ def _under_fire(
     next_shot = start + random.uniform(1.0, 4.0)
     asked_s: float | None = None
     shot: Shot | None = None
-    samples = defaultdict(list)
+    samples: dict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
     while process.poll() is None:
         now = time.monotonic()
         for due in [each for each in pending if each[0] <= now]:
@@ -203,7 +202,7 @@ def _under_fire(
         if alive and now >= next_sample:
             next_sample += SAMPLE_S
             for name, pid in stage.look().items():
-                samples[name].append((now - start, _resident_mb(pid)))
+                samples[name, pid].append((now, _resident_mb(pid)))
         if shot is None:
             shot = next(course.shots)
         if alive and asked_s is None and now >= next_shot and shot.ready(stage):
@@ -225,7 +224,9 @@ def _under_fire(
             break
         time.sleep(POLL_S)
     run.ended_s = time.monotonic()
-    run.memory = {name: [s for s in each if s[1] > 0.0] for name, each in samples.items()}
+    run.memory = {
+        seen: [(t - each[0][0], mb) for t, mb in each if mb > 0.0] for seen, each in samples.items()
+    }
     if asked_s is not None:
         run.thrown.append(Thrown(ASKED, asked_s, run.ended_s))
 

@@ -8,81 +8,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
 from typing import BinaryIO, Final
 
 from scripts.chaos_loads import may_set_clock
-from scripts.whole_program import Bus, child_of
+from scripts.chaos_stage import Lasting, Shot, Stage
 
 MEMORY_SHARE: Final = 0.2
 """Of the memory that is available, which a load may take"""
 CLOCK_STEP_S: Final = 60.0
 """The furthest that the system's clock is set wrong, for a second"""
-PROCESSES: Final = {"loop": "loop_process", "recorder": "recorder"}
-
-
-@dataclass(slots=True)
-class Stage:
-    """A run with all that a shot may strike."""
-
-    bus: Bus
-    run: subprocess.Popen[bytes]
-    log: Path
-    room: Path | None
-    """A small file system that the log lies on; None: none could be made"""
-    core: int
-    """The loop's"""
-    cores: tuple[int, ...]
-    random: Random
-    pids: dict[str, int] = field(default_factory=dict)
-    """The last known: children of a dead supervisor cannot be found any more"""
-    killed: set[int] = field(default_factory=set)
-    """Processes that were sent SIGKILL; on a busy machine one may take seconds to die of it"""
-
-    def look(self) -> dict[str, int]:
-        """The processes of the run that are there, as far as they can be found."""
-        self.pids["supervisor"] = self.run.pid
-        self.pids["emulator"] = self.bus.process.pid
-        for name, module in PROCESSES.items():
-            pid = child_of(self.run.pid, module)
-            if pid is not None:
-                self.pids[name] = pid
-        return self.pids
-
-    def send(self, name: str, number: signal.Signals) -> None:
-        """Send a process of the run a signal; nothing where it is gone."""
-        pid = self.pids.get(name)
-        if pid is not None and Path(f"/proc/{pid}").exists():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, number)
-            if number == signal.SIGKILL:
-                self.killed.add(pid)
-
-
-@dataclass(frozen=True, slots=True)
-class Lasting:
-    """A shot on its way: how long it lasts [s], and how it is undone."""
-
-    seconds: float
-    undo: Callable[[], None] = lambda: None
-    detail: str = ""
-    from_s: float | None = None
-    """When it struck [s]; None: when it was asked for"""
-
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """A kind of shot."""
-
-    name: str
-    throw: Callable[[Stage], Lasting]
-    may_end: frozenset[str] = frozenset()
-    """Stop reasons that it explains; none: a run must not end of it"""
-    allowed: Callable[[], bool] = lambda: True
-    ready: Callable[[Stage], bool] = lambda _stage: True
-    """Whether it may be thrown now; else it waits"""
 
 
 def somebody_writes(stage: Stage) -> bool:
@@ -157,7 +92,7 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
     return throw
 
 
-def load(*arguments: str, output: BinaryIO | None = None) -> subprocess.Popen[bytes]:
+def load(*arguments: str, output: BinaryIO | int | None = None) -> subprocess.Popen[bytes]:
     """A process beside the run."""
     return subprocess.Popen(
         [sys.executable, "-m", "scripts.chaos_loads", *arguments],
@@ -184,12 +119,18 @@ def busy(stage: Stage) -> Lasting:
 
 
 def hog(least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
-    """A process above the loop's priority on its core."""
+    """A process above the loop's priority on its core; thrown when it says that it holds it."""
 
     def throw(stage: Stage) -> Lasting:
         seconds = stage.random.uniform(least_s, most_s)
-        process = load("hog", str(stage.core), f"{seconds}")
-        return Lasting(1.0, lambda: end(process), f"{1e3 * seconds:.0f} ms")
+        process = load("hog", str(stage.core), f"{seconds}", output=subprocess.PIPE)
+        assert process.stdout is not None
+        with process.stdout as told:  # a tenth of a second, in which a Python begins
+            held_s = told.readline()
+        detail = f"{1e3 * seconds:.0f} ms"
+        if not held_s:  # it was refused, and strikes nothing
+            return Lasting(0.0, lambda: end(process), f"{detail}, but it did not begin")
+        return Lasting(seconds, lambda: end(process), detail, float(held_s))
 
     return throw
 
@@ -238,6 +179,8 @@ def may_take_priority() -> bool:
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= 85
 
 
+RECORDER_KILLED: Final = "recorder killed"
+CORE_HELD: Final = "loop's core held for 0.1 to 0.4 s"
 GENTLE: Final = (
     Shot(
         "replies and requests damaged",
@@ -255,7 +198,7 @@ GENTLE: Final = (
     Shot("both cores busy", busy),
     Shot("a fifth of the memory taken", memory),
     Shot("loop's core held for 5 to 20 ms", hog(0.005, 0.02), allowed=may_take_priority),
-    Shot("recorder killed", kill("recorder")),
+    Shot(RECORDER_KILLED, kill("recorder")),
     Shot("recorder stopped for 1 to 5 s", stop("recorder", 1.0, 5.0)),
     Shot("disk full for 1 to 4 s", disk_full),
     Shot("loop stopped for 3 to 15 ms", stop("loop", 0.003, 0.015)),
@@ -275,7 +218,7 @@ HARD: Final = (
     ),
     Shot("loop stopped for 0.1 to 1 s", stop("loop", 0.15, 1.0), STOPPED | SILENT),
     Shot(
-        "loop's core held for 0.1 to 0.4 s",
+        CORE_HELD,
         hog(0.1, 0.4),
         STOPPED | SILENT,
         allowed=may_take_priority,

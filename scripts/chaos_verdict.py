@@ -105,10 +105,14 @@ SAID_LOST = re.compile(r"it lacks (\d+) of (\d+) rows")
 
 
 def growth(run: Run) -> dict[str, float]:
-    """By how much each process has grown [MB]; those that were watched for too short are left out.
+    """By how much each kind of process has grown at most [MB].
 
-    A restarted recorder is another process, and begins anew: its own growth is what counts, and it
-    is below what is found here.
+    A restarted recorder is another process and begins anew: each is set against itself alone, and
+    only one that was watched for long enough counts.
     """
-    found = {name: growth_mb(samples) for name, samples in run.memory.items()}
-    return {name: mb for name, mb in found.items() if mb is not None}
+    most: dict[str, float] = {}
+    for (name, _), samples in run.memory.items():
+        mb = growth_mb(samples)
+        if mb is not None:
+            most[name] = max(most.get(name, mb), mb)
+    return most

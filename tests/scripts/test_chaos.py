@@ -18,10 +18,10 @@ from scripts.chaos_judge import (
     missing_at_end,
     stalled,
 )
-from scripts.chaos_page import Hour, page
+from scripts.chaos_page import WATCHED, Hour, page
 from scripts.chaos_run import ASKED, DID_NOT_START, Run
-from scripts.chaos_shots import GENTLE, HARD, MAY_END
-from scripts.chaos_verdict import judge
+from scripts.chaos_shots import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
+from scripts.chaos_verdict import growth, judge
 
 WATCHDOG_S = 0.04
 GOAL, ON, OFF = "6600020001", "400001", "400000"
@@ -91,6 +91,40 @@ def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut():
     assert "after the Bus Watchdog should have ended it" in offence
 
 
+@pytest.mark.parametrize(
+    ("torque_s", "offence"),
+    [
+        (0.5 + WATCHDOG_S, []),
+        (0.58, ["torque 40.9 ms after the Bus Watchdog should have ended it"]),
+    ],
+)
+def test_before_a_cut_that_comes_late_the_bus_watchdog_must_have_ended_the_torque(
+    torque_s, offence
+):
+    rows = [
+        *pressing(0.5),
+        state(torque_s, -0.5),
+        frame(0.62, 0.0, Instruction.WRITE, OFF),
+        state(0.63, 0.0),
+    ]
+    found = ending(rows, WATCHDOG_S)
+    assert found.cut_s == 0.62
+    assert found.offences == offence
+
+
+def test_a_goal_that_acts_after_the_bus_watchdog_should_have_tripped_is_found():
+    off = frame(0.61, 0.0, Instruction.WRITE, OFF)
+    rows = [*pressing(0.5), state(0.55, 0.0), goal(0.6, -50), off]
+    (offence,) = ending(rows, WATCHDOG_S).offences
+    assert offence == "torque 60.9 ms after the Bus Watchdog should have ended it"
+
+
+def test_a_bus_watchdog_that_tripped_at_no_torque_may_be_armed_again():
+    again = [goal(0.6 + n * 1e-3, -50) for n in range(20)]
+    rows = [*pressing(0.5), goal(0.5, 0), goal(0.599, 0), *again]
+    assert ending([*rows, frame(0.62, 0.0, Instruction.WRITE, OFF)], WATCHDOG_S).offences == []
+
+
 def test_the_start_up_may_switch_torque_on_and_off():
     probe = [
         frame(0.0, 0.0, Instruction.WRITE, OFF),
@@ -158,6 +192,24 @@ def test_growth_is_found_and_what_settles_is_not():
     assert growth_mb(settling[:60]) is None
 
 
+def test_a_recorder_that_was_replaced_is_another_process():
+    """Each in its first minute is as large as the next, and what lives through it has grown."""
+    run = Run()
+    run.memory = {
+        ("recorder", n): [(t, 60.0 + t / 10.0) for t in range(0, 40, 2)] for n in range(20)
+    }
+    assert growth(run) == {}
+    run.memory["recorder", 99] = [(t, 60.0 + 6.0 * (t > 300)) for t in range(0, 600, 2)]
+    run.memory["recorder", 100] = [(t, 60.0) for t in range(0, 600, 2)]
+    assert growth(run) == {"recorder": 6.0}
+
+
+def test_in_the_run_that_watches_the_recorder_none_is_killed():
+    assert RECORDER_KILLED in [shot.name for shot in GENTLE]
+    spared = [shot.name for shot in chaos.sparing_recorder(iter(GENTLE))]
+    assert spared == [shot.name for shot in GENTLE if shot.name != RECORDER_KILLED]
+
+
 def a_run(reason="interrupted", cause=ASKED, **more):
     return Run(reason=reason, cause=cause, thrown=[Thrown(ASKED, 9.0, 9.5)], **more)
 
@@ -170,12 +222,13 @@ def a_run(reason="interrupted", cause=ASKED, **more):
         (a_run(log_problems=["3 rows are missing at 5"]), "3 rows are missing at 5"),
         (a_run(other_problems=["the loop outlived the run"]), "the loop outlived the run"),
         (a_run("trip:loop_died", "loop killed", off_s=0.07), "70 ms from a shot at the loop"),
+        (a_run("trip:loop_hung", CORE_HELD, off_s=0.07), "70 ms from a shot at the loop"),
         (
-            a_run(memory={"loop": [(t, 60.0 + (t > 300)) for t in range(0, 600, 2)]}),
+            a_run(memory={("loop", 7): [(t, 60.0 + (t > 300)) for t in range(0, 600, 2)]}),
             "",
         ),
         (
-            a_run(memory={"loop": [(t, 60.0 + 6 * (t > 300)) for t in range(0, 600, 2)]}),
+            a_run(memory={("loop", 7): [(t, 60.0 + 6 * (t > 300)) for t in range(0, 600, 2)]}),
             "the loop grew by 6.0 MB",
         ),
     ],
@@ -186,6 +239,16 @@ def test_the_page_says_each_promise_that_did_not_hold(run, words):
     assert ("Did not hold" in text) == bool(words)
     assert words in text
     assert ("**no**" in text) == bool(words)
+
+
+def test_memory_is_only_called_flat_where_every_process_was_watched():
+    flat = [(t, 60.0) for t in range(0, 600, 2)]
+    run = a_run(memory={(name, n): flat for n, name in enumerate(WATCHED) if name != "recorder"})
+    assert "no recorder was watched long enough, supervisor +0.0 MB | – |" in page(
+        Hour(60.0, 1, [run])
+    )
+    run.memory["recorder", 99] = flat
+    assert "recorder +0.0 MB, supervisor +0.0 MB | yes |" in page(Hour(60.0, 1, [run]))
 
 
 def test_a_page_of_an_hour_that_was_broken_off_says_so():

@@ -1,0 +1,81 @@
+"""What runs beside a run: since when a core is held, and which others run at real-time priority."""
+
+import subprocess
+import sys
+from random import Random
+from types import SimpleNamespace
+
+import pytest
+
+from scripts import chaos_shots
+from scripts.chaos_loads import others, ran_at_real_time
+
+
+@pytest.mark.parametrize(
+    ("says", "from_s", "seconds"),
+    [("12.5", 12.5, pytest.approx(0.2, abs=0.1)), ("", None, 0.0)],
+)
+def test_a_core_is_held_from_when_who_holds_it_says_so(monkeypatch, says, from_s, seconds):
+    """One that is refused the priority says nothing, and holds nothing."""
+
+    def load(*arguments, output):
+        assert arguments[:2] == ("hog", "1")
+        return subprocess.Popen([sys.executable, "-c", f"print(end={says!r})"], stdout=output)
+
+    monkeypatch.setattr(chaos_shots, "load", load)
+    lasting = chaos_shots.hog(0.1, 0.3)(SimpleNamespace(core=1, random=Random(1)))
+    lasting.undo()
+    assert (lasting.from_s, lasting.seconds) == (from_s, seconds)
+
+
+OURS, FIFO = 10, 1
+
+
+@pytest.fixture
+def proc(tmp_path):
+    """A /proc of made-up processes."""
+
+    def put(pid, *, parent=1, ticks=(0, 0), start=500, memory=4096, policy=FIFO):
+        words = ["S", *["0"] * 49]
+        words[1], words[19], words[20], words[38] = map(str, (parent, start, memory, policy))
+        words[11:13] = map(str, ticks)
+        (tmp_path / str(pid)).mkdir(exist_ok=True)
+        (tmp_path / str(pid) / "stat").write_text(f"{pid} (a name) with) {' '.join(words)}")
+
+    put(OURS, policy=0)
+    put(OURS + 1, parent=OURS, ticks=(500, 500))
+    (tmp_path / "meminfo").touch()
+    put.folder = tmp_path
+    return put
+
+
+def test_a_real_time_program_of_others_counts_only_while_it_runs(proc):
+    proc(20, ticks=(100, 7))
+    before = others(OURS, proc.folder)
+    assert not ran_at_real_time(before, others(OURS, proc.folder))
+    proc(20, ticks=(100, 8))
+    assert ran_at_real_time(before, others(OURS, proc.folder))
+    proc(20, ticks=(101, 7))
+    assert ran_at_real_time(before, others(OURS, proc.folder))
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        {"policy": 0},  # an ordinary one
+        {"memory": 0},  # the kernel's
+        {"parent": OURS + 1},  # ours
+    ],
+)
+def test_what_is_no_real_time_program_of_others_may_run(proc, harmless):
+    proc(20, **harmless)
+    before = others(OURS, proc.folder)
+    proc(20, ticks=(9, 9), **harmless)
+    assert not ran_at_real_time(before, others(OURS, proc.folder))
+
+
+def test_a_real_time_program_that_took_over_a_pid_has_run_since_its_own_start(proc):
+    proc(20, ticks=(1000, 0), start=500)
+    before = others(OURS, proc.folder)
+    proc(20, ticks=(1, 0), start=900)
+    assert ran_at_real_time(before, others(OURS, proc.folder))
