@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.errors import UserError
 from controller.experiments.growth_fit import Balance, Trial, balance
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import (
@@ -31,11 +30,10 @@ from controller.experiments.sweep_result import (
     out_of_reach_text,
     unstable_text,
 )
-from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
 from controller.experiments.trial_watch import Seen, watch
-from controller.log.file import SUFFIX, read_log
+from controller.log.file import SUFFIX
 from controller.program import Phase
-from controller.telemetry import FLAG_WARM_UP
 
 _FIRST = (0.6, 0.8, 1.0, 1.25)
 _STIFFER = (1.2, 1.5, 1.9, 2.5)
@@ -115,7 +113,7 @@ class PointSearch:
         Raises:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
-            UserError: A log could not be kept.
+            UserError: A log could not be kept whole.
         """
         result = self.result
         damping = self._setting.virtual_damping
@@ -246,7 +244,9 @@ class PointSearch:
             rows = self._bed.play(name, phases, setting.delay_steps).rows
         except ExperimentTrippedError as error:
             tripped = error.stop_reason
-            rows = _rows_of(self._bed.folder / f"{name}{SUFFIX}")
+            if error.fault:  # nobody knows at which stiffness
+                raise UserError(error.fault) from error
+            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
         over = int(rows["phase"][-1]) if rows.size else -1
         for n, asked in enumerate(batch):
             phase = 2 * n + 1
@@ -308,12 +308,3 @@ class PointSearch:
 
 def _middle(values: Sequence[float]) -> float:
     return float(np.median(values))
-
-
-def _rows_of(log: Path) -> NDArray[np.void]:
-    """What a run recorded before it tripped."""
-    rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
-    if rows.size == 0:
-        return rows
-    on: NDArray[np.void] = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
-    return on

@@ -34,11 +34,14 @@ class ExperimentTrippedError(Exception):
 
     Attributes:
         stop_reason: ``trip:<name>``
+        fault: Why nothing may be measured from what was recorded until then; empty: no row is
+            missing.
     """
 
-    def __init__(self, stop_reason: str, message: str) -> None:
+    def __init__(self, stop_reason: str, message: str, fault: str = "") -> None:
         super().__init__(message)
         self.stop_reason = stop_reason
+        self.fault = fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ class Testbed:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
             ExperimentTrippedError: A trip has ended it.
-            UserError: The log could not be kept.
+            UserError: The log could not be kept whole.
         """
         config = self.config
         if delay_steps is not None:
@@ -144,16 +147,15 @@ class Testbed:
         if ended.stop_reason == "interrupted" or ended.asked:
             raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
         if ended.stop_reason != "duration":
-            raise ExperimentTrippedError(ended.stop_reason, explanation(ended) or "")
-        # Half a motion would be fitted as if it were the whole.
-        lost = [warning for warning in ended.warnings if str(log) in warning]
-        usable = log.exists() and not lost
-        rows = read_log(log)[1] if usable else np.empty(0, np.dtype([]))
+            raise ExperimentTrippedError(
+                ended.stop_reason, explanation(ended) or "", _fault(log, ended)
+            )
+        if fault := _fault(log, ended):
+            raise UserError(fault)
+        rows = recorded(log)
         if rows.size == 0:
-            said = "; ".join(lost or ended.warnings) or f"the log {log} holds no rows"
-            raise UserError(f"{said}, so nothing is measured from it; make room, or name a place")
-        on = (rows["flags"] & FLAG_WARM_UP) == 0
-        return Played(rows[on], tuple(phases), ended, log)
+            raise UserError(_unusable(f"the log {log} holds no rows"))
+        return Played(rows, tuple(phases), ended, log)
 
     def _tell_new(self, text: str) -> None:
         """Pass on what is told, but what the machine grants only once: the same at each start."""
@@ -162,3 +164,26 @@ class Testbed:
                 return
             self._start_told = text
         self._tell(text)
+
+
+def recorded(log: Path) -> NDArray[np.void]:
+    """The rows of a log without the warm-up, shape (n,); where there is no log, none."""
+    rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
+    if rows.size == 0:
+        return rows
+    on: NDArray[np.void] = rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+    return on
+
+
+def _fault(log: Path, ended: Ended) -> str:
+    """Why a log does not hold all rows of its run; empty: it does.
+
+    Half a motion would be fitted as if it were the whole.
+    """
+    if ended.lacking == 0:
+        return ""
+    return _unusable(f"the log {log} is not whole ({'; '.join(ended.warnings)})")
+
+
+def _unusable(fault: str) -> str:
+    return f"{fault}, so nothing is measured from it; make room, or name another place"

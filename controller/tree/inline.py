@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from controller.session import run_session
 from controller.statistics import RunStatistics
 from controller.telemetry import ROW, Telemetry
 from controller.tree.plan import Ended, Plan
-from controller.tree.recorder import Recorder
+from controller.tree.recorder import Recorder, rows_lacking
 from hw.clock import SimulatedClock
 
 
@@ -28,6 +27,7 @@ def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
     statistics = RunStatistics()
     log: LogWriter | None = None
     warnings: list[str] = []
+    lost = False
     try:
         log = LogWriter(plan.log, plan.metadata, ROW)
         recorder = Recorder(telemetry, log)
@@ -52,10 +52,20 @@ def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
         )
     finally:
         if log is not None:
-            with contextlib.suppress(OSError):  # a full disk was reported when it was met
+            try:
                 log.close()
+            except OSError as error:
+                lost = True
+                if not warnings:
+                    warnings.append(_log_warning(plan.log, error))
     return Ended(
-        result.stop_reason, statistics, result.ticks, result.missed, asdict(result), [], warnings
+        result.stop_reason,
+        statistics,
+        result.ticks,
+        result.missed,
+        asdict(result),
+        warnings=warnings,
+        lacking=None if lost else rows_lacking(telemetry.words),
     )
 
 

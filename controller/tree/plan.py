@@ -34,6 +34,8 @@ class Ended:
     """Whether torque off was read back by the supervisor; None: the loop had seen to it"""
     asked: bool = False
     """A signal has asked to stop; where the loop was just over, the reason does not say so"""
+    lacking: int | None = 0
+    """Rows that the log lacks; None: nobody knows, since the disk has lost part of it"""
 
     @property
     def torque_off(self) -> bool | None:

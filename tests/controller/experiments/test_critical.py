@@ -1,14 +1,18 @@
 """The search for one point, on simulated servos whose limits are known."""
 
+from dataclasses import replace
+
 import pytest
 
 from controller.errors import UserError
+from controller.experiments import testbed
 from controller.experiments.critical import PointSearch
 from controller.experiments.sweep import excursion, expected_s, experiment_config
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import Options, Setting, hold_spring
 from controller.experiments.testbed import Testbed
 from controller.log.file import read_log
+from controller.run import run
 from controller.settings.load import load_config
 from controller.theory import critical_stiffness
 
@@ -83,6 +87,16 @@ def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path):
     true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
     assert found.measured == pytest.approx(true, rel=0.005)
     assert all((tmp_path / log).exists() for log in found.logs)
+
+
+def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(tmp_path, monkeypatch):
+    def run_and_lose(plan, tell):
+        return replace(run(plan, tell), lacking=3, warnings=["it lacks 3 of 9 rows"])
+
+    monkeypatch.setattr(testbed, "run", run_and_lose)
+    heavy = ("model.inertia=1", "model.damping=0.3", "model.coulomb=0")
+    with pytest.raises(UserError, match="it lacks 3 of 9 rows"):
+        search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
 
 
 def test_three_trips_give_a_point_up(tmp_path):

@@ -66,14 +66,42 @@ def test_it_ends_with_its_last_phase(tmp_path):
     assert 15 <= len(played.rows) <= 17
 
 
-def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch):
-    def full(plan, tell):
-        ended = run(plan, tell)
-        warning = f"the log {plan.log} is incomplete: No space left on device"
-        return replace(ended, warnings=(*ended.warnings, warning))
+# What the log keeper says of a log whose rows were lost; not all of it names the file.
+CUT_SHORT = [
+    (3, "the log is incomplete (more rows waited to be written than memory holds): it lacks 3"),
+    (1, "the log is incomplete (no recorder came to write its end): it lacks 1 of 90 rows"),
+    (None, "the disk has lost part of the log (it.hwlog: Input/output error)"),
+]
 
-    monkeypatch.setattr(testbed, "run", full)
-    config = load_config("simulated", ["loop.clock=simulated"]).config
-    with pytest.raises(UserError, match="No space left on device, so nothing is measured"):
-        Testbed(config, tmp_path).play("it", [Phase(0.05)])
+
+def cut_short(monkeypatch, lacking, warning):
+    def run_and_lose(plan, tell):
+        return replace(run(plan, tell), warnings=[warning], lacking=lacking)
+
+    monkeypatch.setattr(testbed, "run", run_and_lose)
+
+
+@pytest.mark.parametrize(("lacking", "warning"), CUT_SHORT)
+def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch, lacking, warning):
+    cut_short(monkeypatch, lacking, warning)
+    with pytest.raises(UserError, match="so nothing is measured from it") as error:
+        bed(tmp_path).play("it", [Phase(0.05)])
+    assert warning in str(error.value)
+    assert str(tmp_path / "it.hwlog") in str(error.value)
     assert (tmp_path / "it.hwlog").exists()
+
+
+def test_a_warning_that_costs_no_row_spoils_no_measurement(tmp_path, monkeypatch):
+    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one went on")
+    assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
+
+
+def test_a_trip_says_whether_its_log_can_be_measured_from(tmp_path, monkeypatch):
+    with pytest.raises(ExperimentTrippedError) as whole:
+        bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
+    assert whole.value.fault == ""
+    cut_short(monkeypatch, *CUT_SHORT[0])
+    with pytest.raises(ExperimentTrippedError) as cut:
+        bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
+    assert "it lacks 3), so nothing is measured from it" in cut.value.fault
+    assert cut.value.stop_reason == "trip:overspeed"
