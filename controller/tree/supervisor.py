@@ -93,6 +93,7 @@ class Supervisor:
             self._warnings,
             self._cause,
             self._torque_off,
+            lacking=log.lacking,
         )
 
     @contextlib.contextmanager

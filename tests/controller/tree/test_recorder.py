@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from controller.log.file import read_log
+from controller.run import run
+from controller.settings.load import load_config
 from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, Telemetry, Word
 from controller.tree.children import Child
 from controller.tree.log_keeper import LogKeeper
+from controller.tree.plan import Plan
 
 VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 
@@ -97,3 +100,13 @@ def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path):
     recording.keeper.close()
     assert "No space left on device" in notes[0]
     assert f"lacks {recording.telemetry.words[Word.HEAD]} of" in notes[0]
+
+
+def test_a_supervised_run_says_how_many_rows_its_log_lacks(tmp_path):
+    (tmp_path / "run.hwlog").symlink_to("/dev/full")
+    config = load_config("simulated", ["loop.clock=monotonic"]).config
+    told = []
+    ended = run(Plan(config, 0.3, tmp_path / "run.hwlog", {}, None), told.append)
+    (note,) = (warning for warning in ended.warnings if "it lacks" in warning)
+    assert ended.lacking > 0
+    assert f"it lacks {ended.lacking} of {ended.lacking} rows" in note
