@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from controller.assembly import guard_ladder, most_injected, rehearsal, rendered, tick_parts
+from controller.defect import defect_text
 from controller.detector.watch import oscillation_report
+from controller.grid import Grid
 from controller.lateness.machine_setup import Found
 from controller.lateness.ticks import LateTicks
-from controller.loop import Waiter, next_deadline, waiter_for
+from controller.loop import waiter_for
 from controller.program import Phase
 from controller.realtime import freeze_garbage, reserve_memory
 from controller.safety import Trip
@@ -21,7 +22,7 @@ from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
 from hw.clock import Clock, SimulatedClock
-from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
+from hw.errors import ServoHealthError, ServoLostError, ServoMissingError, TorqueLostError
 from hw.open import open_servo
 from hw.servo import Check, Servo
 from hw.settings import ServoSettings
@@ -30,8 +31,6 @@ RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
 OUTSIDE_S = 0.05
 """How often a shaft that is inside the wall before it is on is looked at [s]"""
-BLOCK = 4096
-"""Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +46,13 @@ class Result:
     real_s: float
     """What that took in real time, start-up not counted [s]"""
     grid_hz: float
-    guard: dict[str, Any]
-    oscillation: dict[str, Any]
-    delay: dict[str, float]
+    guard: dict[str, Any] | None
+    """None, as the next two: a defect came before it was told"""
+    oscillation: dict[str, Any] | None
+    delay: dict[str, float] | None
     bus: dict[str, int] | None
     timing: dict[str, Any] | None
-    """Which ticks were late, and why; None: nobody looked"""
+    """Which ticks were late, and why; None: nobody looked, or a defect"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
     setup: list[Found] = field(default_factory=list)
@@ -73,6 +73,10 @@ def run_session(
 ) -> Result:
     """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
 
+    What goes wrong in the run, or when it is reported, is told in the result. Where an error is
+    raised torque is off, unless ``Word.STATE`` is ``State.TORQUE_UNKNOWN``: then that could not be
+    read back.
+
     Args:
         config: The effective configuration.
         clock: What the loop runs on.
@@ -88,9 +92,11 @@ def run_session(
         opener: Opens the servo; for rehearsals that have a hand on what is emulated.
 
     Raises:
-        ServoError: The servo could not be started; torque is off.
+        ServoError: The servo could not be started.
+        PlatformError: ``prepare`` refused.
     """
     servo = opener(config.servo_settings(), clock, port)
+    started = False
     try:
         # All that takes long comes before the start: a started servo wants to hear something
         # within every period of its Bus Watchdog.
@@ -107,6 +113,7 @@ def run_session(
         waiter = waiter_for(clock, _spin_ns(config), config.period_ns, rehearsed)
         checks: list[Check] = []
         if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
+            started = True
             checks = servo.start()
             # The servo's own Current Limit is another, or replies come later than was thought.
             if servo.facts.torque_limit != limit or servo.facts.reply_s:
@@ -118,22 +125,21 @@ def run_session(
         parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
         watch = parts.watch
         tick = Tick(parts)
-        grid = _Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
+        grid = Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
         began_s = time.monotonic()
         reason, message = _run(grid, config, servo, duration_s, tell)
         real_s = time.monotonic() - began_s
-        telemetry.words[Word.STATE] = State.STOPPING
-        torque_off = servo.stop()
-        telemetry.words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
-        on_block()
-        if rehearsed is not None and rehearsed.fault:
-            tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
+        torque_off = _stop(servo, clock, telemetry)
+    except BaseException as error:
+        # What never answered was never driven.
+        if started and not isinstance(error, ServoMissingError):
+            _stop(servo, clock, telemetry)
+        raise
     finally:
         servo.close()
-    decision = ladder.decision
-    return Result(
+    result = Result(
         stop_reason=reason,
         message=message or servo.trouble,
         ticks=tick.ticks,
@@ -141,13 +147,47 @@ def run_session(
         elapsed_s=grid.elapsed_s,
         real_s=real_s,
         grid_hz=1e9 / grid.period_ns,
-        guard=guard_report(decision, tick, law, watch),
-        oscillation=oscillation_report(watch),
-        delay=delay_report(config, decision, ladder.age_ns),
+        guard=None,
+        oscillation=None,
+        delay=None,
         bus=asdict(servo.counts) if servo.facts.has_bus else None,
-        timing=None if late is None else late.report(),
+        timing=None,
         torque_off=torque_off,
         checks=checks,
+    )
+    try:
+        on_block()
+        if rehearsed is not None and rehearsed.fault:
+            tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
+        decision = ladder.decision
+        return replace(
+            result,
+            guard=guard_report(decision, tick, law, watch),
+            oscillation=oscillation_report(watch),
+            delay=delay_report(config, decision, ladder.age_ns),
+            timing=None if late is None else late.report(),
+        )
+    except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
+        return _with_defect(result, error)
+
+
+def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
+    """Switch the torque off; whether that was read back, which ``Word.STATE`` tells too."""
+    words = telemetry.words
+    words[Word.HEARTBEAT_NS] = clock.now_ns()  # off the grid one is overdue some time after it
+    words[Word.STATE] = State.STOPPING
+    torque_off = servo.stop()
+    words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
+    return torque_off
+
+
+def _with_defect(result: Result, error: Exception) -> Result:
+    """A run whose report met an error that nobody foresaw; a trip before it stays the reason."""
+    tripped = result.stop_reason.startswith("trip:")
+    return replace(
+        result,
+        stop_reason=result.stop_reason if tripped else f"trip:{Trip.INTERNAL_ERROR}",
+        message="; ".join(filter(None, (result.message, f"after the run: {defect_text(error)}"))),
     )
 
 
@@ -156,107 +196,7 @@ def _spin_ns(config: Config) -> int | None:
     return None if spin_us is None else round(spin_us * 1000.0)
 
 
-_never = (math.inf, math.inf, math.inf)
-
-
-class _Grid:
-    """Deadlines served one after the other, from one start."""
-
-    def __init__(
-        self,
-        tick: Tick,
-        waiter: Waiter,
-        clock: Clock,
-        telemetry: Telemetry,
-        servo: Servo,
-        period_ns: int,
-        on_block: Callable[[], None],
-        late: LateTicks | None,
-    ) -> None:
-        self.tick = tick
-        self.period_ns = period_ns
-        self._servo = servo
-        self._late = late
-        self._waiter = waiter
-        self._clock = clock
-        self._words = telemetry.words
-        self._on_block = on_block
-        self._deadline = clock.now_ns() + period_ns
-        self._missed = 0
-        self._begun = self._deadline
-        if late is not None:
-            late.begin(self._deadline)
-
-    @property
-    def elapsed_s(self) -> float:
-        """Time on the grid since the wall was switched on [s]."""
-        return (self._deadline - self._begun) * 1e-9
-
-    @property
-    def missed(self) -> int:
-        """Periods on the grid in that time in which no tick was executed."""
-        return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
-
-    def begin(self) -> None:
-        """Count time, ticks, missed periods and late ticks from here on."""
-        self._begun = self._deadline
-        self.tick.ticks = self._words[Word.TICKS] = 0
-        self.tick.missed = self._words[Word.MISSED] = 0
-        if self._late is not None:
-            self._late.begin(self._deadline)
-
-    def serve(self, duration_s: float | None) -> str | None:
-        """Serve deadlines for a while; why it ended before, or None."""
-        end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
-        tick, words, period_ns = self.tick, self._words, self.period_ns
-        waiter, servo, late = self._waiter, self._servo, self._late
-        wait, run, now = waiter.wait, tick.run, self._clock.now_ns
-        limit_ns, long_ns, rest = _never if late is None else late.limits
-        deadline, missed = self._deadline, self._missed
-        stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: looked at in every tick
-        served = woke = ended = deadline
-        block = BLOCK
-        try:
-            while deadline < end:
-                woke = wait(deadline)
-                if words[stop] or words[cut]:
-                    ended = woke
-                    return "interrupted"
-                served = deadline
-                run(deadline, woke, missed)
-                if tick.trip is not None:
-                    deadline += period_ns
-                    return f"trip:{tick.trip}"
-                if tick.done:
-                    deadline += period_ns
-                    return "duration"
-                ended = now()
-                deadline, missed = next_deadline(deadline, ended, period_ns)
-                waited = servo.waited_ns
-                rest -= 1
-                if ended - served - waited > limit_ns or waited > long_ns:
-                    self._explain(served, woke, ended, missed)
-                elif rest <= 0 and late is not None:
-                    rest = late.rest(served, waiter, deadline - ended, servo.counts.lost)
-                block -= 1
-                if block == 0:
-                    self._on_block()
-                    block = BLOCK
-        finally:
-            self._deadline, self._missed = deadline, missed
-            if ended < woke:  # the tick that ended the run
-                self._explain(served, woke, now(), 0)
-        return None
-
-    def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
-        """Have a tick explained that was late, if somebody does."""
-        servo = self._servo
-        if self._late is not None:
-            lost = servo.counts.lost
-            self._late.late(served, woke, ended, self._waiter, servo.waited_ns, lost, missed)
-
-
-def _wait_outside(grid: _Grid, tell: Callable[[str], None]) -> str | None:
+def _wait_outside(grid: Grid, tell: Callable[[str], None]) -> str | None:
     """Go on without torque while the shaft is inside a one-sided wall; why that ended, or None.
 
     A wall that is switched on around the shaft would strike it.
@@ -272,7 +212,7 @@ def _wait_outside(grid: _Grid, tell: Callable[[str], None]) -> str | None:
 
 
 def _run(
-    grid: _Grid,
+    grid: Grid,
     config: Config,
     servo: Servo,
     duration_s: float | None,
@@ -295,4 +235,4 @@ def _run(
     except ServoLostError as error:
         return f"trip:{Trip.SERVO_LOST}", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
-        return f"trip:{Trip.INTERNAL_ERROR}", f"{type(error).__name__}: {error}"
+        return f"trip:{Trip.INTERNAL_ERROR}", defect_text(error)

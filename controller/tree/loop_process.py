@@ -11,12 +11,11 @@ import json
 import os
 import signal
 import sys
-import traceback
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from controller import realtime
+from controller.defect import defect_text
 from controller.errors import PlatformError
 from controller.lateness.causes import Machine
 from controller.lateness.machine_setup import is_virtual, machine_setup, start_table
@@ -53,7 +52,7 @@ class Orders:
 
 
 def main() -> None:
-    """Run one session as ordered; ends with torque off, whatever happens."""
+    """Run one session as ordered; it ends with torque off, or the control words say so."""
     orders = Orders(**json.loads(sys.stdin.readline()))
     telemetry = Telemetry(orders.telemetry)
 
@@ -83,13 +82,10 @@ def main() -> None:
         _tell("refused", message=str(error))
         return
     except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
-        # The session has switched the torque off on its way here; say what it was.
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        _tell(
-            "refused",
-            message=f"{type(error).__name__}: {error} (in {where.name}, {Path(where.filename).name}"
-            f" line {where.lineno}): this is a defect of haptic-wall, please report it",
-        )
+        # The session was to switch the torque off on its way here; the supervisor looks whether it
+        # was read back. Say what it was.
+        what = defect_text(error)
+        _tell("refused", message=f"{what}: this is a defect of haptic-wall, please report it")
         return
     _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
 

@@ -69,7 +69,7 @@ class Supervisor:
         """Start the children, watch them to the end of the run, and leave none behind.
 
         Raises:
-            ServoError: The servo could not be started.
+            ServoError: The servo could not be started; the message has every note of the run too.
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
@@ -81,7 +81,8 @@ class Supervisor:
             self._warnings += log.end()
         self._rows.count()
         if self._refused is not None:
-            raise ServoError(self._refused)
+            notes = "; ".join(filter(None, (self._cause, *self._warnings)))
+            raise ServoError(self._refused + (f" ({notes})" if notes else ""))
         words, result = self._words, self._result
         return Ended(
             reason,
@@ -128,38 +129,29 @@ class Supervisor:
         return emulator
 
     def _start_recorder(self, resume: bool) -> Child:
+        descriptor = self._telemetry.descriptor
         orders = {
-            "telemetry": self._telemetry.descriptor,
+            "telemetry": descriptor,
             "parent": os.getpid(),
             "log": str(self._plan.log),
             "metadata": self._plan.metadata,
             "resume": resume,
         }
-        return Child(
-            "recorder",
-            ["controller.tree.recorder"],
-            orders,
-            [self._telemetry.descriptor],
-            self._others,
-        )
+        return Child("recorder", ["controller.tree.recorder"], orders, [descriptor], self._others)
 
     def _start_streamer(self, children: contextlib.ExitStack) -> None:
         stream = self._plan.stream
         if stream is None:
             return
+        descriptor = self._telemetry.descriptor
         orders = {
-            "telemetry": self._telemetry.descriptor,
+            "telemetry": descriptor,
             "parent": os.getpid(),
             "stream": asdict(stream),
             "loop_hz": self._plan.config.loop.rate_hz,
         }
-        self._streamer = Child(
-            "streamer",
-            ["controller.tree.streamer"],
-            orders,
-            [self._telemetry.descriptor],
-            self._others,
-        )
+        module = "controller.tree.streamer"
+        self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
         children.callback(self._streamer.dismiss, END_S)
 
     def _start_loop(self, children: contextlib.ExitStack) -> Child:
@@ -208,11 +200,11 @@ class Supervisor:
         self._mourn(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
-                text = self._cut_text()
-                first = "the loop could not read torque off back; " if self._torque_off else ""
-                self._warnings.append(first + text)
+                self._cut_unconfirmed()
             return str(self._result["stop_reason"])
         if self._refused is not None:
+            if self._words[Word.STATE] not in (State.STARTING, State.TORQUE_OFF):
+                self._cut_unconfirmed()
             return "refused"
         return self._cut(loop, Trip.LOOP_DIED, "")
 
@@ -254,6 +246,12 @@ class Supervisor:
         what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
         self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
         return f"trip:{trip}"
+
+    def _cut_unconfirmed(self) -> None:
+        """Try again what the loop, which has ended, could not read back; note what came of it."""
+        text = self._cut_text()
+        first = "the loop could not read torque off back; " if self._torque_off else ""
+        self._warnings.append(first + text)
 
     def _leave(self, loop: Child) -> None:
         """Whatever goes wrong here, the loop does not stay behind with its torque on."""

@@ -103,7 +103,7 @@ class DynamixelServo:
         ``facts.reply_s`` says whether replies take several periods.
 
         Raises:
-            UnfitServoError: A check failed; torque is off.
+            UnfitServoError: A check failed; torque is off, or the message says it may not be.
             ServoMissingError: Nothing answers.
             ServoLostError: It stops answering; the message says whether torque is off.
         """

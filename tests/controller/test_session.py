@@ -250,7 +250,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
     monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
     result, _ = session("emulated-xm430", "loop.clock=simulated")
     assert result.stop_reason == "trip:internal_error"
-    assert "ZeroDivisionError: boom" in result.message
+    assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
     assert result.torque_off
 
 

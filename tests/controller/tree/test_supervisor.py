@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -16,6 +17,7 @@ from controller.telemetry import State, Telemetry, Word
 from controller.tree import supervisor
 from controller.tree.plan import Plan
 from controller.tree.supervisor import Supervisor
+from hw.errors import ServoError
 
 RESULT = {
     "stop_reason": "trip:overspeed",
@@ -198,4 +200,72 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         stage.run()
     assert stage.words[Word.STOP] == 1, "it was asked first"
+    assert stage.cuts == SILENT_AND_MARKED
+
+
+def refused(stage, state):
+    """What a person is told when the loop refuses the run in that state."""
+
+    def refuse(loop):
+        stage.words[Word.STATE] = state
+        loop.say("refused", message="The servo answers no more: check the cable.")
+        loop.end(0)
+
+    stage.loop_acts = refuse
+    with pytest.raises(ServoError) as raised:
+        stage.run()
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("state", [State.TORQUE_UNKNOWN, State.STOPPING, State.RUNNING])
+@pytest.mark.parametrize(
+    ("confirmed", "words"),
+    [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
+)
+def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(stage, state, confirmed, words):
+    stage.confirmed = confirmed
+    message = refused(stage, state)
+    assert [dead for dead, _ in stage.cuts] == [True]
+    assert message.startswith("The servo answers no more: check the cable.")
+    assert words in message
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.TORQUE_OFF])
+def test_a_refused_start_without_torque_is_left_alone(stage, state):
+    assert refused(stage, state) == "The servo answers no more: check the cable."
+    assert stage.cuts == []
+
+
+def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
+    config = load_config("emulated-xm430", []).config
+    stage.plan = replace(stage.plan, config=config)
+    monkeypatch.setattr(supervisor, "first_line", lambda *_: "/dev/null")
+    start = stage.child
+
+    def child(name, *arguments):
+        if name == "loop":
+            CHILDREN["emulator"].end(-9)
+        return start(name, *arguments)
+
+    monkeypatch.setattr(supervisor, "Child", child)
+    message = refused(stage, State.STARTING)
+    assert "check the cable" in message
+    assert "the emulated bus ended with -9; start it again" in message
+
+
+def test_a_refused_start_tells_what_became_of_the_log(stage, monkeypatch):
+    monkeypatch.setattr(supervisor.LogKeeper, "end", lambda _: ["the log is incomplete"])
+    assert "the log is incomplete" in refused(stage, State.STARTING)
+
+
+def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monkeypatch):
+    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
+
+    def refuse(loop):
+        stage.words[Word.STATE] = State.TORQUE_UNKNOWN
+        loop.say("refused", message="The servo answers no more: check the cable.")
+
+    stage.loop_acts = refuse
+    with pytest.raises(ServoError, match=r"check the cable.*was killed; the supervisor switched"):
+        stage.run()
     assert stage.cuts == SILENT_AND_MARKED
