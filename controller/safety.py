@@ -59,8 +59,8 @@ EXPLANATIONS = {
     Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
     Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
     " nobody did, please report it with the log",
-    Trip.INTERNAL_ERROR: "the loop met an error it does not know; torque is off, please report it"
-    " with the log",
+    Trip.INTERNAL_ERROR: "the program met an error it does not know; please report it with the"
+    " log",
 }
 
 

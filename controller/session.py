@@ -27,8 +27,6 @@ from hw.open import open_servo
 from hw.servo import Check, Servo
 from hw.settings import ServoSettings
 
-RAMP_S = 0.05
-"""How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
 OUTSIDE_S = 0.05
 """How often a shaft that is inside the wall before it is on is looked at [s]"""
 

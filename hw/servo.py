@@ -115,7 +115,7 @@ class Servo(Protocol):
             What was checked, in order.
 
         Raises:
-            UnfitServoError: A check failed; torque is off.
+            UnfitServoError: A check failed; the message says if torque off was not read back.
             ServoMissingError: Nothing answers.
             ServoLostError: It stops answering; the message says whether torque is off.
         """
