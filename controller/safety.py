@@ -59,8 +59,7 @@ EXPLANATIONS = {
     Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
     Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
     " nobody did, please report it with the log",
-    Trip.INTERNAL_ERROR: "the program met an error it does not know; please report it with the"
-    " log",
+    Trip.INTERNAL_ERROR: "the program met an error it does not know; please report it with the log",
 }
 
 
