@@ -23,7 +23,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.errors import UserError
-from controller.settings.load import Loaded, load_config
+from controller.settings.load import Loaded, file_of, load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _store(
             "--out: found nothing, wanted the folder that report.html and config.yaml go to; give"
             " for example --out my-testbed"
         )
-    refuse_same_file({"CONFIG": Path(config), f"--out (its {CONFIG})": out / CONFIG})
+    refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
     return CommissionStore(out, settings_of(loaded.config, reach), loaded.name, as_json, fresh)
 
 

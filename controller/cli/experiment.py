@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from controller.cli.interrupt import INTERRUPTED
-from controller.errors import UserError
+from controller.cli.options import refuse_no_folder
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.settings.servo import Servo
 
@@ -49,11 +49,10 @@ def folder_for(out: Path | None, what: str) -> Path:
         what: The command.
 
     Raises:
-        UserError: It is a file.
+        UserError: It is a file, or cannot be looked at.
     """
     if out is not None:
-        if out.exists() and not out.is_dir():
-            raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+        refuse_no_folder("--out", out)
         return out
     folder = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
     while folder.exists():  # two within a second

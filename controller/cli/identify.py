@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +17,14 @@ from controller.cli.options import (
     as_json,
     config_argument,
     json_option,
+    refuse_no_folder,
     refuse_other_pictures,
     refuse_same_file,
     set_option,
     writing,
 )
 from controller.errors import UserError
-from controller.settings.load import Loaded, load_config
+from controller.settings.load import Loaded, file_of, load_config
 
 if TYPE_CHECKING:
     from controller.experiments.boundary_fit import BoundaryPoints
@@ -99,8 +101,8 @@ def command(
         about = announcement(bounds_of(loaded.config, reach))
         stem = _stem(loaded.name)
         logs = stem if logs is None else logs
-        plot_path = stem.with_suffix(".png") if plot_path is None else plot_path
-        _check_places(out, plot_path, logs, config)
+        plot_path = stem.with_name(f"{stem.name}.png") if plot_path is None else plot_path
+        _check_places(out, plot_path, logs, {"CONFIG": file_of(config), "--from-sweep": sweep})
         say(f"{loaded.name}: {about}")
         ask_to_move(loaded.config.servo, yes)
         found = _moved(loaded, logs, reach)
@@ -127,12 +129,13 @@ def _stem(name: str) -> Path:
     return stem
 
 
-def _check_places(out: Path | None, plot: Path, logs: Path, config: str) -> None:
+def _check_places(
+    out: Path | None, plot: Path, logs: Path, read: Mapping[str, Path | None]
+) -> None:
     """Refuse what could not be written before anything moves."""
     refuse_other_pictures("--plot", plot)
-    refuse_same_file({"CONFIG": Path(config), "--out": out, "--plot": plot})
-    if logs.exists() and not logs.is_dir():
-        raise UserError(f"--logs {logs}: found a file, wanted a folder; name another place")
+    refuse_same_file({**read, "--out": out, "--plot": plot})
+    refuse_no_folder("--logs", logs)
     for option, path in (("--out", out), ("--plot", plot)):
         if path is None:
             continue

@@ -20,7 +20,7 @@ import click
 from controller import __version__
 from controller.cli import interrupt
 from controller.cli.options import forget_output
-from controller.errors import HapticWallError, PlatformError
+from controller.errors import HapticWallError, PlatformError, UserError
 from hw.errors import ServoError
 
 COMMANDS = {
@@ -121,7 +121,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0  # the reader has seen enough (``| head``)
     except OSError as error:
         if error.errno != errno.ENOSPC:
-            raise
+            if error.filename is None:
+                raise
+            return _say(UserError(f"{error.filename}: {error.strerror}"), USER)
         forget_output()
         return _say(OSError("the disk is full: make room, or name another place"), HARDWARE)
     return result if isinstance(result, int) else 0

@@ -18,6 +18,7 @@ from controller.cli.options import (
     as_json,
     config_argument,
     json_option,
+    refuse_no_folder,
     set_option,
     writing,
 )
@@ -88,8 +89,7 @@ def command(
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    if out.exists() and not out.is_dir():
-        raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+    refuse_no_folder("--out", out)
     _prepare(out)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False

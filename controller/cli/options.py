@@ -98,15 +98,33 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
         named: Each option or argument, and the file it names, if any.
 
     Raises:
-        UserError: Two of them name one file.
+        UserError: Two of them name one file, or one cannot be looked at.
     """
     seen: dict[Path, str] = {}
     for name, path in named.items():
-        if path is None or (path.exists() and not path.is_file()):
-            continue  # a device (/dev/null) may take any number
-        first = seen.setdefault(path.resolve(), name)
+        try:
+            if path is None or (path.exists() and not path.is_file()):
+                continue  # a device (/dev/null) may take any number
+            place = path.resolve()
+        except (OSError, RuntimeError) as error:  # RuntimeError: links that lead in a circle
+            reason = error.strerror if isinstance(error, OSError) else "its links lead in a circle"
+            if isinstance(error, FileNotFoundError):  # from asking what a relative path is to
+                reason = "the working folder is gone"
+            raise UserError(f"{name} {path}: {reason}; name another place") from error
+        first = seen.setdefault(place, name)
         if first != name:
             raise UserError(f"{first} and {name} both name {path}; give each a file of its own")
+
+
+def refuse_no_folder(option: str, path: Path) -> None:
+    """Refuse a place for a folder where something else is.
+
+    Raises:
+        UserError: Something else is there, or it cannot be looked at.
+    """
+    with writing(option, path):
+        if path.exists() and not path.is_dir():
+            raise UserError(f"{option} {path}: found a file, wanted a folder; name another place")
 
 
 def refuse_other_pictures(option: str, path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.options import answer, as_json, json_option, writing
+from controller.cli.options import answer, as_json, json_option, refuse_no_folder, writing
 from controller.errors import UserError
 
 if TYPE_CHECKING:
@@ -37,8 +37,7 @@ def command(item: str, out: Path | None, as_json_wanted: bool) -> None:
         raise UserError(_unknown(item, [*names, _ALL]))
     if out is None:
         raise UserError("--out: no folder is named, wanted where the files go, e.g. --out paper")
-    if out.exists() and not out.is_dir():
-        raise UserError(f"--out {out}: found a file, wanted a folder; name another place")
+    refuse_no_folder("--out", out)
     made = []
     with writing("--out", out):
         out.mkdir(parents=True, exist_ok=True)

@@ -24,7 +24,7 @@ from controller.cli.options import (
 from controller.cli.text import report_text
 from controller.errors import UserError
 from controller.settings.config import Config
-from controller.settings.load import load_config
+from controller.settings.load import file_of, load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def command(
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
     streamed = _stream(effective, stream, stream_rate)
-    log, plot = _places(log_path, plot_path, witness, Path(loaded.name).stem)
+    log, plot = _places(log_path, plot_path, witness, loaded.name)
     plan = Plan(
         config=effective,
         duration_s=seconds,
@@ -144,14 +144,14 @@ def _places(
     log: Path | None, plot: Path | None, witness: Path | None, name: str
 ) -> tuple[Path, Path]:
     """Where log and picture go; what is not said goes into ./runs/."""
-    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
-    while stem.with_suffix(".hwlog").exists():  # two runs within a second
-        stem = stem.with_name(stem.name + "+")
+    stem = f"{time.strftime('%Y%m%d-%H%M%S')}-{Path(name).stem}"
+    while (new := Path("runs") / f"{stem}.hwlog").exists():  # two runs within a second
+        stem += "+"
     asked = log, plot
-    log = stem.with_suffix(".hwlog") if log is None else log
-    plot = stem.with_suffix(".png") if plot is None else plot
+    log = new if log is None else log
+    plot = Path("runs") / f"{stem}.png" if plot is None else plot
     refuse_other_pictures("--plot", plot)
-    refuse_same_file({"--log": log, "--plot": plot, "--witness": witness})
+    refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
     for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
         if path is not None:
             _make_room(option, path, ours=option != "--log" or asked[0] is not None)

@@ -48,6 +48,11 @@ def preset_summary(name: str) -> str:
     return first.lstrip("# ")
 
 
+def file_of(source: str) -> Path | None:
+    """The file that a CONFIG names; None: a preset."""
+    return None if source in preset_names() else Path(source)
+
+
 def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
     """Read, change and check a configuration.
 

@@ -100,6 +100,19 @@ def test_wrong_input_is_told_before_anything_moves(words, said, capsys, folder):
     assert not (folder / "runs").exists()
 
 
+@pytest.mark.parametrize("option", ["--out", "--plot"])
+def test_the_sweep_that_is_read_is_not_written_over(option, folder, capsys):
+    points = [
+        {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025}
+        for b in (0.0, 0.002, 0.004)
+    ]
+    text = json.dumps({"points": points})
+    (folder / "sweep").write_text(text)
+    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep", f"{option}=./sweep"]) == 2
+    assert f"--from-sweep and {option} both name sweep" in capsys.readouterr().err
+    assert (folder / "sweep").read_text() == text
+
+
 def test_ctrl_c_ends_it(capsys, monkeypatch):
     # In real time the motions take half a minute: the signal comes within them.
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))

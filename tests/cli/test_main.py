@@ -103,6 +103,7 @@ def test_all_this_holds_for_the_process_too():
         (PlatformError("no"), 4),
         (KeyboardInterrupt(), 130),
         (click.FileError("x"), 2),
+        (PermissionError(13, "Permission denied", "runs"), 2),
     ],
 )
 def test_exit_status_of_foreseen_errors(monkeypatch, capsys, error, status):
@@ -202,3 +203,10 @@ def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     assert (tmp_path / "run.hwlog").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("words", [["paper"], ["map", "simulated"], ["delay", "simulated"]])
+def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(capsys, words):
+    status, _, err = call(capsys, *words, "--out", 300 * "x")
+    assert status == 2
+    assert "File name too long; name another place" in err

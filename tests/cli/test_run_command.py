@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,8 @@ def folder(tmp_path, monkeypatch):
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
+        (["--log", 300 * "x"], "x: File name too long; name another place"),
+        (["--plot", 300 * "x"], "x: File name too long; name another place"),
         (["--duration", "-1"], "--duration: found -1"),
         (["--witness", "a"], "--witness: only an emulated bus"),
     ],
@@ -112,3 +115,39 @@ def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(capsys, tmp_path,
     status, _, said = run(capsys, option, "pipe")
     assert status == 2
     assert f"{option}: pipe is a pipe; name a file" in said
+
+
+@pytest.mark.parametrize("option", ["--log", "--plot"])
+def test_the_configuration_is_not_written_over(capsys, folder, option):
+    text = (resources.files("controller") / "presets/simulated.yaml").read_text()
+    (folder / "mine").write_text(text)
+    status, _, err = run(capsys, "./mine", option, "mine")
+    assert status == 2
+    assert f"CONFIG and {option} both name mine" in err
+    assert (folder / "mine").read_text() == text
+
+
+def test_a_preset_is_no_file_that_could_be_written_over(capsys, monkeypatch):
+    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
+    assert run(capsys, "simulated", "--log", "simulated")[0] == 0
+
+
+def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
+    (folder / "one").symlink_to("other")
+    (folder / "other").symlink_to("one")
+    status, _, err = run(capsys, "--log", "one")
+    assert (status, err) == (
+        2,
+        "haptic-wall: --log one: its links lead in a circle; name another place\n",
+    )
+
+
+def test_a_name_with_dots_is_kept_whole_and_taken_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda _: "now")
+    names = ["wall.v1.yaml", "wall.v2.yaml", "wall.v2.yaml", "wall.v2.yaml"]
+    found = [run_command._places(None, None, None, name) for name in names]
+    stems = ["now-wall.v1", "now-wall.v2", "now-wall.v2+", "now-wall.v2++"]
+    assert [(log.name, plot.name) for log, plot in found] == [
+        (f"{stem}.hwlog", f"{stem}.png") for stem in stems
+    ]
