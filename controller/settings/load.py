@@ -19,6 +19,8 @@ from controller.settings.fields import fields, sections
 from controller.settings.rules import BrokenRulesError, Problem
 
 DEFAULT_PRESET = "simulated"
+_MOST_BYTES = 2**20
+"""No configuration is longer; a device such as /dev/zero never ends"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,13 @@ def _read(source: str) -> tuple[str, str]:
         return text, f"preset {source}"
     path = Path(source)
     try:
-        return path.read_text(encoding="utf-8"), str(path)
+        with path.open("rb") as stream:
+            held = stream.read(_MOST_BYTES + 1)
+        if len(held) > _MOST_BYTES:
+            raise UserError(
+                f"CONFIG {source}: found more than {_MOST_BYTES} bytes, wanted a YAML file"
+            )
+        return held.decode("utf-8"), str(path)
     except FileNotFoundError:
         raise UserError(
             f"CONFIG {source}: no such preset or file{_did_you_mean(source, preset_names())}; "

@@ -74,6 +74,11 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
         return yaml.load(text, _Loader)  # a SafeLoader: plain data only
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"{source}: {_reason(error)}") from None
+    except (LookupError, AttributeError):  # the library's, over !!bool abc and its like
+        raise UserError(
+            f"{source}: found a tag (!!...) with a value that is none of its kind; leave the tag"
+            " out"
+        ) from None
 
 
 def _reason(error: Exception) -> str:

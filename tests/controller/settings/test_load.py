@@ -322,6 +322,25 @@ def test_an_unknown_preset_comes_with_a_suggestion_and_the_list():
         load_config("simulatd")
 
 
+def test_a_device_that_never_ends_is_not_a_configuration():
+    with pytest.raises(UserError, match=r"CONFIG /dev/zero: .* wanted a YAML file"):
+        load_config("/dev/zero")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["!!bool abc", "!!timestamp abc", '!!float ""', '!!int ""', "!!float 1:x", "!!binary é",
+     "!!set abc", "!!python/name:os.system", "!!null x", "!!omap abc", "!!pairs [1]", "!!map x"],
+)  # fmt: skip
+def test_a_tag_is_read_or_refused_in_words(tmp_path, text):
+    file = tmp_path / "tagged.yaml"
+    file.write_text(f"wall: {{stiffness: {text}}}\n")
+    with pytest.raises(UserError):
+        load_config(str(file))
+    with pytest.raises(UserError):
+        load_config("simulated", [f"wall.stiffness={text}"])
+
+
 def test_a_folder_is_not_a_configuration(tmp_path):
     with pytest.raises(UserError, match="Is a directory"):
         load_config(str(tmp_path))
