@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
@@ -13,16 +13,16 @@ import click
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import refuse_no_folder
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.report import exit_status
 from controller.settings.servo import Servo
-
-TRIPPED = 3
 
 yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
 
 def say(text: str) -> None:
     """Tell a person on standard error."""
-    click.echo(text, err=True)
+    with suppress(OSError):  # nobody listens: no reason not to measure
+        click.echo(text, err=True)
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:
@@ -70,4 +70,4 @@ def endings() -> Iterator[None]:
         sys.exit(INTERRUPTED)
     except ExperimentTrippedError as error:
         say(f"haptic-wall: {error.stop_reason}: {error}")
-        sys.exit(TRIPPED)
+        sys.exit(exit_status(error.stop_reason))

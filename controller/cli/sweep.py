@@ -108,6 +108,8 @@ def command(
     from controller.experiments.sweep_device import Device
     from controller.experiments.sweep_plan import Options
     from controller.experiments.sweep_store import PNG, Asked, SweepStore
+    from controller.experiments.testbed import ExperimentTrippedError
+    from controller.report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
@@ -122,9 +124,13 @@ def command(
     if not store.complete:
         ask_to_move(effective.servo, yes)
     progress = _Progress(len(settings), len(store.done))
-    finished = sweep(
-        effective, store, settings, options, tell=say, progress=progress.point, workers=workers
-    )
+    tripped: ExperimentTrippedError | None = None
+    try:
+        finished = sweep(
+            effective, store, settings, options, tell=say, progress=progress.point, workers=workers
+        )
+    except ExperimentTrippedError as error:
+        finished, tripped = False, error
     points = store.points()
     if points:
         from controller.plots.sweep import plot_sweep
@@ -135,11 +141,12 @@ def command(
     report = {**store.report(loaded.name), "out": folder}
     answer(as_json(report) if as_json_wanted else _text(points, folder))
     if not finished:
+        why = "interrupted" if tripped is None else f"{tripped.stop_reason}: {tripped}"
         say(
-            f"interrupted: {len(points)} of {len(settings)} points are kept; the same command with"
+            f"{why}: {len(points)} of {len(settings)} points are kept; the same command with"
             f" --out {folder} goes on"
         )
-        sys.exit(INTERRUPTED)
+        sys.exit(INTERRUPTED if tripped is None else exit_status(tripped.stop_reason))
 
 
 def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:

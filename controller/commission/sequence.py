@@ -14,12 +14,11 @@ from controller.commission.steps import Bench, identified
 from controller.commission.store import settings_of
 from controller.errors import HapticWallError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.report import exit_status
 from controller.settings.config import Config
 from hw.errors import ServoError
 
-TRIPPED, HARDWARE, WRONG = 3, 4, 1
-_GONE = ("trip:servo_lost", "trip:hardware_error", "trip:torque_lost", "trip:servo_health")
-"""After these the servo must be looked at before it may move again"""
+HARDWARE, WRONG = 4, 1
 _RUN: Mapping[Step, str] = {step: f"run_{step}" for step in STEPS}
 _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
 """Steps that compare with the identified servo, and are planned by it"""
@@ -122,9 +121,8 @@ def _taken(step: Step, bench: Bench, basis: str) -> Outcome:
     try:
         data = take(bench)
     except ExperimentTrippedError as error:
-        gone = error.stop_reason in _GONE
         text = f"{error.stop_reason}: {error}"
-        return failed(text, HARDWARE if error.stop_reason == _GONE[0] else TRIPPED, gone)
+        return failed(text, exit_status(error.stop_reason), error.gone)
     except ServoError as error:
         return failed(error, HARDWARE, ends_all=True)
     except HapticWallError as error:

@@ -113,6 +113,7 @@ class PointSearch:
         Raises:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
+            ExperimentTrippedError: A trip has, after which the servo must be looked at.
             UserError: A log could not be kept whole.
         """
         result = self.result
@@ -238,12 +239,14 @@ class PointSearch:
             f"B {setting.virtual_damping:g}, {setting.delay_steps} steps: {len(batch)} trials from"
             f" {soft:.4g} to {stiff:.4g} N·m/rad"
         )
-        tripped: str | None = None
+        tripped: ExperimentTrippedError | None = None
         result.logs.append(f"{name}{SUFFIX}")
         try:
             rows = self._bed.play(name, phases, setting.delay_steps).rows
         except ExperimentTrippedError as error:
-            tripped = error.stop_reason
+            if error.gone:
+                raise
+            tripped = error
             if error.fault:  # nobody knows at which stiffness
                 raise UserError(error.fault) from error
             rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
@@ -255,8 +258,9 @@ class PointSearch:
             self._take(watch(rows, phase, phases[phase], self._device, self._kick), asked)
         if tripped is not None:
             culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
-            result.trips.append(f"{tripped} at {culprit.stiffness:.4g} N·m/rad")
-            self._cap = min(self._cap, 0.999 * culprit.stiffness)
+            result.trips.append(f"{tripped.stop_reason} at {culprit.stiffness:.4g} N·m/rad")
+            if tripped.of_motion:
+                self._cap = min(self._cap, 0.999 * culprit.stiffness)
         self._delay = self._total_delay()
         return len(result.trips) < _TRIPS
 

@@ -69,7 +69,8 @@ def sweep(
         False when a person has interrupted it.
 
     Raises:
-        ServoError: The servo could not be started, or was lost.
+        ServoError: The servo could not be started.
+        ExperimentTrippedError: It was lost, or must be looked at before it may move again.
         UserError: The configuration does not do, or results or a log could not be kept.
     """
     left = [setting for setting in settings if setting not in store.done]

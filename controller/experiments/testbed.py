@@ -20,9 +20,16 @@ from controller.log.file import SUFFIX, read_log
 from controller.program import Phase
 from controller.report import explanation
 from controller.run import run
+from controller.safety import Trip
 from controller.settings.config import Config
 from controller.telemetry import FLAG_WARM_UP
 from controller.tree.plan import Ended, Plan
+
+_GONE = frozenset(
+    f"trip:{trip}"
+    for trip in (Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH)
+)
+_OF_MOTION = frozenset(f"trip:{trip}" for trip in (Trip.OVERSPEED, Trip.OSCILLATION))
 
 
 class ExperimentInterruptedError(Exception):
@@ -42,6 +49,20 @@ class ExperimentTrippedError(Exception):
         super().__init__(message)
         self.stop_reason = stop_reason
         self.fault = fault
+
+    @property
+    def gone(self) -> bool:
+        """Whether the servo must be looked at before it may move again."""
+        return self.stop_reason in _GONE
+
+    @property
+    def of_motion(self) -> bool:
+        """Whether a wall that is too stiff can be the cause; else it says nothing of stiffness."""
+        return self.stop_reason in _OF_MOTION
+
+    def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[str, str, str]]:
+        """It comes whole out of a process of its own."""
+        return type(self), (self.stop_reason, str(self), self.fault)
 
 
 @dataclass(frozen=True, slots=True)

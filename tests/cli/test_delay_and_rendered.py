@@ -5,7 +5,11 @@ import json
 import pytest
 
 from controller.cli.main import main
-from controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+    Testbed,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
@@ -76,6 +80,24 @@ def test_a_trip_ends_with_3_and_its_explanation(command, capsys, tmp_path):
     )  # fmt: skip
     assert status == 3
     assert "trip:overspeed: the position moved faster than safety.max_speed" in err
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("delay", ()),
+        ("rendered", ()),
+        ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0", "--workers=1")),
+    ],
+)
+def test_a_servo_that_is_lost_on_the_way_ends_with_4(command, more, capsys, tmp_path, monkeypatch):
+    def lost(*_):
+        raise ExperimentTrippedError("trip:servo_lost", "the port is gone", "3 rows are missing")
+
+    monkeypatch.setattr(Testbed, "play", lost)
+    status, _, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path, *more)
+    assert status == 4
+    assert "trip:servo_lost: the port is gone" in err
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])

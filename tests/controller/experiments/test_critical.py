@@ -10,7 +10,7 @@ from controller.experiments.critical import PointSearch
 from controller.experiments.sweep import excursion, expected_s, experiment_config
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import Options, Setting, hold_spring
-from controller.experiments.testbed import Testbed
+from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from controller.log.file import read_log
 from controller.run import run
 from controller.settings.load import load_config
@@ -97,6 +97,23 @@ def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(tmp_path, monkey
     heavy = ("model.inertia=1", "model.damping=0.3", "model.coulomb=0")
     with pytest.raises(UserError, match="it lacks 3 of 9 rows"):
         search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
+
+
+def test_a_loss_of_readings_is_not_laid_to_a_stiffness(tmp_path, monkeypatch):
+    played = Testbed.play
+    losses = iter([ExperimentTrippedError("trip:losses_in_row", "check cable")])
+
+    def play(bed, name, phases, steps):
+        done = played(bed, name, phases, steps)
+        for loss in losses:
+            raise loss
+        return done
+
+    monkeypatch.setattr(Testbed, "play", play)
+    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+    assert [trip.split(" at ")[0] for trip in found.trips] == ["trip:losses_in_row"]
+    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
+    assert found.measured == pytest.approx(true, rel=0.005)
 
 
 def test_three_trips_give_a_point_up(tmp_path):

@@ -1,4 +1,5 @@
 import os
+import pickle
 import signal
 from dataclasses import replace
 
@@ -94,6 +95,11 @@ def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch, lacki
 def test_a_warning_that_costs_no_row_spoils_no_measurement(tmp_path, monkeypatch):
     cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one went on")
     assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
+
+
+def test_a_trip_comes_whole_out_of_another_process():
+    error = pickle.loads(pickle.dumps(ExperimentTrippedError("trip:overspeed", "too fast", "gap")))
+    assert (error.stop_reason, str(error), error.fault) == ("trip:overspeed", "too fast", "gap")
 
 
 def test_a_trip_says_whether_its_log_can_be_measured_from(tmp_path, monkeypatch):
