@@ -92,8 +92,11 @@ def most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[flo
     """Damping that may be added to each decision's [N·m·s/rad].
 
     Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
-    what one encoder count may command.
+    what one encoder count may command. None where the wall is to be passive: any damping that is
+    added lowers the stiffness up to which it is.
     """
+    if config.guard.mode == "passive":
+        return [0.0] * len(ladder.decisions)
     situation = _situation(config, servo)
     delays = np.array([decision.delay for decision in ladder.decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)

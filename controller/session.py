@@ -29,6 +29,8 @@ from hw.settings import ServoSettings
 
 OUTSIDE_S = 0.05
 """How often a shaft that is inside the wall before it is on is looked at [s]"""
+_REPLIES = 3.0
+"""Replies that the warm-up waits for at least"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +222,8 @@ def _run(
     try:
         reason = None
         if servo.facts.has_bus or config.loop.clock == "monotonic":
-            reason = grid.serve(config.loop.warm_up_s)
+            # Where replies take long, until some have come: the age and the place are known then.
+            reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * servo.facts.reply_s))
         if servo.facts.has_bus and reason is None:
             reason = _wait_outside(grid, tell)
         grid.tick.wall_on()

@@ -179,7 +179,8 @@ class Tick:
 
         sampled_ns = self._sampled_ns
         age_ns = 0 if sampled_ns is None else sent_ns - sampled_ns
-        self._follow_guard(age_ns, may_raise=not contact or self._at_surface())
+        if sampled_ns is not None:
+            self._follow_guard(age_ns, may_raise=not contact or self._at_surface())
         parts.telemetry.write(
             deadline_ns,
             woke_ns - deadline_ns,
@@ -266,7 +267,7 @@ class Tick:
         return not wall.one_sided and abs(self._position - wall.position) <= SURFACE
 
     def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
-        """Count the age; move the commanded stiffness and damping along the ray if need be."""
+        """Count the age; move the commanded stiffness and damping together if need be."""
         parts = self._parts
         wall, watch = parts.wall, parts.watch
         if self._words[_RAISE] != self._raises:
@@ -282,6 +283,7 @@ class Tick:
         elif self._owed and may_raise and not self._ramp_left:
             self._owed = False
             self._target = parts.ladder.decision.stiffness * share
+            self._target_damping = parts.ladder.decision.damping * watch.damping_share
             self._ramp_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -297,16 +299,25 @@ class Tick:
         parts = self._parts
         wall, decision = parts.wall, parts.ladder.decision
         # What grows does not wait for a soft ramp: a tenth of it, a few milliseconds.
-        ticks = parts.ramp_ticks if share >= self._share else max(1, parts.ramp_ticks // 10)
+        grows, last = share < self._share, self._share
+        ticks = max(1, parts.ramp_ticks // 10) if grows else parts.ramp_ticks
         self._share = share
         # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
         # A longer delay may allow more too: it allows less damping, and that leaves more of
         # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
-        target = decision.stiffness * share
+        target, damping = decision.stiffness * share, decision.damping * parts.watch.damping_share
+        if grows and self._owed:  # it grows at what is rendered, not at what is owed
+            target = min(target, self._target * share / last)
         self._owed = target > wall.stiffness and not may_raise
         if self._owed:
-            target = wall.stiffness
-        self._target, self._target_damping = target, decision.damping * parts.watch.damping_share
-        self._ramp_left = 1 if target > wall.stiffness else ticks
+            target, damping = wall.stiffness, min(damping, wall.damping)
+        self._target, self._target_damping = target, damping
+        fall = wall.stiffness - target
+        if fall < 0.0:
+            ticks = 1
+        elif self._ramp_left and self._ramp_stiffness < 0.0:
+            # Another reason to lower it does not make a fall slower that is under way.
+            ticks = min(ticks, max(1, math.ceil(fall / -self._ramp_stiffness)))
+        self._ramp_left = ticks
         self._ramp_stiffness = (target - wall.stiffness) / ticks
         self._ramp_damping = (self._target_damping - wall.damping) / ticks

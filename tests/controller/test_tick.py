@@ -284,6 +284,48 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
     assert set(rig.rows["stiffness"][-21:]) == {10.0}
 
 
+def reduced_and_asked_to_raise_in_contact():
+    """A wall of which an oscillation has left a quarter; then the full one is asked for."""
+    rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
+    watch = rig.tick._parts.watch
+    watch.share, watch.damping_share = 0.25, 0.5
+    rig.run(20)
+    rig.telemetry.words[Word.RAISE] += 1
+    rig.run(100)
+    return rig, watch
+
+
+def test_in_contact_neither_stiffness_nor_damping_is_raised():
+    rig, _ = reduced_and_asked_to_raise_in_contact()
+    assert (rig.rows["stiffness"][-1], rig.rows["damping"][-1]) == (5.0, 0.01)
+
+
+def test_an_alarm_while_a_raise_is_owed_lowers_what_is_rendered():
+    rig, watch = reduced_and_asked_to_raise_in_contact()
+    watch.share = 0.5
+    rig.run(20)
+    assert rig.rows["stiffness"][-1] == 2.5
+
+
+def test_a_longer_delay_does_not_slow_a_fall_that_an_alarm_has_begun():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(18.0, 0.018, 1e-3)]
+    rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
+    rig.servo.age_ns = 400_000
+    rig.run(8)
+    rig.tick._parts.watch.share = 0.5
+    rig.run(6)
+    assert rig.rows["delay_s"][[8, 9]].tolist() == [0.0, 1e-3], "a tick after the alarm"
+    assert rig.rows["stiffness"][-1] == 9.0
+
+
+def test_before_the_first_sample_no_age_is_counted():
+    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rig = Rig([*[WAITING] * 185, *[0.0] * 5], rungs=rungs, ages=(0, 500_000))
+    rig.servo.age_ns = 400_000
+    on(rig.run(190))
+    assert rig.tick.commanded[0] == 10.0
+
+
 def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost():
     """Held with its damping: else that would act in one tick of several."""
     rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)

@@ -102,6 +102,15 @@ def test_a_run_never_takes_a_stiffer_rung_than_a_window_has_just_asked_for():
     assert subject.age_ns == 400_000
 
 
+def test_a_window_that_asks_for_the_rung_there_is_does_not_interrupt_a_run():
+    subject = ladder()
+    for k in range(WINDOW):
+        subject.observe(350_000 if k >= WINDOW - RUN // 2 else 0, may_raise=False)
+    for _ in range(RUN - RUN // 2 - 1):
+        assert not subject.observe(350_000, may_raise=False)
+    assert subject.observe(350_000, may_raise=False), "as many in a row as a run takes"
+
+
 def test_ages_beyond_the_ladder_take_its_last_rung():
     subject = ladder()
     for _ in range(RUN):
