@@ -13,7 +13,7 @@ import click
 
 from controller.benchmarks import words
 from controller.cli import interrupt
-from controller.cli.options import answer, as_json, json_option, writing
+from controller.cli.options import answer, as_json, json_option, say, writing
 from controller.signals import on_signals
 
 SECTIONS = {
@@ -73,11 +73,11 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
         with writing("--html", html):
             html.open("ab").close()  # not found out after minutes
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
-    click.echo(f"this takes about {_length(sum(ABOUT_S[name] for name in chosen))}", err=True)
+    say(f"this takes about {_length(sum(ABOUT_S[name] for name in chosen))}")
 
     def tell(name: str) -> None:
         place = list(chosen).index(name) + 1
-        click.echo(f"measuring {name} ({place} of {len(chosen)}) ...", err=True)
+        say(f"measuring {name} ({place} of {len(chosen)}) ...")
 
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report

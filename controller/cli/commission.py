@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, say, yes_option
+from controller.cli.experiment import ask_to_move, yes_option
 from controller.cli.options import (
     answer,
     as_json,
     config_argument,
     json_option,
     refuse_same_file,
+    say,
     set_option,
     writing,
 )

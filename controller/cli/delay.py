@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, say, yes_option
+from controller.cli.experiment import ask_to_move, endings, folder_for, yes_option
 from controller.cli.numbers import numbers
 from controller.cli.options import (
     answer,
     as_json,
     config_argument,
     json_option,
+    say,
     set_option,
     writing,
 )

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from controller.cli.options import answer, as_json, config_argument, json_option, set_option
+from controller.cli.options import answer, as_json, config_argument, json_option, say, set_option
 from controller.doctor.checkup import examine
 from controller.doctor.report import Consent, Report
 from controller.errors import UserError
@@ -67,7 +67,7 @@ def _consent(yes: bool) -> Consent:
 
 
 def _say(text: str) -> None:
-    click.echo(f"  {text} ...", err=True)
+    say(f"  {text} ...")
 
 
 def _json(name: str, report: Report) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import click
 from controller import realtime
 from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
-from controller.cli.options import writing
+from controller.cli.options import say, writing
 from controller.errors import PlatformError, UserError
 from controller.signals import on_signals
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
@@ -163,7 +163,7 @@ def command(
         if not die_with_parent:
             _report(settings)
             _warn_of_shared_ids([id_ for _, id_, _ in plan])
-        console = Console(bus, sys.stdin.fileno(), _say, _complain) if sys.stdin else None
+        console = Console(bus, sys.stdin.fileno(), _say, say) if sys.stdin else None
         serve(bus, terminal, lambda: bool(signals), witness, console, _say)
     if witness is not None and witness.failure is not None:
         raise PlatformError(
@@ -209,11 +209,6 @@ def _say(text: str) -> None:
         click.echo(text)
 
 
-def _complain(text: str) -> None:
-    with suppress(OSError):
-        click.echo(text, err=True)
-
-
 @contextmanager
 def _as_user_error(option: str = "") -> Iterator[None]:
     """What the emulator finds wrong with what it was given, the user gave."""
@@ -227,18 +222,16 @@ def _as_user_error(option: str = "") -> Iterator[None]:
 
 def _warn_of_shared_ids(ids: Sequence[int]) -> None:
     for id_ in sorted({id_ for id_ in ids if ids.count(id_) > 1}):
-        click.echo(
+        say(
             f"{ids.count(id_)} servos have the id {id_}: as on a real bus all of them obey and "
-            "answer, and their replies collide; give each an id of its own unless this is meant",
-            err=True,
+            "answer, and their replies collide; give each an id of its own unless this is meant"
         )
 
 
 def _report(settings: Iterable[realtime.Setting]) -> None:
     for setting in settings:
         if setting.name == "scheduler" and not setting.ok:
-            click.echo(
+            say(
                 f"replies may be late on a busy machine: {setting.wanted} was {setting.got}; "
-                f"{setting.remedy}",
-                err=True,
+                f"{setting.remedy}"
             )

@@ -5,24 +5,18 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
 
 from controller.cli.interrupt import INTERRUPTED
-from controller.cli.options import refuse_no_folder
+from controller.cli.options import refuse_no_folder, say
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.report import exit_status
 from controller.settings.servo import Servo
 
 yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
-
-
-def say(text: str) -> None:
-    """Tell a person on standard error."""
-    with suppress(OSError):  # nobody listens: no reason not to measure
-        click.echo(text, err=True)
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:

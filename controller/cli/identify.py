@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, say, yes_option
+from controller.cli.experiment import ask_to_move, yes_option
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
     answer,
@@ -20,6 +20,7 @@ from controller.cli.options import (
     refuse_no_folder,
     refuse_other_pictures,
     refuse_same_file,
+    say,
     set_option,
     writing,
 )

@@ -14,12 +14,13 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import click
 
 from controller import __version__
 from controller.cli import interrupt
-from controller.cli.options import forget_output
+from controller.cli.options import forget_output, say
 from controller.errors import HapticWallError, PlatformError, UserError
 from hw.errors import ServoError
 
@@ -108,7 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        error.show()
+        with suppress(OSError):  # nobody listens
+            error.show()
         return USER
     except (click.Abort, KeyboardInterrupt):
         return interrupt.INTERRUPTED
@@ -145,7 +147,7 @@ def _fill_missing_streams() -> None:
 
 
 def _say(error: Exception, status: int) -> int:
-    click.echo(f"haptic-wall: {error}", err=True)
+    say(f"haptic-wall: {error}")
     return status
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import os
 import sys
@@ -19,6 +20,7 @@ from controller.cli.options import (
     config_argument,
     json_option,
     refuse_no_folder,
+    say,
     set_option,
     writing,
 )
@@ -93,7 +95,13 @@ def command(
     _prepare(out)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
-    bar = click.progressbar(length=total, label=f"{loaded.name}: {total} points", file=sys.stderr)
+    label = f"{loaded.name}: {total} points"
+    watched = sys.stderr.isatty()
+    if not watched:
+        say(label)
+    bar = click.progressbar(
+        length=total, label=label, file=sys.stderr if watched else io.StringIO()
+    )
     with bar:
         try:
             found = critical_map(
@@ -107,13 +115,13 @@ def command(
         except MapInterruptedError as stopped:
             found, interrupted = stopped.partial, True
     if interrupted and not found.begun:
-        click.echo("interrupted before anything was computed: nothing is written", err=True)
+        say("interrupted before anything was computed: nothing is written")
         sys.exit(INTERRUPTED)
     files = _write(found, loaded.name, out)
     report = {**_report(found, loaded.name), "files": files}
     answer(as_json(report) if as_json_wanted else _text(found, files))
     if interrupted:
-        click.echo("interrupted: what was done until then is kept, the rest is empty", err=True)
+        say("interrupted: what was done until then is kept, the rest is empty")
         sys.exit(INTERRUPTED)
 
 

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
@@ -72,6 +72,12 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def say(text: str) -> None:
+    """Tell a person on standard error; that nobody listens is no reason to end."""
+    with suppress(OSError):
+        click.echo(text, err=True)
 
 
 def answer(text: str) -> None:

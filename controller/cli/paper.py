@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.options import answer, as_json, json_option, refuse_no_folder, writing
+from controller.cli.options import answer, as_json, json_option, refuse_no_folder, say, writing
 from controller.errors import UserError
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def command(item: str, out: Path | None, as_json_wanted: bool) -> None:
     with writing("--out", out):
         out.mkdir(parents=True, exist_ok=True)
         for name in names if item == _ALL else [item]:
-            click.echo(f"{name} ...", err=True)
+            say(f"{name} ...")
             made.append(make(name, out))
         files = [path for entry in made for path in (entry.csv, entry.png)]
         if item == _ALL:

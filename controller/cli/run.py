@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import sys
 import time
@@ -19,6 +18,7 @@ from controller.cli.options import (
     json_option,
     refuse_other_pictures,
     refuse_same_file,
+    say,
     set_option,
 )
 from controller.cli.text import report_text
@@ -96,8 +96,8 @@ def command(
         witness=witness,
         stream=streamed,
     )
-    _say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
-    ended = run(plan, _say)
+    say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
+    ended = run(plan, say)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = _draw(log, plot, ended.stop_reason)
         if warning is not None:
@@ -212,8 +212,3 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     except KeyboardInterrupt:
         return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
     return None
-
-
-def _say(text: str) -> None:
-    with contextlib.suppress(OSError):  # nobody listens: no reason not to run
-        click.echo(text, err=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from controller.cli.options import answer, as_json, json_option
+from controller.cli.options import answer, as_json, json_option, say
 from controller.errors import UserError
 from hw.clock import MonotonicClock
 from hw.dynamixel.codec import MAX_ID
@@ -46,7 +46,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     path = only_adapter() if port is None else port
 
     def tell(baud: int) -> None:
-        click.echo(f"  {baud} bit/s ...", err=True)
+        say(f"  {baud} bit/s ...")
 
     searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)

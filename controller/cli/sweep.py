@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, say, yes_option
+from controller.cli.experiment import ask_to_move, yes_option
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers
 from controller.cli.options import (
@@ -17,6 +17,7 @@ from controller.cli.options import (
     as_json,
     config_argument,
     json_option,
+    say,
     set_option,
     writing,
 )

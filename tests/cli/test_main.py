@@ -159,6 +159,30 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left():
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        (["run", "nosuch"], 2),
+        (["run", "--nosuch"], 2),
+        (["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"], 0),
+        (["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--out=there"], 0),
+    ],
+)
+def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
+    words, status, tmp_path
+):
+    script = (
+        "import os, sys; from controller.cli.main import main;"
+        "end, other = os.pipe(); os.close(end); os.dup2(other, 2);"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, check=False, cwd=tmp_path
+    )
+    assert done.returncode == status
+    assert bool(done.stdout) == (status == 0)
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
