@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +20,14 @@ from controller.cli.options import (
     refuse_no_folder,
     refuse_other_pictures,
     refuse_same_file,
+    refuse_unwritable,
     say,
     set_option,
     writing,
 )
 from controller.errors import UserError
 from controller.settings.load import Loaded, file_of, load_config
+from controller.whole_file import whole
 
 if TYPE_CHECKING:
     from controller.experiments.boundary_fit import BoundaryPoints
@@ -97,6 +99,7 @@ def command(
 
     boundary = None if sweep is None else read_points(sweep)
     found = None
+    failures: list[str] = []
     result: dict[str, Any] = {"name": loaded.name}
     if not no_motion:
         about = announcement(bounds_of(loaded.config, reach))
@@ -108,19 +111,21 @@ def command(
         ask_to_move(loaded.config.servo, yes)
         found = _moved(loaded, logs, reach)
         result |= report(found)
-        result["plot"] = _draw(found, loaded.name, plot_path)
+        result["plot"] = _kept(lambda: _draw(found, loaded.name, plot_path), plot_path, failures)
+        if out is not None:
+            result["config"] = _kept(lambda: _write(out, loaded, found), out, failures)
     if boundary is not None:
         result["from_sweep"] = _from_sweep(*boundary, loaded, found)
-    if found is not None and out is not None:
-        _write(out, loaded, found)
-        result["config"] = str(out)
     if as_json_wanted:
         answer(as_json(result))
-        return
-    lines = [text(result, found)]
-    if found is not None:
-        lines += ["", "written", *(f"  {p}" for p in (out, plot_path, logs) if p is not None)]
-    answer("\n".join(lines))
+    else:
+        lines = [text(result, found)]
+        if found is not None:
+            written = result.get("config"), result["plot"], logs
+            lines += ["", "written", *(f"  {path}" for path in written if path is not None)]
+        answer("\n".join(lines))
+    if failures:
+        raise UserError("\n".join(failures))
 
 
 def _stem(name: str) -> Path:
@@ -138,12 +143,8 @@ def _check_places(
     refuse_same_file({**read, "--out": out, "--plot": plot})
     refuse_no_folder("--logs", logs)
     for option, path in (("--out", out), ("--plot", plot)):
-        if path is None:
-            continue
-        if path.is_dir():
-            raise UserError(f"{option}: {path} is a folder; name a file")
-        with writing(option, path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        if path is not None:
+            refuse_unwritable(option, path)
 
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
@@ -162,12 +163,21 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
         sys.exit(exit_status(error.stop_reason))
 
 
-def _draw(found: Identified, name: str, path: Path) -> str:
+def _kept(write: Callable[[], None], path: Path, failures: list[str]) -> str | None:
+    """Write a file; where that fails the reason waits until the figures are printed."""
+    try:
+        write()
+    except UserError as error:
+        failures.append(str(error))
+        return None
+    return str(path)
+
+
+def _draw(found: Identified, name: str, path: Path) -> None:
     from controller.plots.identify import plot_identification
 
-    with writing("--plot", path):
-        plot_identification(found, name, path)
-    return str(path)
+    with writing("--plot", path), whole(path) as part:
+        plot_identification(found, name, part)
 
 
 def _from_sweep(
@@ -216,5 +226,5 @@ def _write(out: Path, loaded: Loaded, found: Identified) -> None:
     from controller.experiments.identified_config import identified_config
 
     text = identified_config(loaded.config, found, loaded.name)
-    with writing("--out", out):
-        out.write_text(text, encoding="utf-8")
+    with writing("--out", out), whole(out) as part:
+        part.write_text(text, encoding="utf-8")

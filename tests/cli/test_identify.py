@@ -54,6 +54,20 @@ def test_the_report_the_configuration_and_the_picture(folder, capsys):
     assert json.loads(capsys.readouterr().out)["delay_s"]["device"] == believed.delay.high
 
 
+def test_figures_are_printed_though_a_file_cannot_be_written(monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("controller.plots.identify.plot_identification", full)
+    words = ["identify", "simulated", *QUICK, "--out=mine.yaml", "--plot=fit.png", "--json"]
+    assert call(words) == 2
+    said = capsys.readouterr()
+    report = json.loads(said.out)
+    assert report["inertia"]["value"] == pytest.approx(0.0018142, rel=0.05)
+    assert (report["plot"], report["config"]) == (None, "mine.yaml")
+    assert "--plot fit.png: cannot be written: No space left" in said.err
+
+
 def test_the_boundary_alone(folder, capsys):
     points = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025, "kick_rad": None}
@@ -90,6 +104,8 @@ def test_a_blocked_servo_is_unfit(capsys):
         (["--plot=x.pdf"], "--plot x.pdf"),
         (["--from-sweep=nothing.json", "--no-motion"], "--from-sweep nothing.json"),
         (["--out=."], "--out: . is a folder"),
+        (["--out=/proc/mine.yaml"], "--out /proc/mine.yaml: cannot be written"),
+        (["--plot=/proc/mine.png"], "--plot /proc/mine.png: cannot be written"),
         (["--logs=/dev/null"], "--logs /dev/null: found a file"),
     ],
 )
