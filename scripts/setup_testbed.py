@@ -96,7 +96,13 @@ def undoing(root: Path) -> list[Change]:
     found: list[Change] = []
     for line in limits:
         if line.startswith(JOINED):
-            user, group = line.removeprefix(JOINED).split()
+            names = line.removeprefix(JOINED).split()
+            if len(names) != 2:
+                raise Refused(
+                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP': mend"
+                    " or remove the line"
+                )
+            user, group = names
             if user in groups.get(group, ()):
                 found.append(_leaving(user, group))
     if MADE in limits and GROUP in groups:
@@ -232,8 +238,11 @@ def main() -> None:
     parser.add_argument("--dry-run", action="store_true", help="only say what it would change")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--root", type=Path, default=Path("/"), help=argparse.SUPPRESS)
+    wanted = parser.parse_args()
+    if not wanted.root.is_dir():
+        parser.error(f"--root: found {wanted.root}, wanted a folder")
     try:
-        run(parser.parse_args())
+        run(wanted)
     except Refused as refusal:
         sys.exit(f"setup-testbed: {refusal}")
     except (KeyboardInterrupt, EOFError):

@@ -23,6 +23,9 @@ DEFAULT_TRUTH = TrueServo(
     hand_origin=math.pi,
 )
 
+_DIGITS = 9
+"""No id and no firmware has more, and Python reads no number of thousands"""
+
 TRUTH: Mapping[str, Callable[[str], Any]] = {
     "inertia": number(0, 1e6, open_low=True),
     "damping": number(0, 1e6),
@@ -83,6 +86,10 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
     return given
 
 
+def _is_number(text: str) -> bool:
+    return text.strip().isdecimal() and len(text) <= _DIGITS
+
+
 def servo_of(text: str) -> tuple[Model, int, int]:
     """Model, id and firmware from MODEL[:ID[:FIRMWARE]].
 
@@ -97,7 +104,7 @@ def servo_of(text: str) -> tuple[Model, int, int]:
         raise UserError(
             f"--servo {text}: no model {name!r} is known{suggestion(name.upper(), MODELS)}"
         )
-    if len(numbers) > 2 or not all(number.strip().isdecimal() for number in numbers):
+    if len(numbers) > 2 or not all(map(_is_number, numbers)):
         raise UserError(f"--servo {text}: wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45")
     id_ = int(numbers[0]) if numbers else 1
     firmware = int(numbers[1]) if len(numbers) > 1 else model.fast_sync_read_firmware

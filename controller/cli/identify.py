@@ -26,6 +26,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.errors import UserError
+from controller.settings.config import Config
 from controller.settings.load import Loaded, file_of, load_config
 from controller.whole_file import whole
 
@@ -95,9 +96,7 @@ def command(
             "--no-motion: without motion there is only the boundary to identify from; wanted"
             " --from-sweep FILE with it, and no --out"
         )
-    from controller.experiments.boundary_fit import read_points
-
-    boundary = None if sweep is None else read_points(sweep)
+    boundary = None if sweep is None else _boundary(sweep, loaded.config)
     found = None
     failures: list[str] = []
     result: dict[str, Any] = {"name": loaded.name}
@@ -180,9 +179,25 @@ def _draw(found: Identified, name: str, path: Path) -> None:
         plot_identification(found, name, part)
 
 
+def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
+    """The points of a sweep, and the configuration they were measured with: else ``config``."""
+    from pydantic import ValidationError
+
+    from controller.experiments.boundary_fit import read_points
+
+    try:
+        points, held = read_points(sweep)
+        return points, config if held is None else Config.model_validate(held)
+    except (ValidationError, RecursionError):
+        raise UserError(
+            f"--from-sweep {sweep}: the configuration in it is not one of this program; name the"
+            " sweep.json that haptic-wall sweep wrote"
+        ) from None
+
+
 def _from_sweep(
     points: BoundaryPoints,
-    held: dict[str, Any] | None,
+    measured_with: Config,
     loaded: Loaded,
     found: Identified | None,
 ) -> dict[str, Any]:
@@ -190,9 +205,7 @@ def _from_sweep(
     from controller.experiments.boundary_fit import Loop, fit_boundary
     from controller.experiments.identification import Estimated
     from controller.experiments.identify_text import believed, boundary_report, comparison
-    from controller.settings.config import Config
 
-    measured_with = loaded.config if held is None else Config.model_validate(held)
     belief = loaded.config.belief()
     if found is None:
         believing = belief.torque_gain, belief.inertia, belief.coulomb

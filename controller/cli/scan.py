@@ -15,6 +15,8 @@ from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 
 HARDWARE = 4
+_DIGITS = 9
+"""No id has more, and Python reads no number of thousands"""
 
 
 @click.command()
@@ -121,7 +123,8 @@ def _ids(text: str) -> set[int]:
     ids: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not (first.isdecimal() and (not dash or last.isdecimal())):
+        numbers = (first, last) if dash else (first,)
+        if not all(number.isdecimal() and len(number) <= _DIGITS for number in numbers):
             raise UserError(f"--ids: found {part.strip()!r}, wanted ids such as 1-20,100")
         low, high = int(first), int(last or first)
         if not low <= high <= MAX_ID:

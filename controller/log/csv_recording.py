@@ -41,7 +41,13 @@ def recording_of_csv(path: Path) -> Recording:
         UserError: There is nothing in it to look at; the message says what was found.
         OSError: It cannot be read.
     """
-    columns, notes = _columns(path)
+    try:
+        columns, notes = _columns(path)
+    except csv.Error as error:
+        raise UserError(
+            f"LOG {path}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote left"
+            " open?"
+        ) from None
     times = columns["time_s"]
     ordered = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
     if not ordered.all():

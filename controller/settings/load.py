@@ -17,6 +17,7 @@ from controller.settings import yaml_text as config_yaml
 from controller.settings.config import Config
 from controller.settings.fields import fields, sections
 from controller.settings.rules import BrokenRulesError, Problem
+from controller.settings.servo import IN_WORDS
 
 DEFAULT_PRESET = "simulated"
 _MOST_BYTES = 2**20
@@ -183,7 +184,8 @@ def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
             continue
         path = ".".join(where[:2])
         if path not in found:
-            found[path] = Problem(path, _wrong(path, _at(data, path), detail["type"]))
+            said = detail["msg"] if detail["type"] == IN_WORDS else None
+            found[path] = Problem(path, said or _wrong(path, _at(data, path), detail["type"]))
     return list(found.values())
 
 

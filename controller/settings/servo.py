@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
+from pydantic_core import PydanticCustomError
 
 from controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
 from hw.settings import HandName, Schedule
@@ -12,6 +19,8 @@ from hw.settings import HandName, Schedule
 Kind = Literal["simulated", "emulated", "hardware"]
 EMULATED = "emulated"
 """The port that stands for an emulated bus of our own."""
+IN_WORDS = "in_words"
+"""The kind of an error whose message is for people as it is."""
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
@@ -25,6 +34,17 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     if isinstance(found, str):
         return tuple(found.split())
     return tuple(found) if isinstance(found, list) else found
+
+
+def _port(found: str) -> str:
+    """Refuse what no device is called, and what is meant to be ``emulated``."""
+    if "\0" in found or (found != EMULATED and found.strip().lower() == EMULATED):
+        raise PydanticCustomError(
+            IN_WORDS,
+            "found {found}, wanted a serial device such as /dev/ttyUSB0, or emulated",
+            {"found": repr(found)},
+        )
+    return found
 
 
 def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
@@ -138,7 +158,7 @@ class Servo(Section):
         "one; null: the model's stall torque over its stall current",
         json_schema_extra=_facts("N·m/A", _BUS),
     )
-    port: str | None = Field(
+    port: Annotated[str, AfterValidator(_port)] | None = Field(
         None,
         min_length=1,
         description="Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus of our own",

@@ -29,6 +29,7 @@ def refused(capsys, *arguments):
         (["--servo", "XM430-W35"], ["XM430-W35", "did you mean XM430-W350"]),
         (["--servo", "nonsense"], ["nonsense", "XL330-M288"]),
         (["--servo", "XM430-W350:x"], ["MODEL[:ID[:FIRMWARE]]"]),
+        (["--servo", "XM430-W350:" + 5000 * "9"], ["MODEL[:ID[:FIRMWARE]]"]),
         (["--servo", "XM430-W350:1:45:2"], ["MODEL[:ID[:FIRMWARE]]"]),
         (["--servo", "XM430-W350:253"], ["id 253", "252"]),
         (["--servo", "XM430-W350:1:300"], ["firmware_version 300", "255"]),

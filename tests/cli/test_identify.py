@@ -85,6 +85,15 @@ def test_the_boundary_alone(folder, capsys):
     assert "agree within two standard errors" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("config", ['{"x": 1}', 100_000 * "[" + 100_000 * "]"])
+def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(config, folder, capsys):
+    point = '{"virtual_damping": %d, "delay_s": 0.002, "measured": 1.0}'
+    points = ", ".join(point % b for b in range(3))
+    (folder / "sweep.json").write_text(f'{{"points": [{points}], "config": {config}}}')
+    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
+    assert "--from-sweep sweep.json: the configuration in it" in capsys.readouterr().err
+
+
 def test_a_trip_ends_it_with_its_status(capsys):
     words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
     assert call(words) == 3

@@ -26,6 +26,7 @@ def scan(capsys, *arguments):
         (["--ids", "1-x"], ["--ids", "1-x"]),
         (["--ids", "20-1"], ["--ids", "20-1"]),
         (["--ids", "253"], ["--ids", "252"]),
+        (["--ids", 5000 * "9"], ["--ids", "wanted ids such as"]),
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):

@@ -133,6 +133,21 @@ def test_files_of_others_are_not_touched(system):
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
 
+def test_a_note_that_lacks_the_group_is_named(system):
+    system.call("--yes", f"--user={ME}")
+    with (system.root / LIMITS).open("a") as file:
+        file.write("# joined: me\n")
+    with pytest.raises(SystemExit, match="found the line '# joined: me'"):
+        system.call("--undo", "--yes")
+    assert (system.root / LIMITS).exists()
+
+
+def test_a_root_that_is_no_folder_is_wrong_input(system, capsys):
+    with pytest.raises(SystemExit) as ended:
+        system.call("--dry-run", f"--user={ME}", f"--root={system.root / 'nothing'}")
+    assert ended.value.code == 2 and "wanted a folder" in capsys.readouterr().err
+
+
 def test_who_does_not_exist_is_wrong_input(system, capsys):
     with pytest.raises(SystemExit) as ended:
         system.call("--user=no-such-user")

@@ -117,6 +117,7 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path):
         ("time_s,position_rad\n0,1\n0.001,1\n", "found 2 rows"),
         ("time_s,position_rad\n" + "".join(f"{k},\n" for k in range(20)), "0 rows with a position"),
         ("time_s,position_rad\n" + "nan,1\n" * 20, "found 0 rows"),
+        ('time_s,position_rad\n0,"' + 200_000 * "1", "is a quote left open?"),
     ],
 )
 def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, message):

@@ -282,6 +282,13 @@ def test_a_broken_field_is_not_blamed_twice():
     assert only(HARDWARE, "model=5").startswith("model (from --set): found 5, wanted a section")
 
 
+@pytest.mark.parametrize("port", ["Emulated", '" emulated "', '"a\\0b"'])
+def test_a_port_that_cannot_be_one_is_the_only_thing_told(port):
+    problem = only("emulated-xm430", f"servo.port={port}")
+    assert problem.startswith("servo.port (from --set): found")
+    assert problem.endswith("wanted a serial device such as /dev/ttyUSB0, or emulated")
+
+
 def test_a_duplicate_key_is_refused(tmp_path):
     file = tmp_path / "twice.yaml"
     file.write_text("wall:\n  stiffness: 1\n  damping: 0\n  stiffness: 2\n")
