@@ -104,7 +104,7 @@ def _question(given: dict[str, Any]) -> Question:
         )
     if delay.high > _MOST_PERIODS * period:
         raise UserError(
-            f"--delay {_span(delay)}: {delay.high / period:.0f} periods of {period:g} s, wanted at "
+            f"--delay {_span(delay)}: {delay.high / period:.4g} periods of {period:g} s, wanted at "
             f"most {_MOST_PERIODS}; is the period right?"
         )
     counts, limit = _encoder(given, facts)

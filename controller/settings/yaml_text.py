@@ -27,7 +27,7 @@ _WORDS = (
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, with the words above; refuses a key that stands twice."""
+    """Plain data only, with the words above; keys are texts, and none stands twice."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
@@ -45,6 +45,10 @@ class _Loader(yaml.SafeLoader):
                     key.start_mark,
                 )
             seen[str(key.value)] = line
+        self.flatten_mapping(node)  # what << brings in is there by its own keys
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):  # a name is a text: true, 1 and null too
+                key.tag = "tag:yaml.org,2002:str"
         return super().construct_mapping(node, deep)
 
 

@@ -289,6 +289,12 @@ def test_a_port_that_cannot_be_one_is_the_only_thing_told(port):
     assert problem.endswith("wanted a serial device such as /dev/ttyUSB0, or emulated")
 
 
+def test_an_unknown_key_is_told_as_it_is_written():
+    assert only("simulated", "wall={true: 1}").startswith("wall.true: unknown")
+    data = parse("a: &a {true: 1, 2: x}\nb: {<<: *a, null: 3}", "text")
+    assert data == {"a": {"true": 1, "2": "x"}, "b": {"true": 1, "2": "x", "null": 3}}
+
+
 def test_a_duplicate_key_is_refused(tmp_path):
     file = tmp_path / "twice.yaml"
     file.write_text("wall:\n  stiffness: 1\n  damping: 0\n  stiffness: 2\n")
