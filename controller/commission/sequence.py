@@ -53,6 +53,7 @@ def run_steps(bench: Bench) -> Ended:
     """
     outcomes: dict[Step, Outcome] = {}
     config = bench.config
+    interrupted = False
     for step in STEPS:
         basis = settings_of(config, bench.reach)
         outcome = bench.store.outcomes.get(step)
@@ -60,7 +61,7 @@ def run_steps(bench: Bench) -> Ended:
             if outcome.state == "done":
                 bench.tell(f"{step}: {TITLES[step]} before, and kept")
             outcomes[step] = outcome
-        else:
+        elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
             try:
                 outcome = (
@@ -70,7 +71,8 @@ def run_steps(bench: Bench) -> Ended:
                 )
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
-                return Ended(outcomes, config, interrupted=True)
+                interrupted = True  # what was measured before stays in the report
+                continue
             outcome = bench.store.keep(outcome)
             outcomes[step] = outcome
             if outcome.reason is not None:
@@ -78,7 +80,7 @@ def run_steps(bench: Bench) -> Ended:
         if step == "identify" and (found := done(outcomes, step)) is not None:
             bench.store.keep_config(found["config_text"])
             config = identified(found["config_text"])
-    return Ended(outcomes, config, interrupted=False)
+    return Ended(outcomes, config, interrupted)
 
 
 def _is_kept(outcome: Outcome, bench: Bench) -> bool:

@@ -128,6 +128,10 @@ class CommissionStore:
         """
         text = self._encode(asdict(outcome))
         kept = Outcome(**json.loads(text))
+        if outcome.step == "identify":  # what comes after it was measured of another model
+            for later in STEPS[STEPS.index("identify") + 1 :]:
+                if self.outcomes.pop(later, None) is not None:
+                    (self.folder / f"{later}.json").unlink(missing_ok=True)
         self.outcomes[outcome.step] = kept
         self._replace(f"{outcome.step}.json", text)
         return kept

@@ -202,7 +202,7 @@ def _contact(
         entry,
         leaving,
         float(x[peak]),
-        float(np.max(np.abs(rows["torque"]))),
+        float(np.max(np.abs(rows["wall_torque"]))),
         seconds,
         time - crossed,
         x,

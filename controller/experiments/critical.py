@@ -48,6 +48,9 @@ _SOFTEST = 1e-2
 """Where the search ends below, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
 _TRIPS = 3
+"""Of overspeed or oscillation a point is given up after so many; others end the search"""
+_MOST_OFFSET = 2.0
+"""So many kicks may the soft spring's centre be off the place it is to bring the shaft to"""
 _IDLE = 4
 """Batches without one more half cycle to fit, after which it makes no sense to go on"""
 _AGE = 1.0, 2.0
@@ -96,6 +99,7 @@ class PointSearch:
         self._delay = self._total_delay()
         self._trials: list[Trial] = []
         self._cap = math.inf
+        self._too_stiff = 0
         self._offset = {1.0: 0.0, -1.0: 0.0}
         self._repeat = 0
         self.result = PointResult(
@@ -233,6 +237,8 @@ class PointSearch:
             phases.append(
                 trial_phase(self._device, setting, self._delay, asked.stiffness, self._kick)
             )
+        # Back to where it stood: the next batch begins wherever this one leaves the shaft.
+        phases.append(self._hold.phase(0.0, -batch[-1].sign, self._kick))
         name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{number + 1}"
         soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
         self._tell(
@@ -260,9 +266,12 @@ class PointSearch:
             culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
             result.trips.append(f"{tripped.stop_reason} at {culprit.stiffness:.4g} N·m/rad")
             if tripped.of_motion:
+                self._too_stiff += 1
                 self._cap = min(self._cap, 0.999 * culprit.stiffness)
+            elif len(result.trips) - self._too_stiff == _TRIPS:
+                raise tripped  # not the wall's doing, and no figure of this point
         self._delay = self._total_delay()
-        return len(result.trips) < _TRIPS
+        return self._too_stiff < _TRIPS
 
     def _take(self, seen: Seen | None, asked: _Asked) -> None:
         if seen is None:
@@ -271,7 +280,10 @@ class PointSearch:
         if seen.age is not None:
             self._ages.append(seen.age)
         # Friction and gravity keep the soft spring from its centre: aim better next time.
-        self._offset[asked.sign] += _CORRECTED * (asked.aim - asked.sign * seen.start)
+        offset = self._offset[asked.sign] + _CORRECTED * (asked.aim - asked.sign * seen.start)
+        # A shaft that is held does not come, however far off the spring's centre is.
+        most = _MOST_OFFSET * self._kick
+        self._offset[asked.sign] = max(-most, min(most, offset))
 
     def _died(self) -> list[float]:
         return [trial.stiffness for trial in self._trials if not trial.grew]
@@ -287,7 +299,7 @@ class PointSearch:
         result.delay_s = self._delay
         result.exact = device.exact(damping, self._delay)
         result.linear = device.linear(damping, self._delay)
-        if len(result.trips) >= _TRIPS:
+        if self._too_stiff >= _TRIPS:
             result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
             return
         if found is None:

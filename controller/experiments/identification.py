@@ -135,6 +135,7 @@ def identify(
     """
     bounds = bounds_of(config, reach)
     raw = config.model_dump(mode="json")
+    raw["wall"]["velocity_samples"] = 1  # no wall is rendered, and the springs are planned for it
     if config.servo.kind != "hardware":
         raw["servo"]["hand"] = "none"
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")

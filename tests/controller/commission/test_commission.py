@@ -286,6 +286,34 @@ def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkey
     assert called == ["run_identify", "run_delay", "run_rendered", "run_sweep"]
 
 
+def test_another_model_undoes_what_was_measured_beside_the_one_before(
+    tmp_path, capsys, monkeypatch
+):
+    """Else it would pass for complete, and a servo that is asked nothing would move."""
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys, *REAL, "--yes")
+    (tmp_path / "identify.json").unlink()
+    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 130
+    called = steps_taken(monkeypatch, {"nothing": None})
+    assert call("commission", *REAL, "--out", tmp_path) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert called == []
+
+
+def test_an_interruption_takes_nothing_of_what_was_measured_from_the_report(
+    tmp_path, capsys, monkeypatch
+):
+    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    report_of(tmp_path, capsys, *REAL, "--yes")
+    steps_taken(monkeypatch, {"run_doctor": KeyboardInterrupt()})
+    status, report = report_of(tmp_path, capsys, *REAL, "--yes")
+    assert status == 130
+    assert states(report)["identify"] == "done"
+    assert report["config"] is not None
+    assert "the servo was not identified" not in (tmp_path / "report.html").read_text()
+
+
 def test_fresh_begins_anew(tmp_path, capsys, monkeypatch):
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys)

@@ -124,6 +124,43 @@ def test_three_trips_give_a_point_up(tmp_path):
     assert found.reason.startswith("given up after 3 trips: trip:overspeed at ")
 
 
+def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
+    tmp_path, monkeypatch
+):
+    played = Testbed.play
+
+    def play(bed, name, phases, steps):
+        played(bed, name, phases, steps)
+        raise ExperimentTrippedError("trip:losses_in_row", "check cable")
+
+    monkeypatch.setattr(Testbed, "play", play)
+    with pytest.raises(ExperimentTrippedError, match="check cable"):
+        search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_each_batch_leaves_the_shaft_where_it_took_it(tmp_path):
+    """On a servo that stays where it is left the next one begins there."""
+    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+    for log in found.logs:
+        _, rows = read_log(tmp_path / log)
+        assert rows["position"][-1] == pytest.approx(rows["position"][0], abs=0.02)
+
+
+def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(tmp_path, monkeypatch):
+    played = Testbed.play
+    centres = []
+
+    def play(bed, name, phases, steps):
+        centres.extend(abs(phase.center) for phase in phases)
+        return played(bed, name, phases, steps)
+
+    monkeypatch.setattr(Testbed, "play", play)
+    found = search(tmp_path, 0.02, 2, "servo.coulomb=4", "model.coulomb=0.09", kick=0.1)
+    assert found.measured is None
+    assert max(centres) < 3.1 * found.kick_rad
+
+
 @pytest.mark.parametrize("damping", [-0.005, 0.02, 3.0])
 def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping):
     device = Device.of(config())
