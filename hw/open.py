@@ -76,7 +76,7 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
         settings: Which servo, and where.
         clock: Tells it the time.
         descriptor: Its port, where it is already open (as from ``open_port``, perhaps inherited);
-            the servo's ``close`` closes it. None: open the port here.
+            the servo's ``close`` closes it, and so does a refusal. None: open the port here.
 
     Raises:
         PortError: The port cannot be used.
@@ -104,7 +104,12 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 
     if descriptor is None:
         descriptor = open_port(settings)
-    return DynamixelServo(settings, FdLine(descriptor, clock))
+    line = FdLine(descriptor, clock)
+    try:
+        return DynamixelServo(settings, line)
+    except BaseException:
+        line.close()
+        raise
 
 
 def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:

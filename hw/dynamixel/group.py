@@ -85,13 +85,17 @@ class DynamixelGroup:
         Raises:
             ServoError: One could not be started; the torque of all is off.
         """
+        begun: list[DynamixelServo] = []
+        checks = []
         try:
-            checks = [servo.start() for servo in self._servos]
+            for servo in self._servos:
+                checks.append(servo.start())  # one that fails has switched itself off, or says so
+                begun.append(servo)
             self._together = self._quickest()
             for servo in self._servos:
                 servo.resume()  # the first may have been idle for long
         except BaseException as error:
-            if not self.stop() and isinstance(error, ServoError):
+            if not _stopped(begun) and isinstance(error, ServoError):
                 raise type(error)(
                     f"{error} Torque off of another could not be read back: switch the power off."
                 ) from error
@@ -147,8 +151,7 @@ class DynamixelGroup:
             self._running = False
             with suppress(ServoError):  # torque off, which each is told next, is what counts
                 self._together.send_currents([0] * len(self._servos))
-        stopped = [servo.stop() for servo in self._servos]  # each, whatever the others say
-        return all(stopped)
+        return _stopped(self._servos)
 
     def close(self) -> None:
         """Stop all, and let go of the line."""
@@ -184,3 +187,9 @@ class _SharedLine:
 
     def close(self) -> None:
         """Left to the group."""
+
+
+def _stopped(servos: Sequence[DynamixelServo]) -> bool:
+    """Whether torque off was read back of all; each is told, whatever the others say."""
+    stopped = [servo.stop() for servo in servos]
+    return all(stopped)

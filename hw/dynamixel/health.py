@@ -124,6 +124,10 @@ class HealthWatch:
         self.bounds: Bounds | None = None
         """Set by the start; nothing is asked for before"""
 
+    def forget(self) -> None:
+        """Begin anew: what was wrong in a run before counts no more."""
+        self._strikes = dict.fromkeys(self._strikes, 0)
+
     def describe(self) -> tuple[str, str]:
         """What is watched and how often, and what would be, for people."""
         everything = ", ".join(item.name for item in _ITEMS)

@@ -99,6 +99,10 @@ class Link:
         """Whether the servo's clock runs on from another reading: it has restarted."""
         return self._servo_clock.restarted
 
+    def forget(self) -> None:
+        """Take the servo's clock for unknown: it may have restarted since it was last read."""
+        self._servo_clock = ServoClock()
+
     def wire_ns(self, count: int) -> int:
         """How long so many bytes are on the wire [ns]."""
         return wire_ns(count, self._baud) if self._baud else 0

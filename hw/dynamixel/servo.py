@@ -110,6 +110,8 @@ class DynamixelServo:
         self._confirmed_off = self._alert = False
         self._goal = 0
         self._reach.forget()
+        self._link.forget()
+        self._health.forget()
         self._reply_ns = self._link.patience_ns = 0
         self.trouble = ""
         watch = self._health.describe()

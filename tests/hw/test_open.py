@@ -7,6 +7,7 @@ import pty
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,14 @@ def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
     assert reading.outcome is Outcome.OK
     assert reading.position == pytest.approx(-0.3, abs=0.02)
     servo.close()
+
+
+def test_a_refused_servo_leaves_the_port_to_the_next(silent_port: str) -> None:
+    fussy = replace(settings(silent_port), torque_limit=1e-9)
+    for _ in range(2):
+        with pytest.raises(UnfitServoError, match="smallest torque"):
+            open_servo(fussy, MonotonicClock())
+    os.close(open_port(settings(silent_port)))
 
 
 def test_a_bus_in_memory_needs_the_simulated_clock() -> None:

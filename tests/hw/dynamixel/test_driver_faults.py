@@ -256,6 +256,15 @@ def test_a_restart_is_named_where_the_loss_limits_outlast_it() -> None:
         until_it_ends(bench, seconds=3.0)
 
 
+def test_a_servo_that_has_restarted_can_be_started_again_at_once() -> None:
+    bench = started(watchdog_s=2.0)
+    bench.bus.inject("brown-out", bench.clock.now_ns())
+    with pytest.raises(TorqueLostError, match="has restarted"):
+        until_it_ends(bench, seconds=3.0)
+    bench.servo.stop()
+    assert all(check.ok for check in bench.servo.start())
+
+
 def test_an_unplugged_servo_is_lost_and_nothing_is_made_up() -> None:
     bench = started()
     bench.bus.inject("unplug", bench.clock.now_ns())

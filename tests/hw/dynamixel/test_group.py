@@ -17,7 +17,7 @@ from hw.dynamixel.group import DynamixelGroup
 from hw.dynamixel.line import Line
 from hw.dynamixel.tables import MODELS, POSITION_UNIT
 from hw.dynamixel.together import Together, Way
-from hw.errors import ServoLostError, UnfitServoError
+from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from hw.servo import Outcome, Reading
 from hw.settings import DynamixelSettings, TrueServo
 from tests.hw.dynamixel.lines import US, Fate, TroubledLine
@@ -163,6 +163,26 @@ def test_a_servo_that_lost_its_power_is_told_and_the_others_go_on() -> None:
     assert all(row[n].outcome is Outcome.OK for row in rows[1:] for n in (0, 2))
     assert not any(row[1].outcome is Outcome.OK for row in rows)
     assert bench.group.restarted == [2]
+
+
+def test_a_group_that_is_stopped_and_started_has_a_servo_that_restarted_again() -> None:
+    bench = started(48, 48)
+    bench.bus.inject("brown-out:id=2", bench.clock.now_ns())
+    while not bench.group.restarted:
+        bench.cycle()
+    assert bench.group.stop()
+    bench.group.start()
+    assert all(reading.outcome is Outcome.OK for reading in bench.cycle())
+    assert bench.group.restarted == []
+
+
+def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> None:
+    bench = Bench([48, 48, 48])
+    bench.bus.inject("unplug:id=2", bench.clock.now_ns())
+    with pytest.raises(ServoMissingError) as caught:
+        bench.group.start()
+    assert "could not be read back" not in str(caught.value)
+    assert bench.truths[0].memory["torque_enable"] == 0
 
 
 def test_all_that_are_back_are_heard_again_after_several_were_gone() -> None:
