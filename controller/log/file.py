@@ -64,8 +64,9 @@ class LogWriter:
         self._unsynced = True
         self._placed = False
         self._file = cast(BinaryIO, path.open(mode, buffering=0))
-        with contextlib.suppress(OSError):  # a dying writer may still have it; a device has none
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if path.is_file():  # a device (/dev/null) is everybody's
+            with contextlib.suppress(OSError):  # a dying writer may still have it
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @classmethod
     def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:

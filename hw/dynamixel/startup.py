@@ -142,6 +142,8 @@ class _Startup:
         self._settle_at("return delay", "return_delay_time", 0)
         self.table.write("goal_current", 0)  # the mode change has set it to Current Limit
         self._settle_at("goal current", "goal_current", 0)
+        # It caps the current in this mode too, and stays as another program has left it.
+        self._settle_at("goal pwm", "goal_pwm", self.table.read("pwm_limit"))
         self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
 
     def judge_limits_and_position(self) -> None:

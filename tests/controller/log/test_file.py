@@ -1,6 +1,7 @@
 """A log keeps what was written, byte for byte, whatever becomes of the disk or the writer."""
 
 import errno
+import fcntl
 import io
 import logging
 import os
@@ -385,3 +386,15 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(LogFormatError, match="metadata"):
         LogWriter.resume(path, ROW)
+
+
+def test_a_device_that_logs_go_to_stays_everybodys():
+    """/dev/null, say; a terminal here, that nobody else has."""
+    ends = os.openpty()
+    try:
+        device = Path(os.ttyname(ends[1]))
+        with LogWriter(device, {}, ROW), device.open("rb") as other:
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        for end in ends:
+            os.close(end)

@@ -223,6 +223,14 @@ def test_a_stopped_servo_can_be_started_again() -> None:
     assert bench.servo.write(0.1) != 0.0
 
 
+def test_a_goal_pwm_that_another_program_has_left_does_not_weaken_the_wall() -> None:
+    bench = started()
+    bench.servo.stop()
+    bench.truth.memory["goal_pwm"] = 200
+    assert all(check.ok for check in bench.servo.start())
+    assert bench.truth.memory["goal_pwm"] == bench.truth.memory["pwm_limit"] == 885
+
+
 def test_closing_stops_and_lets_go_of_the_line() -> None:
     bench = started()
     bench.cycle(1.0)

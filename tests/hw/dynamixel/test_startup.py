@@ -52,6 +52,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("operating mode", "3, set to 0"),
         ("return delay", "250, set to 0"),
         ("goal current", "0"),
+        ("goal pwm", "885"),
         ("bus watchdog", "0, set to 2"),
         ("current limit", "1193 (5.72 N·m)"),
         ("torque per current", "1.78 N·m/A, stall torque over current"),
