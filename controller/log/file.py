@@ -197,7 +197,7 @@ def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> No
 
 def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
     """Write a block to a file without a buffer, which may take it in several parts; all or none."""
-    start = file.tell()
+    start = file.tell() if file.seekable() else None  # a device has no end to cut
     try:
         for part in encoded(array):
             rest = memoryview(part)
@@ -205,9 +205,10 @@ def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
                 rest = rest[file.write(rest) :]
     except OSError:
         # Half a block would be noticed, but it is better not there.
-        with contextlib.suppress(OSError):  # a device has no end to cut
-            file.truncate(start)
-            file.seek(start)
+        if start is not None:
+            with contextlib.suppress(OSError):
+                file.truncate(start)
+                file.seek(start)
         raise
 
 
