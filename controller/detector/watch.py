@@ -72,7 +72,6 @@ class Watch:
         "_detector",
         "_last_move",
         "_mean",
-        "_measured",
         "_period",
         "_periods",
         "_position",
@@ -104,7 +103,6 @@ class Watch:
         self._detector.balance.side = settings.side
         self._acting = ActingTorque(0.0)
         self._mean = 0.0
-        self._measured = math.nan
         self._periods = 0
         self._ticks = 0
         self._wait = 0
@@ -148,11 +146,10 @@ class Watch:
         Args:
             position: [rad]
             law: What is rendered, for its stiffness, damping and place.
-            measured: Torque from the servo's current at that instant [N·m]; NaN: it gives none.
+            measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
-        torque = self._mean / periods if isnan(measured) else self._between(measured, periods)
-        self.acted = torque
+        self.acted = torque = self._mean / periods if isnan(measured) else measured
         self._mean = 0.0
         self._periods = 0
         detector = self._detector
@@ -172,19 +169,6 @@ class Watch:
                 self._answer()
         else:
             self._size = math.nan
-
-    def _between(self, measured: float, periods: int) -> float:
-        """Mean torque since the last sample, from the torques that acted then and act now [N·m].
-
-        From one to the other it changed as late after the last sample as a torque acts; of a lag of
-        whole periods more, the rest says when.
-        """
-        last, self._measured = self._measured, measured
-        if isnan(last):
-            return measured
-        lag = self._acting.lag
-        held = lag if lag <= periods else lag % 1.0
-        return measured + (last - measured) * held / periods
 
     def raise_again(self) -> None:
         """Allow all that the guard allows again, and begin to watch anew."""

@@ -185,28 +185,6 @@ def test_the_measured_torque_is_believed_before_the_one_sent():
     assert watch.acted == -0.3
 
 
-@pytest.mark.parametrize(
-    ("lag", "acted"), [(0.0, -0.3), (0.25, -0.2), (1.0, 0.1), (1.5, -0.1), (2.25, -0.2)]
-)
-def test_a_measured_torque_has_acted_only_since_its_change(lag, acted):
-    watch = Watch(WatchSettings(DetectorSettings(1e-3), "report", lag * 1e-3))
-    watch.set_age(0.0)
-    for measured in (0.1, -0.3):
-        watch.passed(1)
-        watch.sample(0.0, SPRING, measured)
-    assert watch.acted == pytest.approx(acted)
-
-
-def test_over_several_periods_the_measured_torque_before_acted_for_its_lag():
-    watch = Watch(WatchSettings(DetectorSettings(1e-3), "report", 1.5e-3))
-    watch.set_age(0.0)
-    watch.passed(1)
-    watch.sample(0.0, SPRING, 0.1)
-    watch.passed(3)
-    watch.sample(0.0, SPRING, -0.3)
-    assert watch.acted == pytest.approx(-0.1)
-
-
 def five_cycles(stiffness, rows):
     last = round(5e3 * math.tau * math.sqrt(0.011951 / stiffness))
     return np.abs(rows["position"][: last + 1])
