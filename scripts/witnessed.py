@@ -96,11 +96,16 @@ def read_witness(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, 
 
 
 def growth(times: np.ndarray, positions: np.ndarray) -> float:
-    """Growth rate of the oscillation [1/s]: the slope of the logarithm of its turning points."""
+    """Growth rate of the oscillation [1/s]: the slope of the logarithm of its turning points.
+
+    NaN where a stall of the machine ended the run before there were any.
+    """
     moving = np.flatnonzero(np.abs(positions - positions[0]) > 0.02)
     times, positions = times[moving[0] : -50], positions[moving[0] : -50]
     offset = positions - math.pi if abs(np.mean(positions)) > 1 else positions
     turns = np.flatnonzero(np.diff(np.sign(np.diff(offset))) != 0) + 1
     heights = np.abs(offset[turns])
     keep = heights > 0.25 * np.median(heights)
+    if np.count_nonzero(keep) < 3:
+        return math.nan
     return float(np.polyfit(times[turns[keep]], np.log(heights[keep]), 1)[0])
