@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from types import FrameType
 
 from controller.log.file import append_end
@@ -27,7 +28,7 @@ def run(plan: Plan, tell: Tell) -> Ended:
     Raises:
         ServoError: The servo could not be started.
     """
-    with Telemetry.create() as telemetry:
+    with closing(Telemetry.create()) as telemetry:
         return _run(plan, tell, telemetry)
 
 

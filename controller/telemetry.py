@@ -12,8 +12,6 @@ import mmap
 import os
 import struct
 from enum import IntEnum
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,21 +123,13 @@ class Telemetry:
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
-    def create(cls) -> Self:
-        """New, empty shared memory; closed at the end of a ``with``."""
+    def create(cls) -> Telemetry:
+        """New, empty shared memory; to be closed."""
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)
         return cls(descriptor)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Let go of the descriptor; what is mapped is there for as long as somebody holds it."""
         os.close(self.descriptor)
 

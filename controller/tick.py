@@ -178,8 +178,9 @@ class Tick:
             servo.request()
 
         sampled_ns = self._sampled_ns
-        age_ns = 0 if sampled_ns is None else sent_ns - sampled_ns
+        age_ns = 0
         if sampled_ns is not None:
+            age_ns = sent_ns - sampled_ns
             self._follow_guard(age_ns, may_raise=not contact or self._at_surface())
         parts.telemetry.write(
             deadline_ns,

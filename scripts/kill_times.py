@@ -24,6 +24,7 @@ from typing import Any
 
 from haptic_wall_pytest.record import BusRow, read_rows
 
+from controller.cli.interrupt import INTERRUPTED
 from controller.log.file import read_log
 from controller.telemetry import Word
 from hw.dynamixel.codec import Instruction
@@ -31,8 +32,8 @@ from scripts.shots import SHOTS, Shot, target
 from scripts.whole_program import emulated_bus, measured_on, page_options, say_time, with_sets
 
 LIMIT_MS = 60.0
-INTERRUPTED, INTERRUPTED_STATUS = "interrupted", 130
-"""How a run ends that went on until it was asked to end: stop reason and exit status"""
+ASKED = "interrupted"
+"""Stop reason of a run that went on until it was asked to end"""
 SETTINGS = (
     "servo.watchdog_s=0.04",
     "safety.heartbeat_s=0.1",
@@ -134,7 +135,7 @@ def torque_of(
         ending: By the witness.
         lived: Its supervisor was there when it was asked to end.
     """
-    if shot.goes_on and lived and report is not None and report["stop_reason"] == INTERRUPTED:
+    if shot.goes_on and lived and report is not None and report["stop_reason"] == ASKED:
         return None, "nothing, the run goes on"
     return ending
 
@@ -179,7 +180,7 @@ def said(shot: Shot, report: dict[str, Any] | None, folder: Path) -> str:
     if report is None:
         return "nothing: it was killed"
     reason = report["stop_reason"]
-    words = [] if shot.goes_on and reason == INTERRUPTED else [f"`{reason}`"]
+    words = [] if shot.goes_on and reason == ASKED else [f"`{reason}`"]
     words += [] if report["explanation"] is None else [report["explanation"]]
     words += told if shot.goes_on else []
     words += [f"note: {text}" for text in report["warnings"] if not text.startswith("no picture")]
@@ -191,7 +192,7 @@ def as_wanted(shot: Shot, hit: Hit) -> bool:
     if hit.left:
         return False
     if shot.goes_on:
-        return hit.time_ms is None and hit.status == INTERRUPTED_STATUS and not hit.lost
+        return hit.time_ms is None and hit.status == INTERRUPTED and not hit.lost
     lasted_ms = math.inf if hit.time_ms is None else hit.time_ms
     return lasted_ms <= LIMIT_MS if shot.strikes_the_torque else math.isfinite(lasted_ms)
 
@@ -284,7 +285,7 @@ def main() -> None:
         "",
         f"Wanted: that the torque ends, in {LIMIT_MS:g} ms where the loop is struck or the bus is"
         " gone; where the run must go on, that it does, with no row lost, and exits with"
-        f" {INTERRUPTED_STATUS} when it is asked to end; nothing left. "
+        f" {INTERRUPTED} when it is asked to end; nothing left. "
         + ("It holds." if held else "It does not hold on this machine."),
         "Where only the supervisor is struck the loop renders its wall until it notices: a killed"
         " process must come to run once more to be dead, which a busy machine delays.",

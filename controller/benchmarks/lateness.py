@@ -10,7 +10,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -209,7 +209,7 @@ def _program(core: int) -> Turn:
     """
     sets = ("realtime.profile=best-effort", f"realtime.core={core}", f"loop.warm_up_s={_WARM_UP_S}")
     loaded = load_config("simulated", sets)
-    with tempfile.TemporaryDirectory() as folder, Telemetry.create() as telemetry:
+    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
         seconds = 1e-9 * PERIOD_NS * _TICKS
         plan = Plan(loaded.config, seconds, Path(folder) / "log", {"name": loaded.name}, None)
         # Without the handlers of a command: a Ctrl-C is meant for all of this.

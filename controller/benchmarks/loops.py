@@ -12,7 +12,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -165,7 +165,7 @@ def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
         ServoError: The servo could not be started.
     """
     loaded = load_config(preset, (*FORGIVING, *sets))
-    with tempfile.TemporaryDirectory() as folder, Telemetry.create() as telemetry:
+    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
         log = Path(folder) / "run.hwlog"
         plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
         return Supervisor(plan, telemetry, lambda _text: None).run()

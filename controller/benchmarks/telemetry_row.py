@@ -115,7 +115,8 @@ def _hot(ways: Mapping[str, Write]) -> dict[str, float]:
 
 def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
     """Ours, and the usual ones as one would write them."""
-    telemetry = stack.enter_context(Telemetry.create())
+    telemetry = Telemetry.create()
+    stack.callback(telemetry.close)
     own = _VALUES[1:]  # it numbers rows itself
     table = stack.enter_context((folder / "rows.csv").open("w", newline="", encoding="utf-8"))
     lines = stack.enter_context((folder / "rows.json").open("w", encoding="utf-8"))

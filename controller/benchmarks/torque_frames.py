@@ -15,18 +15,18 @@ import numpy as np
 from haptic_wall_pytest.record import BusRow, read_rows
 from numpy.typing import NDArray
 
+from controller.benchmarks.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
 from controller.benchmarks.loops import BAUD, LOOPS, emulated_bus
 from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
 from controller.errors import PlatformError
 from hw.dynamixel.codec import Instruction
+from hw.wire import wire_ns
 
 _ROUNDS, _SECONDS, _RATE_HZ = 5, 2.0, 1000.0
 _START_S, _END_S = 0.2, 0.05
 """Cut off where a loop begins and where it ends"""
-_CYCLE_BYTES: Final = 58
-"""Request, reply and torque frame of a cycle"""
-_WIRE_US: Final = 1e7 * _CYCLE_BYTES / BAUD
-_BACKLOG_US: Final = 1.1 * _WIRE_US
+_CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)
+_BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
 """Torque frames that come no further apart waited in a bus that was held up: no loop makes up for
 periods that it has skipped"""
 _SHOWS_NOT: Final = (

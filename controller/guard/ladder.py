@@ -155,9 +155,9 @@ class GuardLadder:
     def _end_window(self) -> None:
         rung = self._percentile_rung()
         self._restart_window()
-        if rung > self.rung:
-            self._lower(rung)
         if rung >= self.rung:
+            if rung > self.rung:
+                self._lower(rung)
             self._raise_windows = 0
             return
         self._raise_rung = rung if self._raise_windows == 0 else max(rung, self._raise_rung)

@@ -85,17 +85,15 @@ class DynamixelGroup:
         Raises:
             ServoError: One could not be started; the torque of all is off.
         """
-        begun: list[DynamixelServo] = []
-        checks = []
+        checks: list[list[Check]] = []
         try:
             for servo in self._servos:
                 checks.append(servo.start())  # one that fails has switched itself off, or says so
-                begun.append(servo)
             self._together = self._quickest()
             for servo in self._servos:
                 servo.resume()  # the first may have been idle for long
         except BaseException as error:
-            if not _stopped(begun) and isinstance(error, ServoError):
+            if not _stopped(self._servos[: len(checks)]) and isinstance(error, ServoError):
                 raise type(error)(
                     f"{error} Torque off of another could not be read back: switch the power off."
                 ) from error

@@ -1,6 +1,7 @@
 """Rows survive the trip through shared memory; a slow reader loses rows, never gets wrong ones."""
 
 import os
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
 
 
 def test_the_descriptor_is_let_go_and_what_was_written_stays_readable():
-    with Telemetry.create() as telemetry:
+    with closing(Telemetry.create()) as telemetry:
         telemetry.write(*VALUES)
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(telemetry.descriptor)
