@@ -14,8 +14,8 @@ from collections.abc import Callable
 
 _LOOK_NS = 5000
 """How much later the stand-in's clock is each time it is looked at [ns]"""
-_UP, _DOWN = 3, 8
-"""Powers of two by which the time needed grows and falls: some 97 of 100 rehearsals take less"""
+_UP, _DOWN = 3, 10
+"""Powers of two by which the time needed grows and falls: some 99 of 100 rehearsals take less"""
 _LEAST_NS = 1000
 """By which it grows at least [ns]"""
 

@@ -137,6 +137,7 @@ def backlog(folder: Path, rate_hz: int) -> int:
         "parent": os.getpid(),
         "log": str(folder / "disk.hwlog"),
         "metadata": {},
+        "period_ns": round(1e9 / rate_hz),
         "resume": False,
     }
     recorder = subprocess.Popen(

@@ -22,7 +22,7 @@ from controller.errors import PlatformError
 from hw.dynamixel.codec import Instruction
 from hw.wire import wire_ns
 
-_ROUNDS, _SECONDS, _RATE_HZ = 5, 2.0, 1000.0
+_ROUNDS, _SECONDS, _RATE_HZ = 7, 4.0, 1000.0
 _START_S, _END_S = 0.2, 0.05
 """Cut off where a loop begins and where it ends"""
 _CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)

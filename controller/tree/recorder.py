@@ -23,6 +23,7 @@ from controller.errors import LogFormatError
 from controller.log.file import LogWriter
 from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import ROW, Telemetry, Word
+from controller.tree.lull import pause_until_lull
 
 PAUSE_S = 0.25
 """How long rows gather between two blocks [s]; a killed recorder loses no more than that."""
@@ -203,7 +204,7 @@ def main() -> None:
         # Without a supervisor the loop is about to stop: until no more rows come.
         if finished or (orphaned and not wrote):
             break
-        time.sleep(PAUSE_S)
+        pause_until_lull(telemetry.words, orders["period_ns"], PAUSE_S)
     attempts.close()
 
 

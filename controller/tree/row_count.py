@@ -12,9 +12,14 @@ from controller.statistics import RunStatistics
 from controller.telemetry import Telemetry
 from controller.tree.plan import Plan, Tell
 
+BATCH = 5000
+"""Rows that gather until they are counted. Counting takes longest of all that the supervisor does,
+for many rows hardly longer than for few, and meanwhile the kernel threads that carry the loop's
+bytes wait for their core."""
+
 
 class RowCount:
-    """Counts rows in batches.
+    """Looks at rows as they come, and counts them in batches.
 
     Args:
         telemetry: Where they come from.
@@ -30,16 +35,27 @@ class RowCount:
         self._tell = tell
         self._reduces = plan.config.safety.on_oscillation == "reduce"
         self._silent = bool(plan.program)  # an experiment makes its own of it
-        self._tail = 0
+        self._looked_at = 0
+        self._counted = 0
         self._oscillates = False
         self.statistics = RunStatistics()
 
-    def count(self) -> None:
-        """Take in the rows that have come since the last call."""
-        rows, self._tail = self._telemetry.read(self._tail)
-        self.statistics.add(rows)
+    def look(self) -> None:
+        """See whether there is anything to tell; count where enough rows have come for that."""
+        rows, self._looked_at = self._telemetry.read(self._looked_at)
         if rows.size and not self._silent:
             self._tell_of_oscillation(rows)
+        if self._looked_at - self._counted >= BATCH:
+            self._count()
+
+    def end(self) -> None:
+        """Take in the last rows: no more will come."""
+        self.look()
+        self._count()
+
+    def _count(self) -> None:
+        rows, self._counted = self._telemetry.read(self._counted)
+        self.statistics.add(rows)
 
     def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
         oscillates = bool(np.any(rows["oscillation"] >= State.SUSTAINED))

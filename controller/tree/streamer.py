@@ -10,10 +10,10 @@ import json
 import os
 import signal
 import sys
-import time
 
 from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import Telemetry, Word
+from controller.tree.lull import pause_until_lull
 from controller.tree.stream import Sender, Stream
 
 PAUSE_S = 0.02
@@ -31,7 +31,7 @@ def main() -> None:
     sender = Sender(telemetry, Stream(**orders["stream"]), orders["loop_hz"])
     finished = False
     while not finished:
-        time.sleep(PAUSE_S)
+        pause_until_lull(telemetry.words, orders["period_ns"], PAUSE_S)
         finished = bool(telemetry.words[Word.FINISHED])  # looked at first: no row comes after it
         for trouble in sender.send():
             with contextlib.suppress(BrokenPipeError):  # the supervisor is gone

@@ -13,7 +13,7 @@ import os
 import select
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from controller.tree.emulator import emulator_arguments
 from controller.tree.log_keeper import LogKeeper
 from controller.tree.loop_process import Orders
 from controller.tree.loop_watch import END_S, START_S, LoopWatch
+from controller.tree.lull import until_lull
 from controller.tree.plan import Ended, Plan, Tell
 from controller.tree.row_count import RowCount
 from hw.clock import MonotonicClock
@@ -32,11 +33,10 @@ from hw.errors import ServoError
 from hw.open import cut_torque, open_port
 from hw.settings import DynamixelSettings
 
-POLL_MS = 20
-"""How often the heartbeat is looked at [ms]."""
+POLL_S = 0.02
+"""How often the heartbeat is looked at [s]"""
 LOOK_S = 0.25
-"""How often all else is looked at, and rows are counted [s]; rarely, since bytes reach the loop
-through kernel threads that want the same core."""
+"""How often all else is looked at [s]"""
 
 
 class Supervisor:
@@ -60,6 +60,7 @@ class Supervisor:
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
         self._refused: str | None = None
+        self._period_ns = plan.config.period_ns
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
         self._streamer: Child | None = None
@@ -79,7 +80,7 @@ class Supervisor:
             loop = self._start_loop(children)
             reason = self._watch(loop, emulator, log)
             self._warnings += log.end()
-        self._rows.count()
+        self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
             raise ServoError(self._refused + (f" ({notes})" if notes else ""))
@@ -134,6 +135,7 @@ class Supervisor:
             "telemetry": descriptor,
             "parent": os.getpid(),
             "log": str(self._plan.log),
+            "period_ns": self._period_ns,
             "metadata": self._plan.metadata,
             "resume": resume,
         }
@@ -149,6 +151,7 @@ class Supervisor:
             "parent": os.getpid(),
             "stream": asdict(stream),
             "loop_hz": self._plan.config.loop.rate_hz,
+            "period_ns": self._period_ns,
         }
         module = "controller.tree.streamer"
         self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
@@ -173,13 +176,10 @@ class Supervisor:
 
     def _watch(self, loop: Child, emulator: Child | None, log: LogKeeper) -> str:
         """Until the loop has ended, by itself or by force; why."""
-        poll = select.poll()
-        poll.register(loop.pidfd, select.POLLIN)
-        poll.register(loop.output, select.POLLIN)
         looked = time.monotonic()
         watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
         while True:
-            news = poll.poll(POLL_MS)
+            news = self._wait_for((loop.pidfd, loop.output))
             now = time.monotonic()
             overdue = watch.overdue(now)
             if not news and overdue is None and now < looked + LOOK_S:
@@ -191,7 +191,7 @@ class Supervisor:
             self._hear(loop)
             log.look(now)
             if now >= looked + LOOK_S:
-                self._rows.count()
+                self._rows.look()
                 self._hear_streamer()
                 looked = now
             if emulator is not None and emulator.ended():
@@ -207,6 +207,12 @@ class Supervisor:
                 self._cut_unconfirmed()
             return "refused"
         return self._cut(loop, Trip.LOOP_DIED, "")
+
+    def _wait_for(self, descriptors: Sequence[int]) -> bool:
+        """Wait for news on one of them, or for the next look; whether there is news."""
+        pause_s = until_lull(self._words, self._period_ns, POLL_S)
+        # Not poll(): its whole milliseconds would miss the lull.
+        return bool(select.select(descriptors, (), (), pause_s)[0])
 
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> str:
         """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""

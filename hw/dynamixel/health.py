@@ -1,8 +1,9 @@
 """A running servo's own state, asked for along with a sample now and then.
 
 Every so often a period asks for a wider block than the sample: one that also holds what must not
-change while torque is on. It costs bytes on the wire, no transaction and no period. How wide a
-block may be follows from baud rate and period; where one does not hold everything, two take turns.
+change while torque is on. It costs bytes on the wire, no transaction and no period, but the torque
+of that period is later by them: so the widest block comes least often. How wide one may be follows
+from baud rate and period; where none holds everything, two take turns.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hw.errors import ServoHealthError, TorqueLostError
 from hw.wire import ASKING_BYTES
 
 EVERY_NS: Final = 200_000_000
-"""Between two wide blocks"""
+"""Between two looks"""
 _SHARE: Final = 0.65
 """Of a period that a wide request and its reply may be on the wire: a goal follows, and a reply is
 given up at 0.8"""
@@ -39,10 +40,13 @@ _ITEMS: Final = (
     _Item("present_input_voltage", "supply"),
     _Item("present_temperature", "temperature"),
 )
+_EVERYTHING: Final = (64, 147)
+_WATCHDOG: Final = (98, SAMPLE_END)
+_SUPPLY_AND_HEAT: Final = (SAMPLE_ADDRESS, 147)
 _BLOCKS: Final = (
-    ((64, 147),),
-    ((98, SAMPLE_END), (SAMPLE_ADDRESS, 147)),
-    ((SAMPLE_ADDRESS, 147),),
+    (_EVERYTHING, *4 * (_SUPPLY_AND_HEAT,)),
+    (_WATCHDOG, _SUPPLY_AND_HEAT),
+    (_SUPPLY_AND_HEAT,),
 )
 """Ways to take turns, from the one that watches most; each block from ... to"""
 
@@ -101,11 +105,10 @@ class HealthWatch:
         blocks = next(
             (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
         )
-        # A block that is as long as one of the ordinary ones is one of them.
-        self._lengths = [
-            end - address if end - address in LENGTHS else link.widen(address, end)
-            for address, end in blocks
-        ]
+        self._lengths = [end - address for address, end in blocks]
+        for address, end in blocks:
+            if end - address not in LENGTHS:  # else it is one of the ordinary ones
+                link.widen(address, end)
         self._wanted = {
             end - address: [
                 (item, registers[item.register])
@@ -131,12 +134,16 @@ class HealthWatch:
     def describe(self) -> tuple[str, str]:
         """What is watched and how often, and what would be, for people."""
         everything = ", ".join(item.name for item in _ITEMS)
-        watched = {item.name for items in self._wanted.values() for item, _ in items}
-        if not watched:
+        turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
+        looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}
+        groups = [
+            f"{', '.join(names)} every {EVERY_NS * len(turns) / count * 1e-9:g} s"
+            for count in sorted(set(looks.values()) - {0})
+            if (names := [name for name, found in looks.items() if found == count])
+        ]
+        if not groups:
             return "nothing: no time is left on this bus at this rate", everything
-        every = EVERY_NS * len(self._lengths) * 1e-9
-        names = ", ".join(item.name for item in _ITEMS if item.name in watched)
-        return f"{names}; every {every:.1f} s", everything
+        return "; ".join(groups), everything
 
     def length(self, now_ns: int) -> int:
         """Length of the block to ask for at ``now_ns`` [ns], once it is due; 0: just the sample."""

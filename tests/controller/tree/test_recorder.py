@@ -39,6 +39,7 @@ class Recording:
             "parent": os.getpid(),
             "log": str(self.path),
             "metadata": {"name": "simulated"},
+            "period_ns": 1_000_000,
             "resume": resume,
         }
         descriptors = [self.telemetry.descriptor]

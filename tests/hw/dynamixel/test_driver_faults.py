@@ -24,6 +24,7 @@ SPEED = 5.0
 """Of the shaft in most tests [rad/s]: three counts a period"""
 PERIOD_NS = 1_000_000
 WATCHED_NS = 200_000_000
+EVERYTHING_NS = 5 * WATCHED_NS
 """Within which what is watched is noticed"""
 
 
@@ -178,7 +179,7 @@ def watchdog_off(bench: Bench) -> None:
     bench.truth.memory["bus_watchdog"] = 0
 
 
-@pytest.mark.parametrize(("baud", "rounds"), [(4_000_000, 1), (2_000_000, 1)], ids=["4M", "2M"])
+@pytest.mark.parametrize("baud", [4_000_000, 2_000_000], ids=["4M", "2M"])
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -187,20 +188,21 @@ def watchdog_off(bench: Bench) -> None:
     ],
 )
 def test_what_another_program_changes_is_noticed_and_named(
-    baud: int, rounds: int, change: Callable[[Bench], None], message: str
+    baud: int, change: Callable[[Bench], None], message: str
 ) -> None:
     bench = started(baud=baud, bus_baud=baud)
     change(bench)
     with pytest.raises(TorqueLostError, match=message):
-        until_it_ends(bench)
-    assert bench.took_ns <= rounds * WATCHED_NS + PERIOD_NS  # type: ignore[attr-defined]
+        until_it_ends(bench, seconds=1.1)
+    # Each look comes at the first tick that finds it due, and so may be a tick later.
+    assert bench.took_ns <= EVERYTHING_NS + 5 * PERIOD_NS  # type: ignore[attr-defined]
     assert bench.servo.stop() is True
 
 
 def test_a_watchdog_that_another_program_changed_is_armed_again_at_zero_torque() -> None:
     bench = started()
     watchdog_off(bench)
-    until_it_ends(bench, torque=0.0, seconds=0.3)
+    until_it_ends(bench, torque=0.0, seconds=1.1)
     assert bench.truth.memory["bus_watchdog"] == 2
 
 
@@ -302,7 +304,7 @@ def test_a_servo_without_trouble_names_none() -> None:
 
 
 def test_watching_costs_no_period_and_a_hundredth_of_the_bus() -> None:
-    """At 4 Mbit/s: 83 bytes more than a sample's 16 in one of 200 periods."""
+    """At 4 Mbit/s: 83 bytes in place of a sample's 16 in one of 1000 periods, 27 in four."""
     bench = started()
     fresh(bench)
     frames = len(bench.line.frames)
@@ -312,14 +314,17 @@ def test_watching_costs_no_period_and_a_hundredth_of_the_bus() -> None:
     assert len(bench.line.frames) - frames == 2000  # a request and a goal each, nothing besides
 
 
+ALL_OF_IT = "torque enable, bus watchdog every 1 s; supply, temperature every 0.2 s"
+
+
 @pytest.mark.parametrize(
     ("baud", "period_s", "watched"),
     [
-        (4_000_000, 1e-3, "torque enable, bus watchdog, supply, temperature; every 0.2 s"),
-        (1_000_000, 1e-3, "bus watchdog, supply, temperature; every 0.4 s"),
-        (1_000_000, 2e-3, "torque enable, bus watchdog, supply, temperature; every 0.2 s"),
-        (57_600, 20e-3, "bus watchdog, supply, temperature; every 0.4 s"),
-        (57_600, 14e-3, "supply, temperature; every 0.2 s"),
+        (4_000_000, 1e-3, ALL_OF_IT),
+        (1_000_000, 1e-3, "bus watchdog, supply, temperature every 0.4 s"),
+        (1_000_000, 2e-3, ALL_OF_IT),
+        (57_600, 20e-3, "bus watchdog, supply, temperature every 0.4 s"),
+        (57_600, 14e-3, "supply, temperature every 0.2 s"),
     ],
 )
 def test_what_is_watched_is_what_fits_and_is_said(baud: int, period_s: float, watched: str) -> None:

@@ -60,7 +60,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("adapter reply", "0.1 ms, longest 0.1 ms"),
         (
             "watched while it runs",
-            "torque enable, bus watchdog, supply, temperature; every 0.2 s",
+            "torque enable, bus watchdog every 1 s; supply, temperature every 0.2 s",
         ),
         ("torque", "on"),
     ]
