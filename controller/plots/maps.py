@@ -197,18 +197,20 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
 def _title(found: CriticalMap, name: str) -> str:
     servo = found.setting.servo
     wall = "one-sided wall" if found.setting.one_sided else "two-sided wall"
-    parts = [f"$m$ {servo.inertia:.3g} kg·m²", f"$b$ {servo.damping:.3g} N·m·s/rad"]
+    device = [f"$m$ {servo.inertia:.3g} kg·m²", f"$b$ {servo.damping:.3g} N·m·s/rad"]
     if servo.coulomb:
-        parts.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
-    if servo.counts_per_rev:
-        parts.append(f"{servo.counts_per_rev} counts/rev")
+        device.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
     if servo.backlash:
-        parts.append(f"play {servo.backlash:.3g} rad")
+        device.append(f"play {servo.backlash:.3g} rad")
+    limits = [f"{1.0 / found.setting.period:.4g} Hz"]
+    if servo.counts_per_rev:
+        limits.append(f"{servo.counts_per_rev} counts/rev")
     if servo.torque_limit < _LARGE:
-        parts.append(f"torque limit {servo.torque_limit:.3g} N·m")
-    parts.append(f"{1.0 / found.setting.period:.4g} Hz")
+        limits.append(f"torque limit {servo.torque_limit:.3g} N·m")
     unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
-    return f"{name}: simulated critical stiffness, {wall}{unfinished}\n" + "   ".join(parts)
+    return f"{name}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
+        "   ".join(parts) for parts in (device, limits)
+    )
 
 
 def _drawn(stiffness: FloatArray) -> FloatArray:
