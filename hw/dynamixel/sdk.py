@@ -1,9 +1,12 @@
 """Setting up with dynamixel-sdk: ping, registers and reboot, over any line and clock.
 
 The SDK is kept to set-up because it flushes what has arrived before each transmission, so no
-request can be in flight. Two of its habits are mended here. Its port waits 34 ms for a lost
+request can be in flight. Three of its habits are mended here. Its port waits 34 ms for a lost
 reply, spinning, on the wall clock: ``LinePort`` waits on the line's own clock, asleep, and not
-much longer than the reply takes. And it returns 0 after a failed read: ``Sdk`` raises.
+much longer than the reply takes. It returns 0 after a failed read: ``Sdk`` raises.
+
+It takes any status of the servo for the answer, and a checksum's byte for the value if that holds
+less than was asked for: ``_Packets`` takes only one that holds just as much.
 
 It also does not stuff what it sends and may lose a byte un-stuffing what it receives. Neither can
 happen in registers of one or two bytes, and no others are accepted.
@@ -31,6 +34,10 @@ _SETTLE_END_NS: Final = 200_000_000
 """A bus that is never silent is not waited for"""
 _ATTEMPTS: Final = 3
 _ALERT: Final = 0x80
+_PING_BYTES: Final = 3
+"""Data of a ping's answer: model number and firmware"""
+_LENGTH_BESIDE_DATA: Final = 4
+"""What a status counts in its length beside its data: instruction, error, checksum"""
 
 
 class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -83,6 +90,39 @@ class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
             self._line.read()
 
 
+class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's protocol, passing over replies that cannot answer the question."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._wanted = 0
+        self._other: int | None = None
+        """Bytes of data in the last reply that was passed over"""
+
+    def expect(self, size: int) -> None:
+        """The next question's answer holds so many bytes of data, or refuses it."""
+        self._wanted = size
+        self._other = None
+
+    def rxPacket(self, port: LinePort, fast_option: bool) -> tuple[list[int], int]:  # noqa: N802
+        """The next status that holds what is expected, or refuses; the SDK's result if none."""
+        while True:
+            packet, result = super().rxPacket(port, fast_option)
+            if result != COMM_SUCCESS:
+                return packet, result
+            size = packet[5] + (packet[6] << 8) - _LENGTH_BESIDE_DATA
+            if size == self._wanted or packet[8] & ~_ALERT:
+                return packet, result
+            self._other = size
+
+    def what_came(self, result: int) -> str:
+        """What became of the last question, for people."""
+        if self._other is not None:
+            return f"a reply with {self._other} bytes of data came, {self._wanted} wanted"
+        text: str = self.getTxRxResult(result)
+        return text.removeprefix("[TxRxResult] ").rstrip("!")
+
+
 class Sdk:
     """One servo's registers, through the SDK. What fails raises; nothing reads as 0 by default."""
 
@@ -96,7 +136,7 @@ class Sdk:
             where: Names the bus in messages, e.g. the port's path.
         """
         self._port = LinePort(line, baud)
-        self._packets = Protocol2PacketHandler()
+        self._packets = _Packets()
         self._id = servo_id
         self._name = f"id {servo_id} at {baud} baud on {where}"
 
@@ -105,17 +145,18 @@ class Sdk:
 
         Raises:
             ServoMissingError: Nothing answers.
+            UnfitServoError: The servo refuses.
         """
         for last in _attempts():
-            self._prepare(last)
-            number, result, _ = self._packets.ping(self._port, self._id)
+            self._prepare(last, _PING_BYTES)
+            number, result, error = self._packets.ping(self._port, self._id)
             if result == COMM_SUCCESS:
+                self._refuse_error(error, "a ping")
                 return int(number)
             self._port.settle()
         raise ServoMissingError(
-            f"No servo answers as {self._name} "
-            f"({self._result(result)}): check its power and cable, and that servo.id and "
-            "servo.baud are the servo's own."
+            f"No servo answers as {self._name} ({self._packets.what_came(result)}): check its "
+            "power and cable, and that servo.id and servo.baud are the servo's own."
         )
 
     def read(self, register: Register) -> int:
@@ -127,14 +168,13 @@ class Sdk:
         """
         size = _small(register)
         for last in _attempts():
-            self._prepare(last)
+            self._prepare(last, size)
             data, result, error = self._packets.readTxRx(
                 self._port, self._id, register.address, size
             )
             if result == COMM_SUCCESS:
                 self._refuse_error(error, f"to read {_label(register)}")
-                if len(data) == size:
-                    return register.decode(bytes(data))
+                return register.decode(bytes(data))
             self._port.settle()
         raise self._silent(f"{_label(register)} was to be read", result)
 
@@ -179,7 +219,8 @@ class Sdk:
             raise self._silent("it was told to reboot", result)
         self._refuse_error(error, "to reboot")
 
-    def _prepare(self, last: bool) -> None:
+    def _prepare(self, last: bool, size: int = 0) -> None:
+        self._packets.expect(size)
         self._port.is_using = False  # the SDK leaves it set when the port raised
         self._port.patience_ns = _LAST_PATIENCE_NS if last else _PATIENCE_NS
 
@@ -196,12 +237,9 @@ class Sdk:
     def _silent(self, what: str, result: int) -> ServoLostError:
         return ServoLostError(
             f"The servo {self._name} answered before, but not when {what} "
-            f"({self._result(result)}): check the cable and for a second servo with this id."
+            f"({self._packets.what_came(result)}): check the cable and for a second servo with "
+            "this id."
         )
-
-    def _result(self, result: int) -> str:
-        text: str = self._packets.getTxRxResult(result)
-        return text.removeprefix("[TxRxResult] ").rstrip("!")
 
 
 class Table:

@@ -77,6 +77,8 @@ def test_a_refusal_says_of_what_and_why() -> None:
         bench.sdk.write(REGISTERS["operating_mode"], 0)
     with pytest.raises(UnfitServoError, match=r"refuses to read Operating Mode \(11\)"):
         bench.sdk.read(REGISTERS["operating_mode"])
+    with pytest.raises(UnfitServoError, match="refuses a ping"):  # no model number is in that
+        bench.sdk.ping()
 
 
 def test_a_latched_hardware_error_does_not_hide_the_value() -> None:
@@ -90,6 +92,28 @@ def test_a_late_reply_is_not_taken_for_the_answer_to_another_question() -> None:
     bench.servo.registers[64], bench.servo.registers[65] = 1, 0
     assert bench.sdk.read(REGISTERS["torque_enable"]) == 1
     assert bench.sdk.read(REGISTERS["led"]) == 0
+
+
+@pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\x02\x03", bytes(16)])
+def test_a_reply_of_another_length_is_passed_over(data: bytes) -> None:
+    """It answers another question; a checksum's byte would be taken for the value."""
+    stray = encode_status(1, 0, data)
+    bench = Bench(first(1, lambda _, reply: [(0, stray), (MS // 10, reply)]))
+    bench.servo.registers[102] = 7
+    assert bench.sdk.read(REGISTERS["goal_current"]) == 7
+
+
+def test_replies_of_another_length_alone_are_told() -> None:
+    bench = Bench(lambda *_: [(0, encode_status(1, 0, bytes(16)))])
+    with pytest.raises(
+        ServoLostError,
+        match=r"Led \(65\) was to be read \(a reply with 16 bytes of data came, 1 wanted\)",
+    ):
+        bench.sdk.read(REGISTERS["led"])
+    with pytest.raises(ServoLostError, match=r"Led \(65\) \(a reply with 16 bytes.*0 wanted\)"):
+        bench.sdk.write(REGISTERS["led"], 1)
+    with pytest.raises(ServoMissingError, match=r"with 16 bytes of data came, 3 wanted"):
+        bench.sdk.ping()
 
 
 def test_an_adapter_left_at_its_slow_timer_is_got_over() -> None:
