@@ -152,12 +152,16 @@ class _Startup:
         if self._model.senses_supply_current:
             volts = self.table.read("present_input_voltage") / 10
             self.law = torque_law(self._model, self._constant, volts)
+        most = self._model.current_limit
         self.list.add(
             "current limit",
-            self.current_limit > 0,
+            0 < self.current_limit <= most,
             f"{self.current_limit} ({self.law.torque(self.current_limit):.2f} N·m)",
-            "above 0",
-            "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
+            f"1 to {most}",
+            f"Its Current Limit (38) reads {self.current_limit}, but an {self._model.name} has at "
+            f"most {most}: start again, and replace the servo if it still reads so."
+            if self.current_limit > most
+            else "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
             "Dynamixel Wizard.",
         )
         asked = self._settings.torque_limit

@@ -178,6 +178,8 @@ def test_a_firmware_without_watchdog_is_refused() -> None:
         ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
         ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
         ("current_limit", 0, r"raise Current Limit \(38\)"),
+        ("current_limit", 1194, r"Current Limit \(38\) reads 1194,.*at most 1193.*start again"),
+        ("current_limit", 0x7FFF, r"Current Limit \(38\) reads 32767,.*replace"),
     ],
 )
 def test_what_only_a_person_may_change_is_refused(register: str, value: int, match: str) -> None:
