@@ -90,6 +90,9 @@ class Tick:
         self._target = 0.0  # stiffness at the end of the ramp
         self._target_damping = 0.0
         self._share = 1.0  # of the decision, since an oscillation was noticed
+        self._damping_share = 1.0
+        # Where an alarm met an owed raise, the shares are of no more than what was rendered.
+        self._most_stiffness = self._most_damping = math.inf
         self._most_injected = 0.0
         self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
@@ -283,8 +286,7 @@ class Tick:
                 self._begin_ramp(share, may_raise)
         elif self._owed and may_raise and not self._ramp_left:
             self._owed = False
-            self._target = parts.ladder.decision.stiffness * share
-            self._target_damping = parts.ladder.decision.damping * watch.damping_share
+            self._target, self._target_damping = self._allowed()
             self._ramp_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -295,20 +297,31 @@ class Tick:
                 wall.stiffness = self._target
                 wall.damping = self._target_damping
 
+    def _allowed(self) -> tuple[float, float]:
+        """The decision in force, or the share that an oscillation has left."""
+        decision = self._parts.ladder.decision
+        return (
+            min(decision.stiffness, self._most_stiffness) * self._share,
+            min(decision.damping, self._most_damping) * self._damping_share,
+        )
+
     def _begin_ramp(self, share: float, may_raise: bool) -> None:
-        """Set out for the decision in force, or the share of it that an oscillation has left."""
+        """Set out for what is allowed from now on."""
         parts = self._parts
-        wall, decision = parts.wall, parts.ladder.decision
+        wall = parts.wall
         # What grows does not wait for a soft ramp: a tenth of it, a few milliseconds.
-        grows, last = share < self._share, self._share
+        grows = share < self._share
         ticks = max(1, parts.ramp_ticks // 10) if grows else parts.ramp_ticks
-        self._share = share
+        if share > self._share:  # all that was taken is asked for again
+            self._most_stiffness = self._most_damping = math.inf
+        elif grows and self._owed:  # it grows at what is rendered, not at what is owed
+            self._most_stiffness = self._target / self._share
+            self._most_damping = self._target_damping / self._damping_share
+        self._share, self._damping_share = share, parts.watch.damping_share
         # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
         # A longer delay may allow more too: it allows less damping, and that leaves more of
         # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
-        target, damping = decision.stiffness * share, decision.damping * parts.watch.damping_share
-        if grows and self._owed:  # it grows at what is rendered, not at what is owed
-            target = min(target, self._target * share / last)
+        target, damping = self._allowed()
         self._owed = target > wall.stiffness and not may_raise
         if self._owed:
             target, damping = wall.stiffness, min(damping, wall.damping)

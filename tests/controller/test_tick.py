@@ -307,6 +307,40 @@ def test_an_alarm_while_a_raise_is_owed_lowers_what_is_rendered():
     assert rig.rows["stiffness"][-1] == 2.5
 
 
+def test_a_second_alarm_lowers_what_the_first_has_left_of_a_wall_whose_raise_was_owed():
+    rig, watch = reduced_and_asked_to_raise_in_contact()
+    watch.share = 0.5
+    rig.run(20)
+    watch.share, watch.damping_share = 0.25, 0.5
+    rig.run(20)
+    assert (rig.rows["stiffness"][-1], rig.rows["damping"][-1]) == (1.25, 0.005)
+
+
+def test_what_an_alarm_took_while_a_raise_was_owed_comes_back_on_request_alone():
+    """It oscillated at 5 N·m/rad: another delay is no reason for more than the share of that."""
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(18.0, 0.018, 1e-3)]
+    positions = [0.1] * 180 + [0.0] * 1000
+    rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side="above"))
+    watch = rig.tick._parts.watch
+    watch.share = 0.25
+    rig.run(80)
+    rig.telemetry.words[Word.RAISE] += 1
+    rig.run(20)
+    assert rig.rows["stiffness"][-1] == 5.0, "owed: the shaft is inside the wall"
+    watch.share = 0.5
+    rig.run(40)
+    rig.servo.age_ns = 400_000
+    rig.run(140)  # a longer delay while the shaft is inside, and then it leaves
+    assert rig.rows["delay_s"][-1] == 1e-3
+    rig.servo.age_ns = 0
+    rig.run(700)  # and a shorter one again, all of it at rest
+    assert rig.rows["delay_s"][-1] == 0.0
+    assert set(rig.rows["stiffness"][140:]) == {2.5}
+    rig.telemetry.words[Word.RAISE] += 1
+    rig.run(20)
+    assert rig.rows["stiffness"][-1] == 20.0
+
+
 def test_a_longer_delay_does_not_slow_a_fall_that_an_alarm_has_begun():
     rungs = [Rung(20.0, 0.02, 0.0), Rung(18.0, 0.018, 1e-3)]
     rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
