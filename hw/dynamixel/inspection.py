@@ -22,19 +22,33 @@ _SLAVE: Final = 0x02
 _TORQUE_ON_BY_GOAL: Final = 0x08
 
 
-def identify(table: Table, model: Model, checklist: Checklist) -> None:
-    """Model and firmware; without them no other register has a meaning, so raise at once."""
-    number = table.sdk.ping()
+def identify(table: Table, model: Model, number: int, checklist: Checklist) -> None:
+    """Model and firmware; without them no other register has a meaning, so raise at once.
+
+    Args:
+        table: The servo.
+        model: The configured model.
+        number: What it said of itself.
+        checklist: Where to put the checks.
+    """
     found = model_by_number(number)
-    name = found.name if found else "unknown model"
-    no_current = "" if found is None or found.current_mode else ", which has no current mode"
+    remedy = (
+        f"Its model number {number} is not known, so nothing was written to it: connect an "
+        f"{model.name}, or another model that is known and name it in servo.model; if this one "
+        "has torque, switch its power off."
+    )
+    if found is not None:
+        no_current = "" if found.current_mode else ", which has no current mode"
+        remedy = (
+            f"It is an {found.name} (model number {number}){no_current}: connect an "
+            f"{model.name}, or set servo.model to what is there."
+        )
     checklist.add(
         "model",
         number == model.number,
-        f"{name} ({number})",
+        f"{found.name if found else 'unknown model'} ({number})",
         f"{model.name} ({model.number})",
-        f"It is an {name} (model number {number}){no_current}: connect an {model.name}, "
-        "or set servo.model to what is there.",
+        remedy,
     )
     checklist.refuse_if_unfit()
     _have_replies_to_everything(table, checklist)

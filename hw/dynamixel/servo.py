@@ -16,8 +16,8 @@ from hw.dynamixel.link import Link
 from hw.dynamixel.reach import Reach
 from hw.dynamixel.samples import Sample
 from hw.dynamixel.stand_in import StandInLine
-from hw.dynamixel.startup import start_up
-from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, WATCHDOG_UNIT_NS
+from hw.dynamixel.startup import Startup
+from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, WATCHDOG_UNIT_NS, model_by_number
 from hw.dynamixel.torque_law import torque_law
 from hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
 from hw.errors import (
@@ -87,6 +87,8 @@ class DynamixelServo:
         self._silence_ns = _NEVER_NS
         """After so long unheard the Bus Watchdog may have tripped; never before start"""
         self._running = False
+        self._known = False
+        """Whether it has answered as a model whose control table is known"""
         self._confirmed_off = False
         self.waited_ns = 0
         self.trouble = ""
@@ -114,11 +116,10 @@ class DynamixelServo:
         self._health.forget()
         self._reply_ns = self._link.patience_ns = 0
         self.trouble = ""
-        watch = self._health.describe()
+        startup = self._startup()
         try:
-            ready = start_up(
-                self._settings, self._model, self._line, self._link, self._constant, watch
-            )
+            number = self._meet(startup)
+            ready = startup.run(number, self._health.describe())
             self._law = ready.law
             self._health.bounds = ready.bounds
             self._heard_ns = self._now_ns()
@@ -127,7 +128,7 @@ class DynamixelServo:
             self._off()
             raise  # what never answered was never driven
         except ServoError as error:
-            if self._off():
+            if self._off() or not self._known:
                 raise
             raise type(error)(
                 f"{error} Torque off could not be read back: switch the servo's power off."
@@ -277,9 +278,13 @@ class DynamixelServo:
         """Zero torque at once, then torque off, read back. Safe at any time, and twice.
 
         Returns:
-            Whether torque off was read back; False too when the port is gone.
+            Whether torque off was read back; False too when the port is gone, and when no known
+            model has answered, to which nothing is written.
         """
         if not self._confirmed_off:
+            if not self._known:  # never started: it may have its torque from somebody else
+                with suppress(ServoError):
+                    self._meet(self._startup())
             self._off()
             if self._alert and not self.trouble:
                 self._name_the_error()
@@ -301,11 +306,25 @@ class DynamixelServo:
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
         other._most = other.facts.torque_limit
         other._heard_ns = clock.now_ns()
-        other._running = True
+        other._running = other._known = True
         return other
 
+    def _startup(self) -> Startup:
+        return Startup(self._settings, self._model, self._line, self._link, self._constant)
+
+    def _meet(self, startup: Startup) -> int:
+        """Ask for the model number, and note whether its control table is known."""
+        number = startup.model_number()
+        self._known = model_by_number(number) is not None
+        return number
+
     def _off(self) -> bool:
-        """Zero goal if torque is ours, torque off, read back."""
+        """Zero goal if torque is ours, torque off, read back.
+
+        Nothing is written where it is not known what stands at which address.
+        """
+        if not self._known:
+            return False
         try:
             if self._running:
                 self._running = False

@@ -60,17 +60,8 @@ class Ready:
     """How long a reply takes, if longer than the schedules have for it [ns]; 0: it does not"""
 
 
-def start_up(
-    settings: DynamixelSettings,
-    model: Model,
-    line: Line,
-    link: Link,
-    constant: float,
-    watch: tuple[str, str],
-) -> Ready:
-    """Check everything, set up what the driver may set up, and enable torque at zero torque.
-
-    Whoever calls this switches the torque off when it raises.
+class Startup:
+    """The start of one servo. Whoever runs it switches the torque off when it raises.
 
     Args:
         settings: What is wanted.
@@ -78,32 +69,8 @@ def start_up(
         line: The bus, for the set-up.
         link: The same bus, for positions and the probe.
         constant: Torque per current of the motor [N·m/A].
-        watch: What of the servo's state will be watched, and what would be with time for all.
-
-    Raises:
-        ServoMissingError: Nothing answers.
-        ServoLostError: It stops answering.
-        UnfitServoError: One or more checks failed; the message has a sentence for each.
     """
-    start = _Startup(settings, model, line, link, constant)
-    start.report_adapter()
-    identify(start.table, model, start.list)
-    torque_off(start.table, start.list)
-    judge_what_only_a_person_changes(start.table, start.list)
-    bounds = judge_supply_and_heat(start.table, start.list, watchdog_units(settings))
-    start.list.refuse_if_unfit()
-    start.set_up()
-    start.judge_limits_and_position()
-    reply_ns = start.measure_reply()
-    start.list.add("watched while it runs", True, *watch)
-    start.list.refuse_if_unfit()
-    start.torque_on()
-    start.prove_the_sign()
-    start.list.refuse_if_unfit()
-    return Ready(start.list.checks, start.current_limit, bounds, start.law, reply_ns)
 
-
-class _Startup:
     def __init__(
         self,
         settings: DynamixelSettings,
@@ -124,6 +91,42 @@ class _Startup:
         self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
         self._name = f"servo with id {settings.id} on {where}"
         self.list = Checklist(self._name)
+
+    def model_number(self) -> int:
+        """Who answers; nothing but this is asked of a servo that may be of any kind.
+
+        Raises:
+            ServoMissingError: Nothing answers.
+            UnfitServoError: It refuses to.
+        """
+        return self.table.sdk.ping()
+
+    def run(self, number: int, watch: tuple[str, str]) -> Ready:
+        """Check everything, set up what the driver may set up, and enable torque at zero torque.
+
+        Args:
+            number: As ``model_number`` found it.
+            watch: What of the servo's state will be watched, and what would be with time for all.
+
+        Raises:
+            ServoLostError: It stops answering.
+            UnfitServoError: One or more checks failed; the message has a sentence for each.
+        """
+        self.report_adapter()
+        identify(self.table, self._model, number, self.list)
+        torque_off(self.table, self.list)
+        judge_what_only_a_person_changes(self.table, self.list)
+        bounds = judge_supply_and_heat(self.table, self.list, watchdog_units(self._settings))
+        self.list.refuse_if_unfit()
+        self.set_up()
+        self.judge_limits_and_position()
+        reply_ns = self.measure_reply()
+        self.list.add("watched while it runs", True, *watch)
+        self.list.refuse_if_unfit()
+        self.torque_on()
+        self.prove_the_sign()
+        self.list.refuse_if_unfit()
+        return Ready(self.list.checks, self.current_limit, bounds, self.law, reply_ns)
 
     def report_adapter(self) -> None:
         """How long the adapter keeps short replies; what it means shows in the samples' age."""

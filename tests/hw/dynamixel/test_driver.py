@@ -208,8 +208,9 @@ def test_stopping_before_the_start_sends_no_goal() -> None:
     bench.truth.memory["torque_enable"] = 1
     assert bench.servo.stop() is True
     assert bench.truth.memory["torque_enable"] == 0
-    for data in bench.line.frames:
-        (frame,) = Parser().feed(data)
+    who, *others = [frame for data in bench.line.frames for frame in Parser().feed(data)]
+    assert who.instruction == Instruction.PING  # a servo of another kind is not written to
+    for frame in others:
         assert frame.instruction in (Instruction.WRITE, Instruction.READ)
         assert frame.params[:2] == bytes([64, 0])
 

@@ -144,6 +144,42 @@ def test_another_model_is_named() -> None:
     refused(Bench(model="XM430-W210"), match=r"XM430-W210 \(model number 1030\).*XM430-W350")
 
 
+def written(bench: Bench) -> list[int]:
+    """The instructions sent that change a servo."""
+    frames = [frame for data in bench.line.frames for frame in Parser().feed(data)]
+    asking = (Instruction.PING, Instruction.READ)
+    return [frame.instruction for frame in frames if frame.instruction not in asking]
+
+
+def test_nothing_is_written_to_a_servo_whose_control_table_is_not_known() -> None:
+    """Where we have Torque Enable, it may have anything: in a Dynamixel-P an indirect address."""
+    bench = Bench()
+    bench.truth.model = replace(bench.truth.model, number=2020)
+    with pytest.raises(
+        UnfitServoError,
+        match=r"model number 2020 is not known, .*nothing was written to it: "
+        r"connect an XM430-W350.*switch its power off",
+    ):
+        bench.servo.start()
+    assert bench.servo.stop() is False
+    bench.servo.close()
+    assert written(bench) == []
+
+
+def test_nothing_is_written_to_a_servo_that_never_answered() -> None:
+    bench = Bench(id=2)
+    with pytest.raises(ServoMissingError):
+        bench.servo.start()
+    assert bench.servo.stop() is False
+    assert written(bench) == []
+
+
+def test_torque_goes_off_too_where_a_known_model_is_not_the_configured_one() -> None:
+    bench = Bench(model="XM430-W210")
+    bench.truth.memory["torque_enable"] = 1
+    refused(bench, match="XM430-W350")
+
+
 def test_a_model_without_current_mode_is_refused_with_that_reason() -> None:
     bench = Bench()
     with pytest.raises(UnfitServoError, match="XL430-W250 has no current mode"):
