@@ -99,6 +99,8 @@ def command(
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     ended = run(plan, say)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+        if log.is_file() and not log.stat().st_size:  # ended before a recorder had begun it
+            log.unlink()
         warning = _draw(log, plot, ended.stop_reason)
         if warning is not None:
             ended.warnings.append(warning)
@@ -195,6 +197,8 @@ def _make_room(option: str, path: Path, *, ours: bool) -> None:
 
 def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     """Draw the picture from the log; what went wrong, or None."""
+    if not log.exists():
+        return "no picture: there is no log"
     try:
         with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
             from controller.log.reader import LogReader

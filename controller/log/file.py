@@ -180,14 +180,14 @@ def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> No
     """Write how a run ended behind what its recorder has left, whatever that is.
 
     Args:
-        path: The log; where there is none, none is made.
+        path: The log; where there is none, or nothing in it, none is made.
         ended: What JSON can hold.
         sync: Wait until the disk keeps it.
 
     Raises:
         OSError: It cannot be written; what is in the log stays readable.
     """
-    if not path.is_file():
+    if not path.is_file() or not path.stat().st_size:
         return
     with path.open("ab", buffering=0) as file:
         _write_block(file, _json(ended))

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +126,18 @@ class Child:
             os.close(self.pidfd)
 
 
-def first_line(child: Child, timeout_s: float) -> str | None:
-    """The first line a child says, waited for up to ``timeout_s`` [s]; None: it said nothing."""
+def first_line(
+    child: Child, timeout_s: float, given_up: Callable[[], bool] = lambda: False
+) -> str | None:
+    """The first line a child says; None: it said nothing.
+
+    Args:
+        child: Who is to say it.
+        timeout_s: How long it is waited for [s].
+        given_up: Whether it is no longer waited for.
+    """
     deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
+    while time.monotonic() < deadline and not given_up():
         ended = child.ended()  # asked first: it may say something and end between two looks
         lines = child.lines()
         if lines:

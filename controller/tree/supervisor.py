@@ -74,6 +74,8 @@ class Supervisor:
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
+            if emulator is not None and self._port is None:
+                return self._stopped_before_the_start()
             log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
             children.callback(log.close)
             self._start_streamer(children)
@@ -98,6 +100,10 @@ class Supervisor:
             lacking=log.lacking,
         )
 
+    def _stopped_before_the_start(self) -> Ended:
+        """Ended by a person while there was no bus yet, and so no torque."""
+        return Ended("interrupted", self._rows.statistics, 0, 0, cut=True)
+
     @contextlib.contextmanager
     def _away_from_the_loop(self) -> Iterator[None]:
         """Keep this process too off the loop's core: a hung loop at real-time priority holds it."""
@@ -109,6 +115,7 @@ class Supervisor:
             os.sched_setaffinity(0, before)
 
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
+        """The emulated bus, if there is to be one, and the port; none where it is stopped first."""
         settings = self._settings
         if not isinstance(settings, DynamixelSettings):
             return None
@@ -118,7 +125,10 @@ class Supervisor:
             arguments = emulator_arguments(settings, config.true_servo(), self._plan.witness)
             emulator = Child("emulator", arguments, None, (), self._others)
             children.callback(emulator.dismiss, END_S)
-            path = first_line(emulator, START_S)
+            path = first_line(emulator, START_S, lambda: bool(self._words[Word.STOP]))
+            if path is None and self._words[Word.STOP]:
+                emulator.send(signal.SIGKILL)  # one that hangs need not heed anything else
+                return emulator
             if path is None:
                 raise ServoError(
                     f"the emulated bus did not start: it {emulator.exit_text()}; see its message"

@@ -398,3 +398,10 @@ def test_a_device_that_logs_go_to_stays_everybodys():
     finally:
         for end in ends:
             os.close(end)
+
+
+def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path):
+    log = tmp_path / "run.hwlog"
+    log.touch()
+    append_end(log, {"stop_reason": "interrupted"})
+    assert log.read_bytes() == b""

@@ -6,6 +6,7 @@ The children are played; the whole tree of real processes is in tests/test_runs.
 import json
 import os
 import signal
+import threading
 import time
 from dataclasses import replace
 
@@ -98,6 +99,7 @@ class Stage:
         self.cuts = []
         self.confirmed = True
         self.loop_acts = lambda loop: loop
+        CHILDREN.clear()
         monkeypatch.setattr(supervisor, "Child", self.child)
         monkeypatch.setattr(supervisor, "cut_torque", self.cut)
         monkeypatch.setattr(
@@ -269,3 +271,17 @@ def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monk
     with pytest.raises(ServoError, match=r"check the cable.*was killed; the supervisor switched"):
         stage.run()
     assert stage.cuts == SILENT_AND_MARKED
+
+
+def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(stage):
+    """Ctrl-C; a bus that is stuck does not even heed a polite end."""
+    stage.plan = replace(stage.plan, config=load_config("emulated-xm430", []).config)
+    threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()
+    began = time.monotonic()
+    ended, report = stage.run()
+    assert time.monotonic() - began < 1.0
+    assert ended.stop_reason == "interrupted"
+    assert exit_status(ended.stop_reason) == 130
+    assert signal.SIGKILL in CHILDREN["emulator"].sent
+    assert "loop" not in CHILDREN and stage.cuts == []
+    assert report["torque_off"] is True and report["ticks"] == 0
