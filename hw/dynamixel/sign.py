@@ -12,7 +12,7 @@ from hw.dynamixel.probe import Push, probe_sign
 from hw.dynamixel.sdk import Table
 from hw.dynamixel.tables import WATCHDOG_TRIPPED
 from hw.dynamixel.torque_law import TorqueLaw
-from hw.dynamixel.watchdog import watchdog_units
+from hw.dynamixel.watchdog import Armed, rearm, watchdog_units
 from hw.settings import DynamixelSettings
 
 _PUSHES: Final = 3
@@ -58,11 +58,11 @@ def prove_the_sign(
     for _ in range(_PUSHES):
         push = probe_sign(link, clock, direction * max(1, limit), name, may_be_at)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
-        if not tripped:
+        if (
+            not tripped
+            or rearm(link, clock, watchdog_units(settings), under_torque=False) is not Armed.YES
+        ):
             break
-        table.write("bus_watchdog", 0)
-        table.write("goal_current", 0)
-        table.write("bus_watchdog", watchdog_units(settings))
     found, remedy = _told(push, law.torque(push.peak), tripped, settings.watchdog_s)
     checklist.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
 

@@ -7,13 +7,16 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS, WATCHDOG_UNIT_NS
+from hw.dynamixel.tables import MODELS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from hw.settings import DynamixelSettings
 from hw.wire import ASKING_BYTES
 
-_BUS_WATCHDOG: Final = MODELS["XM430-W350"].registers["bus_watchdog"]
-"""The same in every model"""
+_REGISTERS: Final = MODELS["XM430-W350"].registers
+"""These are the same in every model"""
+_TORQUE_ENABLE: Final = _REGISTERS["torque_enable"]
+_BUS_WATCHDOG: Final = _REGISTERS["bus_watchdog"]
+_GOAL_CURRENT: Final = _REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
 _PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 """For each reply of each attempt [ns], beside its time on the wire; the last outlasts an adapter's
@@ -56,6 +59,9 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
     bring the torque back after motion that nobody watched would be a blow. It is written to only
     after it was read.
 
+    One that has tripped takes no goal before it is cleared, and the one it tripped at may come back
+    then, with nothing to end it: so torque is off meanwhile. Every write is confirmed.
+
     Args:
         link: The servo.
         clock: Tells the time.
@@ -67,20 +73,28 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
     """
     now_ns = clock.now_ns
     result = Armed.UNKNOWN
+    steps = arming = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
+    after_trip = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *arming, (_TORQUE_ENABLE, 1)]
+    begun = False
     for attempt, least_ns in enumerate(_PATIENCE_NS):
         size = _LOOK_BYTES + attempt
         patience = least_ns + link.wire_ns(ASKING_BYTES + size)
         block = link.read_block(_BUS_WATCHDOG.address, size, now_ns() + patience)
         if block is None:  # whether there is a torque to bring back is not known
             continue
-        if block[0] == units:
+        if block[0] == units and not begun:
             return Armed.YES
         result = Armed.NO
         if under_torque:
             break
-        link.write_register(_BUS_WATCHDOG, 0, now_ns() + patience)
-        link.send_current(0)  # the goal may have been kept, and the last zero lost
-        link.write_register(_BUS_WATCHDOG, units, now_ns() + patience)
+        if block[0] == WATCHDOG_TRIPPED:
+            steps = after_trip
+        begun = True
+        patience = _PATIENCE_NS[-1] + link.wire_ns(ASKING_BYTES)
+        if all(
+            link.write_register(register, value, now_ns() + patience) for register, value in steps
+        ):
+            return Armed.YES
     return result
 
 

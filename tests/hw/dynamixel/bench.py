@@ -93,6 +93,19 @@ class Bench:
     def wait(self, seconds: float) -> None:
         self.clock.wait_until(self.clock.now_ns() + round(seconds * 1e9))
 
+    def spy_unguarded(self) -> list[bool]:
+        """From now on at each write: whether torque is on and the Bus Watchdog off."""
+        write, memory = self.memory_line.write, self.truth.memory
+        found: list[bool] = []
+
+        def look_and_write(data: bytes) -> None:
+            self.memory_line.wait(self.clock.now_ns())
+            found.append(memory["torque_enable"] == 1 and memory["bus_watchdog"] == 0)
+            write(data)
+
+        self.memory_line.write = look_and_write  # type: ignore[method-assign]
+        return found
+
     def cycle(self, torque: float) -> float:
         """One period of 1 ms; the position read [rad]."""
         begun = self.clock.now_ns()

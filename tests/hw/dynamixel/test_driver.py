@@ -317,6 +317,21 @@ def test_a_pause_at_zero_torque_costs_no_torque() -> None:
     assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
 
 
+@pytest.mark.parametrize("lost", range(7))
+def test_torque_is_never_on_without_the_watchdog_after_a_pause(lost: int) -> None:
+    """Whichever of the writes that arm it again is not confirmed."""
+    bench, servo, line = troubled(unharmed)
+    bench.wait(0.1)
+    unguarded = bench.spy_unguarded()
+    line.fate, line.number = (lambda number, reply: [] if number == lost else [(0, reply)]), 0
+    servo.request()
+    servo.write(1.0)
+    bench.wait(0.001)
+    assert unguarded
+    assert not any(unguarded)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
 def test_a_short_pause_under_torque_is_nothing() -> None:
     bench = started(watchdog_s=0.04)
     bench.cycle(1.0)

@@ -206,7 +206,7 @@ def test_a_stall_without_torque_costs_nothing() -> None:
     slow = Slow(torque=0.0)
     slow.run(100)
     slow.stall(70)
-    slow.run(50)
+    slow.run(250)  # to arm it again takes six confirmations, of 16 ms each, and then it catches up
     slow.torque = 0.1
     slow.run(50)
     assert slow.truth.state(slow.clock.now_ns()).torque == pytest.approx(0.1, abs=0.003)

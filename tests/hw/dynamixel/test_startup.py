@@ -458,6 +458,17 @@ def test_a_stall_that_trips_the_watchdog_during_the_start_is_got_over() -> None:
     assert bench.found("torque sign").startswith("-3 counts")
 
 
+def test_torque_is_never_on_without_the_watchdog_when_that_is_armed_again() -> None:
+    """Clearing it may bring back the goal at which it tripped, and the machine may stall again."""
+    bench = Bench()
+    stalling(bench, 1)
+    unguarded = bench.spy_unguarded()
+    assert bench.servo.start()[-1].ok
+    assert not any(unguarded)
+    assert bench.truth.memory["torque_enable"] == 1
+    assert bench.truth.memory["bus_watchdog"] == 2
+
+
 def test_a_machine_that_always_stalls_is_told_apart_from_a_blocked_shaft() -> None:
     bench = Bench()
     stalling(bench, 1000)
