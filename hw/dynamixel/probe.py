@@ -17,6 +17,7 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
+from hw.dynamixel.tables import MODELS, WATCHDOG_TRIPPED
 from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome
 from hw.wire import CYCLE_BYTES
@@ -39,6 +40,11 @@ _HOLD_NS: Final = 100_000_000
 """At the largest torque, before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the play between shaft and encoder and than an encoder's flicker"""
+_END_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
+"""For each reply of each attempt to end the push; the last outlasts an adapter's 16 ms timer"""
+_GOAL_CURRENT: Final = MODELS["XM430-W350"].registers["goal_current"]
+_BUS_WATCHDOG: Final = MODELS["XM430-W350"].registers["bus_watchdog"]
+"""The same in every model"""
 _TURNED_COUNTS: Final = 2
 """Back from its furthest by so much, it has turned: more than an encoder's flicker"""
 
@@ -126,7 +132,7 @@ class _Prober:
             before = now
             elapsed = now - begun
             if elapsed > _RAMP_NS + _HOLD_NS:
-                self._link.send_current(0)
+                self._end()
                 return Push(0, goal)
             goal = round(limit * min(1.0, elapsed / _RAMP_NS))
         moved, peak = self._position - origin, goal
@@ -144,7 +150,24 @@ class _Prober:
             impulse += goal * (now - before)
             before = now
             furthest = max(furthest, way * self._position)
-        self._link.send_current(0)
+        self._end()
+
+    def _end(self) -> None:
+        """Zero torque, confirmed: of a goal in the usual frame nobody knows whether it arrived.
+
+        A servo whose Bus Watchdog has tripped takes no goal, and has no torque.
+        """
+        link, now_ns = self._link, self._clock.now_ns
+        for least_ns in _END_PATIENCE_NS:
+            patience = least_ns + link.wire_ns(CYCLE_BYTES)
+            if link.write_register(_GOAL_CURRENT, 0, now_ns() + patience):
+                return
+            if link.read_register(_BUS_WATCHDOG, now_ns() + patience) == WATCHDOG_TRIPPED:
+                return
+        raise ServoLostError(
+            f"The {self._name} has not confirmed its goal of zero torque after the push that "
+            "proves the torque's sign: check the cable and the power supply."
+        )
 
     def _cycle(self, goal: int) -> int:
         """One period at a goal current; the instant it ends [ns]."""

@@ -398,6 +398,43 @@ def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None
     refused(bench, match="moved the wrong way")
 
 
+def losing_the_end_of_the_push(bench: Bench, confirmed_too: bool) -> None:
+    """From the first goal of zero after the push on, frames with that goal are lost."""
+    write, pushed = bench.memory_line.write, []
+
+    def lose(data: bytes) -> None:
+        (frame,) = Parser().feed(data)
+        to_goal = frame.params[:1] == bytes([102])
+        if frame.instruction == Instruction.SYNC_WRITE and to_goal:
+            if frame.params[5:] != bytes(2):
+                pushed.append(True)
+            elif pushed:
+                return
+        if frame.instruction == Instruction.WRITE and to_goal and pushed and confirmed_too:
+            return
+        write(data)
+
+    bench.memory_line.write = lose  # type: ignore[method-assign]
+
+
+def test_a_lost_frame_does_not_leave_the_pushs_torque_on() -> None:
+    bench = Bench()
+    losing_the_end_of_the_push(bench, confirmed_too=False)
+    assert bench.servo.start()[-1].ok
+    bench.wait(0.001)
+    assert bench.truth.memory["goal_current"] == 0
+    assert bench.state.torque == 0.0
+
+
+def test_a_push_whose_end_is_never_confirmed_ends_with_torque_off() -> None:
+    bench = Bench()
+    losing_the_end_of_the_push(bench, confirmed_too=True)
+    with pytest.raises(ServoLostError, match="not confirmed its goal of zero torque.*cable"):
+        bench.servo.start()
+    assert bench.truth.memory["torque_enable"] == 0
+    assert bench.state.torque == 0.0
+
+
 def test_a_blocked_shaft_is_refused() -> None:
     bench = Bench(replace(TRUE, coulomb=2.0))
     begun = bench.clock.now_ns()
