@@ -155,8 +155,13 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
 
     folder = store.folder
     data = report(ended, name, folder)
-    draw_allowed(Question.of(ended.config, data["delay"]), data, folder / NAME)
-    data["report"] = str(store.keep_page(page(data, folder, folder / NAME)))
+    allowed: Path | None = folder / NAME
+    try:
+        draw_allowed(Question.of(ended.config, data["delay"]), data, folder / NAME)
+    except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
+        say(f"the picture of the verdict could not be drawn ({error}); the report is without it")
+        allowed = None
+    data["report"] = str(store.keep_page(page(data, folder, allowed)))
     return data
 
 

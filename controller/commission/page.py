@@ -19,13 +19,13 @@ _CAPTIONS = {
 }
 
 
-def page(report: Mapping[str, Any], folder: Path, allowed: Path) -> str:
+def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
     """The page's text.
 
     Args:
         report: The report's data.
         folder: Where the steps' pictures are.
-        allowed: The picture of the verdict.
+        allowed: The picture of the verdict; None: there is none.
 
     Raises:
         OSError: A picture cannot be read.
@@ -52,7 +52,7 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path) -> str:
         model=list(words.model_rows(report)),
         wrong=list(words.wrong(report)),
         examined=len((report["doctor"] or {}).get("checks", ())),
-        allowed=_embedded(allowed),
+        allowed=None if allowed is None else _embedded(allowed),
         pictures=pictures,
     )
 

@@ -10,12 +10,13 @@ from typing import Any
 from controller.commission import steps
 from controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
 from controller.commission.plan import has_doctor
-from controller.commission.steps import Bench, identified
+from controller.commission.steps import Bench, Draw, Measured, identified
 from controller.commission.store import settings_of
 from controller.errors import HapticWallError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.report import exit_status
 from controller.settings.config import Config
+from controller.whole_file import whole
 from hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1
@@ -64,8 +65,8 @@ def run_steps(bench: Bench) -> Ended:
         elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
             try:
-                outcome = (
-                    Outcome(step, "skipped", basis, why_not)
+                outcome, draw = (
+                    (Outcome(step, "skipped", basis, why_not), None)
                     if why_not is not None
                     else _taken(step, replace(bench, config=config), basis)
                 )
@@ -77,6 +78,12 @@ def run_steps(bench: Bench) -> Ended:
             outcomes[step] = outcome
             if outcome.reason is not None:
                 bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
+            try:
+                if draw is not None:
+                    outcomes[step] = _drawn(outcome, draw, bench)
+            except KeyboardInterrupt:
+                bench.tell(f"{step}: interrupted")
+                interrupted = True
         if step == "identify" and (found := done(outcomes, step)) is not None:
             bench.store.keep_config(found["config_text"])
             config = identified(found["config_text"])
@@ -106,22 +113,22 @@ def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> s
     return None
 
 
-def _taken(step: Step, bench: Bench, basis: str) -> Outcome:
-    """Take a step; whatever ends it short is in what is returned.
+def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, Draw | None]:
+    """Take a step; whatever ends it short is in what is returned, and what draws its picture.
 
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
-    take: Callable[[Bench], dict[str, Any]] = getattr(steps, _RUN[step])
+    take: Callable[[Bench], Measured] = getattr(steps, _RUN[step])
 
-    def failed(error: Exception | str, status: int, ends_all: bool = False) -> Outcome:
+    def failed(error: Exception | str, status: int, ends_all: bool = False) -> tuple[Outcome, None]:
         seconds = time.monotonic() - began
-        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds)
+        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds), None
 
     try:
-        data = take(bench)
+        data, draw = take(bench)
     except ExperimentTrippedError as error:
         text = f"{error.stop_reason}: {error}"
         return failed(text, exit_status(error.stop_reason), error.gone)
@@ -131,13 +138,22 @@ def _taken(step: Step, bench: Bench, basis: str) -> Outcome:
         return failed(error, error.exit_status)
     seconds = time.monotonic() - began
     if step == "doctor" and data["fatal"]:
-        return replace(
-            failed(_fatal_text(data), HARDWARE if not data["reached"] else WRONG, ends_all=True),
-            data=data,
-        )
-    picture = bench.picture(step)
-    name = picture.name if step != "doctor" and picture.exists() else None
-    return Outcome(step, "done", basis, seconds=seconds, data=data, picture=name)
+        status = HARDWARE if not data["reached"] else WRONG
+        outcome, _ = failed(_fatal_text(data), status, ends_all=True)
+        return replace(outcome, data=data), None
+    return Outcome(step, "done", basis, seconds=seconds, data=data), draw
+
+
+def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
+    """The step, which is kept, with its picture if that can be drawn."""
+    picture = bench.picture(outcome.step)
+    try:
+        with whole(picture) as part:
+            draw(part)
+        return bench.store.keep(replace(outcome, picture=picture.name))
+    except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
+        bench.tell(f"{outcome.step}: its picture could not be drawn ({error}); its data are kept")
+        return outcome
 
 
 def _fatal_text(data: Mapping[str, Any]) -> str:

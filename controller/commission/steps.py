@@ -1,11 +1,14 @@
-"""The steps themselves: each runs one experiment and says what it found, as plain data."""
+"""The steps themselves: each runs one experiment and says what it found, as plain data.
+
+Its picture is drawn by whoever has kept the data: a drawing that fails must not cost them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from controller.commission.plan import BURSTS, DELAY_STEPS
 from controller.commission.store import LOGS, CommissionStore
@@ -20,7 +23,7 @@ from controller.experiments.sweep import experiment_config, sweep
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import Setting
 from controller.experiments.sweep_result import PointResult
-from controller.experiments.sweep_store import PNG, Asked, SweepStore
+from controller.experiments.sweep_store import Asked, SweepStore
 from controller.experiments.testbed import ExperimentInterruptedError
 from controller.plots.delay import plot_delay
 from controller.plots.identify import plot_identification
@@ -30,6 +33,7 @@ from controller.settings import yaml_text as config_yaml
 from controller.settings.config import Config
 
 Tell = Callable[[str], None]
+Draw = Callable[[Path], None]
 
 SWEEP = "sweep"
 """Folder of the sweep within the commissioning's"""
@@ -74,7 +78,15 @@ class Bench:
         return self.store.folder / f"{name}.png"
 
 
-def run_doctor(bench: Bench) -> dict[str, Any]:
+class Measured(NamedTuple):
+    """What a step has found."""
+
+    data: dict[str, Any]
+    draw: Draw | None = None
+    """Draws its picture as PNG; None: it has none"""
+
+
+def run_doctor(bench: Bench) -> Measured:
     """Examine the testbed; ``fatal`` names what must be mended before anything moves.
 
     Raises:
@@ -83,22 +95,26 @@ def run_doctor(bench: Bench) -> dict[str, Any]:
     from controller.doctor.checkup import examine  # only who has a bus loads what speaks to it
 
     report = examine(bench.config, bench.tell, None, change_baud=False)
-    return {
-        "checks": [finding._asdict() for finding in report.findings.checks],
-        "not_examined": report.not_examined,
-        "reached": report.reached,
-        "suits": report.suits,
-        "fatal": [f.name for f in report.findings.wrong if f.name not in _HARMLESS],
-    }
+    return Measured(
+        {
+            "checks": [finding._asdict() for finding in report.findings.checks],
+            "not_examined": report.not_examined,
+            "reached": report.reached,
+            "suits": report.suits,
+            "fatal": [f.name for f in report.findings.wrong if f.name not in _HARMLESS],
+        }
+    )
 
 
-def run_identify(bench: Bench) -> dict[str, Any]:
+def run_identify(bench: Bench) -> Measured:
     """Identify the servo; the configuration with what was found is written at once."""
     found = identify(bench.config, bench.logs, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
     bench.store.keep_config(text)
-    plot_identification(found, bench.name, bench.picture("identify"))
-    return {**identify_report(found), "config_text": text}
+    return Measured(
+        {**identify_report(found), "config_text": text},
+        lambda path: plot_identification(found, bench.name, path),
+    )
 
 
 def identified(text: str) -> Config:
@@ -106,22 +122,23 @@ def identified(text: str) -> Config:
     return Config.model_validate(config_yaml.parse(text, "the identified configuration"))
 
 
-def run_delay(bench: Bench) -> dict[str, Any]:
+def run_delay(bench: Bench) -> Measured:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
     found = measure_delay(config, bench.logs, DELAY_STEPS, BURSTS, 0, bench.tell)
-    plot_delay(found, bench.name, bench.picture("delay"))
-    return delay_report(found, config.period_s, config.belief().delay.high)
+    return Measured(
+        delay_report(found, config.period_s, config.belief().delay.high),
+        lambda path: plot_delay(found, bench.name, path),
+    )
 
 
-def run_rendered(bench: Bench) -> dict[str, Any]:
+def run_rendered(bench: Bench) -> Measured:
     """Measure what is rendered of the configured wall."""
     found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
-    plot_rendering(found, bench.name, bench.picture("rendered"))
-    return rendering_report(found)
+    return Measured(rendering_report(found), lambda path: plot_rendering(found, bench.name, path))
 
 
-def run_sweep(bench: Bench) -> dict[str, Any]:
+def run_sweep(bench: Bench) -> Measured:
     """Measure the critical stiffness at a few points; those of an interrupted sweep are kept.
 
     Raises:
@@ -147,6 +164,7 @@ def run_sweep(bench: Bench) -> dict[str, Any]:
     if not finished:
         raise ExperimentInterruptedError(f"interrupted; {len(store.done)} points are kept")
     store.write()
-    plot_sweep(store.points(), Device.of(config), bench.name, folder / PNG)
-    (folder / PNG).replace(bench.picture("sweep"))
-    return store.report(bench.name)
+    return Measured(
+        store.report(bench.name),
+        lambda path: plot_sweep(store.points(), Device.of(config), bench.name, path),
+    )

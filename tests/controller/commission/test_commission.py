@@ -12,7 +12,7 @@ import pytest
 from controller.cli.main import main
 from controller.commission import picture, plan, steps
 from controller.commission.sequence import run_steps
-from controller.commission.steps import Bench
+from controller.commission.steps import Bench, Measured
 from controller.commission.store import CommissionStore, settings_of
 from controller.experiments.identification import UnidentifiableError
 from controller.experiments.sweep_plan import Setting
@@ -203,7 +203,7 @@ def steps_taken(monkeypatch, ends):
             called.append(name)
             if name in ends:
                 raise ends[name]
-            return DATA[name](bench)
+            return Measured(DATA[name](bench))
 
         return run
 
@@ -361,7 +361,7 @@ def doctor_data(name, **more):
 def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, capsys, monkeypatch):
     called = steps_taken(monkeypatch, {"nothing": None})
     wrong = doctor_data("direction", fatal=["direction"])
-    monkeypatch.setattr(steps, "run_doctor", lambda _bench: wrong)
+    monkeypatch.setattr(steps, "run_doctor", lambda _bench: Measured(wrong))
     status, report = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 1
     assert called == []
@@ -381,7 +381,8 @@ def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, 
 
 def test_what_costs_only_stiffness_is_told_and_does_not_end_it(tmp_path, capsys, monkeypatch):
     called = steps_taken(monkeypatch, {"nothing": None})
-    monkeypatch.setattr(steps, "run_doctor", lambda _: doctor_data("return delay", fatal=[]))
+    found = doctor_data("return delay", fatal=[])
+    monkeypatch.setattr(steps, "run_doctor", lambda _: Measured(found))
     status, _ = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 0
     assert called[-1] == "run_sweep"
@@ -409,13 +410,51 @@ def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
 
     def looks(_bench):
         assert (tmp_path / "config.yaml").exists() and (tmp_path / "identify.json").exists()
-        return delay_data(_bench)
+        return Measured(delay_data(_bench))
 
     steps_taken(monkeypatch, {"nothing": None})
     monkeypatch.setattr(steps, "run_delay", looks)
     config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
     store = CommissionStore(tmp_path, settings_of(config, 0.6), "it", json.dumps, False)
     assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
+
+
+def fails(_path):
+    raise RuntimeError("no font")
+
+
+def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
+    tmp_path, capsys, monkeypatch
+):
+    steps_taken(monkeypatch, {"nothing": None})
+
+    def measured(bench):
+        return Measured(delay_data(bench), lambda path: (kept(), fails(path)))
+
+    def kept():
+        assert json.loads((tmp_path / "delay.json").read_text())["state"] == "done"
+
+    monkeypatch.setattr(steps, "run_delay", measured)
+    monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: fails(path))
+    assert call("commission", *SIMULATED, "--out", tmp_path, "--json") == 0
+    answer, told = capsys.readouterr()
+    assert told.count("no font") == 2 and "delay: its picture could not be drawn" in told
+    taken = {step["step"]: step for step in json.loads(answer)["steps"]}
+    assert taken["delay"]["state"] == "done" and taken["delay"]["picture"] is None
+    assert "<img" not in (tmp_path / "report.html").read_text()
+
+
+def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
+    tmp_path, capsys, monkeypatch
+):
+    def interrupts(_path):
+        raise KeyboardInterrupt
+
+    steps_taken(monkeypatch, {"nothing": None})
+    monkeypatch.setattr(steps, "run_delay", lambda b: Measured(delay_data(b), interrupts))
+    status, report = report_of(tmp_path, capsys)
+    assert status == 130
+    assert states(report)["delay"] == "done" and states(report)["rendered"] == "not taken"
 
 
 def test_the_page_shows_what_is_said(tmp_path, capsys, monkeypatch, thorough):
