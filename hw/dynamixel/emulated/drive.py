@@ -2,8 +2,8 @@
 
 In current mode the motor's torque is Goal Current times the torque constant, held: nothing is
 computed between instructions. Every other mode, and current mode where the supply's current is
-sensed or the supply limits it, runs once a millisecond; the motion in between is exact. All of it
-is made up for when somebody looks, so that it does not matter how often somebody does.
+sensed or the supply or Goal PWM limits it, runs once a millisecond; the motion in between is exact.
+All of it is made up for when somebody looks, so that it does not matter how often somebody does.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ class Drive:
         """Have the motor make what the registers now ask for; ``advance`` comes first."""
         memory = self._memory
         mode = memory["operating_mode"]
-        if mode == CURRENT_MODE and not self._stepped_current:
+        unlimited = abs(memory["goal_pwm"]) >= PWM_FULL
+        if mode == CURRENT_MODE and unlimited and not self._stepped_current:
             self.release(now_ns)
             current = self.table.current
             if current != self._goal:
@@ -118,6 +119,7 @@ class Drive:
             return
         if self._active != mode:
             self._active = mode
+            self._goal = 0  # what was held is stepped from now on
             if mode == POSITION_MODE:
                 self.forget_turns()
             if mode != CURRENT_MODE:

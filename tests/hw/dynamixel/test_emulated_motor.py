@@ -111,6 +111,39 @@ def test_torque_of_a_phase_sensed_servo_is_in_proportion():
         assert client.read(1, PRESENT_PWM, 2) == pytest.approx(885 * share, abs=1)
 
 
+def test_goal_pwm_limits_the_torque_of_current_mode_too():
+    """At a standstill a share of the supply drives the same share of the stall current."""
+    most = 4.1 * 200 / 885
+    client = held("XM430-W350", 800)
+    assert client.torque() == pytest.approx(800 * TORQUE_UNIT)
+    client.write(1, GOAL_PWM, 200, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(most)
+    assert client.read(1, PRESENT_PWM, 2) == 200
+    client.write(1, GOAL_CURRENT, -800, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(-most)
+    client.write(1, GOAL_CURRENT, 100, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)  # less than the limit: as asked
+    client.write(1, GOAL_PWM, 0, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == 0.0
+    client.write(1, GOAL_PWM, 885, 2)
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)  # held again, at once
+    client.write(1, GOAL_PWM, 200, 2)
+    client.write(1, TORQUE_ENABLE, 0, 1)
+    assert client.torque() == 0.0
+
+
+def test_goal_pwm_limits_the_speed_of_current_mode_too():
+    client = held("XM430-W350", 300, replace(HELD, coulomb=0.0))
+    client.write(1, GOAL_PWM, 200, 2)
+    client.pass_time(3000 * MS)
+    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
+    assert velocity == pytest.approx(46 / 0.229 * 200 / 885, abs=2)
+
+
 def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed():
     client = held(SMALL, 1750, replace(HELD, coulomb=0.0))
     client.pass_time(3000 * MS)
