@@ -28,6 +28,9 @@ STEP_S = 0.1
 """Half the length of a torque step [s]"""
 SWING_S = 1.2
 """How long a swing is left alone [s]"""
+_LOST = 2.0
+"""So many times the reach away the shaft is let go. Once the reach it is still brought back from:
+there a motion that threw it too far has ended, and a smaller one is to begin where it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +175,7 @@ def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
             damping=damping,
             center=center,
             speed=0.5,
+            reach=_LOST * bounds.reach,
             still_s=0.03,
             still_band=1.5 * bounds.step + 1e-5,
         )
