@@ -24,6 +24,8 @@ _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Longer ones are milliseconds, written where seconds are wanted."""
 _MOST_PERIODS = 500
 """Longest delay in periods: beyond it each answer takes many seconds."""
+_WIDEST = 10_000
+"""Highest over lowest of a range: over more nothing is guaranteed, and to find that takes long."""
 
 
 @click.command()
@@ -168,6 +170,11 @@ def _domain(option: str, given: Bounded, zero: bool) -> Bounded:
     if given.low < 0 or (given.low == 0 and not zero):
         wanted = "0 or more" if zero else "more than 0"
         raise UserError(f"{option} {_span(given)}: wanted {wanted}; give a number in SI units")
+    if given.high > _WIDEST * given.low > 0:
+        raise UserError(
+            f"{option} {_span(given)}: the upper end is {given.high / given.low:.3g} times the "
+            f"lower, wanted at most {_WIDEST} times; give what the servo can truly be, in SI units"
+        )
     return given
 
 

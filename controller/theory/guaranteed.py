@@ -186,7 +186,8 @@ def cost_of_each_unknown(
     unknowns = []
     for field in fields(nominal):
         value = getattr(nominal, field.name)
-        limit = limit_of(ranges.known(field.name, value))
+        known_too = ranges.known(field.name, value)
+        limit = all_unknown if known_too == ranges else limit_of(known_too)
         lost = _lost(all_unknown.stiffness, limit.stiffness)
         unknowns.append(UnknownCost(field.name, value, limit, lost))
     known, _ = Search.of(
