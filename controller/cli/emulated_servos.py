@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, get_args
 
+from controller.cli.numbers import digits
 from controller.errors import UserError
 from hw.dynamixel.emulated.faults import AMBIENT, SUPPLY
 from hw.dynamixel.emulated.values import number, one_of, suggestion, whole
@@ -22,9 +23,6 @@ DEFAULT_TRUTH = TrueServo(
     position=math.pi,
     hand_origin=math.pi,
 )
-
-_DIGITS = 9
-"""No id and no firmware has more, and Python reads no number of thousands"""
 
 TRUTH: Mapping[str, Callable[[str], Any]] = {
     "inertia": number(0, 1e6, open_low=True),
@@ -86,10 +84,6 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
     return given
 
 
-def _is_number(text: str) -> bool:
-    return text.strip().isdecimal() and len(text) <= _DIGITS
-
-
 def servo_of(text: str) -> tuple[Model, int, int]:
     """Model, id and firmware from MODEL[:ID[:FIRMWARE]].
 
@@ -98,14 +92,17 @@ def servo_of(text: str) -> tuple[Model, int, int]:
     Raises:
         UserError: The model is unknown, or a number is none.
     """
-    name, *numbers = text.split(":")
+    name, *rest = text.split(":")
     model = {known.upper(): found for known, found in MODELS.items()}.get(name.strip().upper())
     if model is None:
         raise UserError(
             f"--servo {text}: no model {name!r} is known{suggestion(name.upper(), MODELS)}"
         )
-    if len(numbers) > 2 or not all(map(_is_number, numbers)):
-        raise UserError(f"--servo {text}: wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45")
-    id_ = int(numbers[0]) if numbers else 1
-    firmware = int(numbers[1]) if len(numbers) > 1 else model.fast_sync_read_firmware
-    return model, id_, firmware
+    match [digits(number) for number in rest]:
+        case []:
+            return model, 1, model.fast_sync_read_firmware
+        case [int(id_)]:
+            return model, id_, model.fast_sync_read_firmware
+        case [int(id_), int(firmware)]:
+            return model, id_, firmware
+    raise UserError(f"--servo {text}: wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45")

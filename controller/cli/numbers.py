@@ -11,6 +11,9 @@ import click
 
 from controller.guard.belief import Bounded
 
+_DIGITS = 9
+"""No id and no firmware has more, and Python reads no number of thousands"""
+
 
 def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
     """Numbers with commas between, negative ones included: ``-0.01,0.2``.
@@ -48,6 +51,11 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
         case _:
             wanted = "a number, or a range LOW:HIGH"
     raise click.BadParameter(f"found {text!r}, wanted {wanted}", param=parameter)
+
+
+def digits(text: str) -> int | None:
+    """An id or the like, a number of a few digits; None: it is none."""
+    return int(text) if text.strip().isdecimal() and len(text) <= _DIGITS else None
 
 
 def _number(text: str) -> float | None:

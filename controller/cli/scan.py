@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from controller.cli.numbers import digits
 from controller.cli.options import answer, as_json, json_option, say
 from controller.errors import UserError
 from hw.clock import MonotonicClock
@@ -15,8 +16,6 @@ from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 
 HARDWARE = 4
-_DIGITS = 9
-"""No id has more, and Python reads no number of thousands"""
 
 
 @click.command()
@@ -123,10 +122,9 @@ def _ids(text: str) -> set[int]:
     ids: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        numbers = (first, last) if dash else (first,)
-        if not all(number.isdecimal() and len(number) <= _DIGITS for number in numbers):
+        low, high = digits(first), digits(last if dash else first)
+        if low is None or high is None:
             raise UserError(f"--ids: found {part.strip()!r}, wanted ids such as 1-20,100")
-        low, high = int(first), int(last or first)
         if not low <= high <= MAX_ID:
             raise UserError(f"--ids: found {part.strip()!r}, wanted ids from 0 to {MAX_ID}")
         ids |= set(range(low, high + 1))
