@@ -8,6 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from hw.clock import Clock
+from hw.dynamixel.link import Link
+from hw.dynamixel.tables import MODELS
+from hw.errors import ServoLostError
+
 _BITS: Final[Mapping[int, tuple[str, str]]] = {
     0: ("input voltage", "bring its supply within Min and Max Voltage Limit (34, 32)"),
     2: ("overheating", "let it cool, and ask for less torque"),
@@ -18,6 +23,12 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
     4: ("electrical shock", "look for a short circuit and for a supply that gives too little"),
     5: ("overload", "free its shaft, or lower servo.torque_limit"),
 }
+_STATUS: Final = MODELS["XM430-W350"].registers["hardware_error_status"]
+"""The same in every model"""
+_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
+"""For each attempt to ask which error is latched [ns]"""
+_ASKED_BYTES: Final = 3
+"""From Hardware Error Status on: a length that no other request has"""
 
 
 def error_names(error: int) -> str:
@@ -38,3 +49,23 @@ def what_to_do(error: int) -> str:
     remedies = [remedy for bit, (_, remedy) in _BITS.items() if error >> bit & 1]
     remove = "; ".join(remedies) or "remove the cause"
     return f"{remove}; then reboot it or switch its power off and on, nothing else clears it"
+
+
+def latched(link: Link, clock: Clock, name: str) -> str:
+    """What a servo has latched and what to do, for people; empty: nothing, or it does not say.
+
+    Args:
+        link: The servo, with its torque off.
+        clock: Tells the time.
+        name: Of the servo.
+    """
+    for patience in _PATIENCE_NS:
+        try:
+            block = link.read_block(_STATUS.address, _ASKED_BYTES, clock.now_ns() + patience)
+        except ServoLostError:
+            return ""
+        if block is not None and block[0]:
+            error = block[0]
+            names = error_names(error) or f"0x{error:02x}"
+            return f"the {name} has latched: {names}; {what_to_do(error)}"
+    return ""

@@ -9,7 +9,7 @@ from typing import Final
 from hw.clock import Clock
 from hw.dynamixel.cut import torque_off
 from hw.dynamixel.drivable import drivable
-from hw.dynamixel.hardware_errors import error_names, what_to_do
+from hw.dynamixel.hardware_errors import latched
 from hw.dynamixel.health import HealthWatch
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
@@ -17,9 +17,9 @@ from hw.dynamixel.reach import Reach
 from hw.dynamixel.samples import Sample
 from hw.dynamixel.stand_in import StandInLine
 from hw.dynamixel.startup import Startup
-from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, WATCHDOG_UNIT_NS, model_by_number
+from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
 from hw.dynamixel.torque_law import torque_law
-from hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
+from hw.dynamixel.vigil import Vigil
 from hw.errors import (
     ServoError,
     ServoLostError,
@@ -31,16 +31,9 @@ from hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
-_NEVER_NS: Final = 1 << 62
-_NAME_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
-"""For each attempt to ask which hardware error is latched [ns]"""
-
-
 _REPLY_PATIENCE: Final = 1.5
 """A slow adapter's reply is given up after so many times what replies take: one that has just
 missed the timer comes with its next expiry"""
-_NAME_BYTES: Final = 3
-"""From Hardware Error Status on: a length that no other request has"""
 
 
 class DynamixelServo:
@@ -69,23 +62,18 @@ class DynamixelServo:
                 f"servo.torque_limit is {settings.torque_limit:g} N·m, but the smallest torque of "
                 f"the {model.name} is {self._law.step:.2g} N·m: raise it above that."
             )
+        self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
         self._link = Link(line, settings.id, baud=settings.baud)
         self._health = HealthWatch(self._link, model.registers, settings.baud, settings.period_s)
         self._now_ns = line.clock.now_ns
-        self._watchdog_units = watchdog_units(settings)
+        self._vigil = Vigil(settings, self._link, line.clock, self._name)
         self._most = 0.0
         """The largest torque that is sent [N·m], a whole number of steps"""
         self._goal = 0
-        self._heard_ns = 0
-        """When the last request that was answered was sent [ns]"""
         self._reply_ns = 0
         """How long replies take, where that is several periods [ns]; 0: they come in time"""
-        self._called_ns = 0
-        """When ``request`` was last called, where they do not [ns]"""
         self._reach = Reach(settings.max_speed)
         self._alert = False
-        self._silence_ns = _NEVER_NS
-        """After so long unheard the Bus Watchdog may have tripped; never before start"""
         self._running = False
         self._known = False
         """Whether it has answered as a model whose control table is known"""
@@ -122,8 +110,8 @@ class DynamixelServo:
             ready = startup.run(number, self._health.describe())
             self._law = ready.law
             self._health.bounds = ready.bounds
-            self._heard_ns = self._now_ns()
-            self._look_after_watchdog(0)  # a stall in the start may have tripped it
+            self._vigil.heard_ns = self._now_ns()
+            self._vigil.look(0, under_torque=False)  # a stall in the start may have tripped it
         except ServoMissingError:
             self._off()
             raise  # what never answered was never driven
@@ -140,12 +128,10 @@ class DynamixelServo:
         if ready.reply_ns:
             jitter_ns = 2e9 * self._settings.period_s
             self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
-        self._called_ns = self._now_ns()
         self.facts = self._facts(ready.current_limit)
         self._most = self.facts.torque_limit
         self.counts = self._link.counts = BusCounts()
-        # The watchdog counts whole units, so that one of two may trip soon after the first.
-        self._silence_ns = round(max(self._watchdog_units - 1, 0.75) * WATCHDOG_UNIT_NS)
+        self._vigil.begin()
         self._running = True
         return ready.checks
 
@@ -161,10 +147,12 @@ class DynamixelServo:
             TorqueLostError: The Bus Watchdog has ended a torque.
         """
         now_ns = self._now_ns()
-        if self._reply_ns and self._is_under_way(now_ns):
-            return
-        if now_ns - self._heard_ns > self._silence_ns + self._link.patience_ns:
-            self.resume()
+        under_torque = self._goal != 0
+        if self._reply_ns:
+            self._vigil.call(now_ns, under_torque=under_torque)
+            if self._link.waiting:
+                return
+        self._vigil.resume(now_ns, under_torque=under_torque)
         health = self._health
         health.asked = 0
         wide = health.length(now_ns) if now_ns >= health.due_ns and self._running else 0
@@ -198,29 +186,14 @@ class DynamixelServo:
             ServoLostError: The port is gone.
             TorqueLostError: It was not heard for long, and its torque is gone.
         """
-        silence_ns = sample.sampled_ns - self._heard_ns
-        if sample.outcome is Outcome.OK and silence_ns > self._silence_ns:
-            self._look_after_watchdog(silence_ns)
+        silence_ns = sample.sampled_ns - self._vigil.heard_ns
+        if sample.outcome is Outcome.OK and silence_ns > self._vigil.most_ns:
+            self._vigil.look(silence_ns, under_torque=self._goal != 0)
         return self._reading(sample)
 
     def resume(self) -> None:
         """See to the Bus Watchdog after a pause; see ``request``."""
-        now_ns = self._now_ns()
-        if now_ns - self._heard_ns > self._silence_ns + self._link.patience_ns:
-            self._look_after_watchdog(now_ns - self._heard_ns)
-            self._heard_ns = now_ns
-
-    def _is_under_way(self, now_ns: int) -> bool:
-        """Whether the last request may still be answered; sees to the Bus Watchdog after a stall.
-
-        What was heard last says little about a stall where each reply takes that long.
-        """
-        pause_ns = now_ns - self._called_ns
-        self._called_ns = now_ns
-        if pause_ns > self._silence_ns:
-            self._look_after_watchdog(pause_ns)
-            self._heard_ns = self._called_ns = self._now_ns()
-        return self._link.waiting
+        self._vigil.resume(self._now_ns(), under_torque=self._goal != 0)
 
     def _reading(self, sample: Sample) -> Reading:
         outcome, counts, current, alert, sampled_ns = sample
@@ -228,7 +201,7 @@ class DynamixelServo:
             if self._running and self._link.restarted:
                 self._raise_restarted()
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
-        self._heard_ns = sampled_ns
+        self._vigil.heard_ns = sampled_ns
         if not self._reach.holds(counts, sampled_ns):
             self.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
@@ -287,7 +260,7 @@ class DynamixelServo:
                     self._meet(self._startup())
             self._off()
             if self._alert and not self.trouble:
-                self._name_the_error()
+                self.trouble = latched(self._link, self._line.clock, self.facts.name)
         return self._confirmed_off
 
     def close(self) -> None:
@@ -305,7 +278,7 @@ class DynamixelServo:
         """See ``Servo``: the same driver on a line that nobody else is on."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
         other._most = other.facts.torque_limit
-        other._heard_ns = clock.now_ns()
+        other._vigil.heard_ns = clock.now_ns()
         other._running = other._known = True
         return other
 
@@ -328,7 +301,7 @@ class DynamixelServo:
         try:
             if self._running:
                 self._running = False
-                self._silence_ns = _NEVER_NS
+                self._vigil.end()
                 with suppress(ServoLostError):  # torque off, which comes next, is what counts
                     self._link.send_current(0)
             self._confirmed_off = torque_off(self._line, self._link)
@@ -338,22 +311,7 @@ class DynamixelServo:
 
     def _judge_health(self) -> None:
         if not self._health.judge(self._link.block, self.facts.name):
-            self._look_after_watchdog(0)
-
-    def _name_the_error(self) -> None:
-        """Ask which hardware error is latched, for people; torque is off."""
-        address = self._model.registers["hardware_error_status"].address
-        now_ns = self._now_ns
-        for patience in _NAME_PATIENCE_NS:
-            try:
-                block = self._link.read_block(address, _NAME_BYTES, now_ns() + patience)
-            except ServoLostError:
-                return
-            if block is not None and block[0]:
-                error = block[0]
-                names = error_names(error) or f"0x{error:02x}"
-                self.trouble = f"the {self.facts.name} has latched: {names}; {what_to_do(error)}"
-                return
+            self._vigil.look(0, under_torque=self._goal != 0)
 
     def _raise_restarted(self) -> None:
         raise TorqueLostError(
@@ -361,28 +319,13 @@ class DynamixelServo:
             "check the supply, its current limit and the plugs."
         )
 
-    def _look_after_watchdog(self, silence_ns: int) -> None:
-        """See whether the servo still takes goals after a pause; make it so if nothing was lost.
-
-        Args:
-            silence_ns: How long it heard nothing [ns]; 0: it was talked to.
-
-        Raises:
-            ServoLostError: The port is gone, or nothing answers.
-            TorqueLostError: The torque is gone.
-        """
-        under_torque = self._goal != 0
-        armed = rearm(self._link, self._line.clock, self._watchdog_units, under_torque=under_torque)
-        if armed is not Armed.YES:
-            raise lost(armed, self.facts.name, silence_ns, self._settings.watchdog_s)
-
     def _facts(self, current_limit: int) -> Facts:
         """The facts, with the torque limit a whole number of steps within every limit."""
         steps = current_limit
         if self._settings.torque_limit > 0.0:
             steps = min(steps, self._law.within(self._settings.torque_limit))
         return Facts(
-            name=f"{self._model.name} id {self._settings.id} on {self._settings.port or 'memory'}",
+            name=self._name,
             counts_per_rev=COUNTS_PER_REV,
             torque_limit=self._law.torque(steps),
             torque_step=self._law.step,
