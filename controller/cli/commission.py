@@ -28,6 +28,7 @@ from controller.settings.load import Loaded, file_of, load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:
+    from controller.commission.outcome import Step
     from controller.commission.plan import Announcement
     from controller.commission.sequence import Ended
     from controller.commission.store import CommissionStore
@@ -78,7 +79,8 @@ def command(
 
     loaded = load_config(config, sets)
     if only_plan:
-        _answer_plan(loaded, announce(loaded.config, reach), as_json_wanted)
+        kept = [] if out is None else _store(loaded, config, out, reach, fresh, True).done
+        _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
         return
     store = _store(loaded, config, out, reach, fresh)
     if not store.complete:
@@ -98,7 +100,12 @@ def command(
 
 
 def _store(
-    loaded: Loaded, config: str, out: Path | None, reach: float, fresh: bool
+    loaded: Loaded,
+    config: str,
+    out: Path | None,
+    reach: float,
+    fresh: bool,
+    only_look: bool = False,
 ) -> CommissionStore:
     from controller.commission.store import CONFIG, CommissionStore, settings_of
 
@@ -108,15 +115,22 @@ def _store(
             " for example --out my-testbed"
         )
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
-    return CommissionStore(out, settings_of(loaded.config, reach), loaded.name, as_json, fresh)
+    asked = settings_of(loaded.config, reach)
+    return CommissionStore(out, asked, loaded.name, as_json, fresh, only_look)
 
 
-def _answer_plan(loaded: Loaded, announcement: Announcement, as_json_wanted: bool) -> None:
+def _answer_plan(
+    loaded: Loaded, announcement: Announcement, kept: list[Step], as_json_wanted: bool
+) -> None:
+    """Say what would be done; ``kept``: steps that are not taken again."""
     if as_json_wanted:
         plan = {"name": loaded.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        answer(as_json(plan))
+        answer(as_json({**plan, "kept": kept}))
     else:
-        answer("\n".join(_plan_lines(loaded, announcement)))
+        lines = [*_plan_lines(loaded, announcement)]
+        if kept:
+            lines += _wrapped(f"kept from before: {', '.join(kept)}", "  ")
+        answer("\n".join(lines))
 
 
 def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:

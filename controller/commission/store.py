@@ -40,6 +40,7 @@ class CommissionStore:
         name: Of the configuration, for people.
         encode: Turns results into JSON.
         fresh: Forget what an earlier commissioning left here.
+        only_look: Change nothing, make nothing; nothing can be kept.
 
     Attributes:
         folder: See above.
@@ -49,7 +50,15 @@ class CommissionStore:
         UserError: The folder holds something else, or cannot be used.
     """
 
-    def __init__(self, folder: Path, asked: str, name: str, encode: Encode, fresh: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        asked: str,
+        name: str,
+        encode: Encode,
+        fresh: bool,
+        only_look: bool = False,
+    ) -> None:
         self.folder = folder
         self.outcomes: dict[Step, Outcome] = {}
         self._encode = encode
@@ -61,11 +70,13 @@ class CommissionStore:
                 f"--out {folder}: it holds a {CONFIG} that no commissioning wrote; name another"
                 " folder, so that it is not lost"
             )
+        if ours and not fresh:
+            self._resume()
+        if only_look:
+            return
         made(folder, LOGS)
         if fresh:
             self._forget()
-        if ours and not fresh:
-            self._resume()
         head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
         self._replace(MAIN, self._encode(head))
 
@@ -108,6 +119,15 @@ class CommissionStore:
                     f"--out {self.folder}: {path.name} cannot be read ({error}); delete it to do"
                     " that step again, or give --fresh"
                 ) from error
+
+    @property
+    def done(self) -> list[Step]:
+        """The steps that are not taken again: a doctor's only when there is nothing left to do."""
+        return [
+            step
+            for step, outcome in self.outcomes.items()
+            if outcome.state == "done" and (step != "doctor" or self.complete)
+        ]
 
     @property
     def complete(self) -> bool:

@@ -405,6 +405,30 @@ def test_the_plan_moves_nothing(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(
+    tmp_path, capsys, monkeypatch
+):
+    def planned(*words):
+        assert call("commission", *SIMULATED, "--plan", *words) == 0
+        return capsys.readouterr().out
+
+    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    new, begun = tmp_path / "new", tmp_path / "begun"
+    assert "kept" not in planned("--out", new) and not new.exists()
+    report_of(begun, capsys)
+    before = {path: path.read_bytes() for path in begun.iterdir() if path.is_file()}
+    assert "kept from before: identify" in planned("--out", begun)
+    assert "kept" not in planned("--out", begun, "--fresh")
+    assert json.loads(planned("--out", begun, "--json"))["kept"] == ["identify"]
+    assert {path: path.read_bytes() for path in begun.iterdir() if path.is_file()} == before
+
+
+def test_the_plan_refuses_a_folder_that_the_commissioning_would_refuse(tmp_path, capsys):
+    (tmp_path / "config.yaml").write_text("mine")
+    assert call("commission", *SIMULATED, "--plan", "--out", tmp_path) == 2
+    assert "config.yaml" in capsys.readouterr().err
+
+
 def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
     """A power cut in a later step loses nothing: the files are there before it begins."""
 
