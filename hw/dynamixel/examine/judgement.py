@@ -246,13 +246,19 @@ def _limits(examined: Examined, torque_limit: float, constant: float) -> Iterato
         fix = ""
         if current == 0:
             fix = "it can make no torque: raise Current Limit (38)"
+        elif current > model.current_limit:
+            fix = (
+                f"an {model.name} has at most {model.current_limit}: look again, and replace the "
+                "servo if it still reads so"
+            )
         elif torque < torque_limit:
             fix = (
                 f"servo.torque_limit asks for {torque_limit:g} N·m: raise Current Limit (38), or "
                 "leave it so: the servo's limit holds"
             )
         found = f"{current} ({torque:.2f} N·m)"
-        yield Judgement(Finding("current limit", current > 0, found, "above 0", fix))
+        ok = 0 < current <= model.current_limit
+        yield Judgement(Finding("current limit", ok, found, f"1 to {model.current_limit}", fix))
     pwm = values["pwm_limit"]
     if pwm is not None:
         full = model.registers_at(examined.firmware)["pwm_limit"].default

@@ -266,6 +266,15 @@ def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
     assert not bus.finding("current limit").ok
 
 
+def test_a_current_limit_that_the_model_cannot_have_is_wrong():
+    bus = Bus()
+    bus.servos[1].memory["current_limit"] = 1194
+    found = bus.finding("current limit")
+    assert not found.ok
+    assert "at most 1193" in found.fix
+    assert "replace the servo" in found.fix
+
+
 # Time
 
 
