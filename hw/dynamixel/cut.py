@@ -28,6 +28,8 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 
     Waits for a gap between frames, so that a frame cut short by the user's death does not swallow
     this one. Never writes a goal: a servo may be set to switch its torque on at any goal.
+    Does not ask who it is, as the driver did before it had torque: a cut that needs one reply more
+    is one that may fail.
 
     Args:
         line: The bus, now this process's alone.
