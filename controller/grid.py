@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from controller.lateness.ticks import LateTicks
-from controller.loop import Waiter, next_deadline
+from controller.loop import Waiter, first_deadline, next_deadline
 from controller.telemetry import Telemetry, Word
 from controller.tick import Tick
 from hw.clock import Clock
@@ -51,7 +51,7 @@ class Grid:
         self._clock = clock
         self._words = telemetry.words
         self._on_block = on_block
-        self._deadline = clock.now_ns() + period_ns
+        self._deadline = first_deadline(clock, period_ns)
         self._missed = 0
         self._begun = self._deadline
         if late is not None:

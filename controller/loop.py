@@ -17,6 +17,27 @@ SPIN_SHARE = 0.6
 a second, and the tick's own work comes on top."""
 
 
+PLACE_SHARE = 0.6
+"""Where deadlines lie in a period of the monotonic clock"""
+
+
+def first_deadline(clock: Clock, period_ns: int) -> int:
+    """Where the grid begins: a period from now at least, and away from the kernel's own ticks.
+
+    Linux serves its timers at whole multiples of 1, 4 or 10 ms of the monotonic clock, on every
+    core, and what has waited for them runs just behind. A loop of 1 kHz keeps its place among them
+    for as long as it runs: where it is theirs, every tick or each fourth is interrupted.
+
+    Args:
+        clock: Simulated or monotonic; nothing interrupts the former.
+        period_ns: Between deadlines [ns].
+    """
+    earliest_ns = clock.now_ns() + period_ns
+    if isinstance(clock, SimulatedClock):
+        return earliest_ns
+    return earliest_ns + (round(PLACE_SHARE * period_ns) - earliest_ns) % period_ns
+
+
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, int]:
     """Next point on the fixed grid, and how many whole periods were missed.
 

@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.loop import (
+    PLACE_SHARE,
     SPIN_MAX_NS,
     SPIN_MIN_NS,
     ClockWaiter,
     SpinWaiter,
+    first_deadline,
     measured_spin_margin_ns,
     next_deadline,
     waiter_for,
@@ -17,6 +19,18 @@ from controller.loop import (
 from hw.clock import MonotonicClock, SimulatedClock
 
 PERIOD = 1_000_000
+
+
+@given(period=st.integers(100_000, 20_000_000))
+def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period):
+    before = time.monotonic_ns()
+    first = first_deadline(MonotonicClock(), period)
+    assert before + period <= first <= time.monotonic_ns() + 2 * period
+    assert first % period == round(PLACE_SHARE * period)
+
+
+def test_simulated_time_has_nothing_to_keep_away_from():
+    assert first_deadline(SimulatedClock(7), PERIOD) == 7 + PERIOD
 
 
 def test_a_tick_in_time_is_followed_by_the_next_point():
