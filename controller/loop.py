@@ -18,7 +18,7 @@ a second, and the tick's own work comes on top."""
 
 
 PLACE_SHARE = 0.6
-"""Where deadlines lie in a period of the monotonic clock"""
+"""Where deadlines lie in a millisecond of the monotonic clock, or in a period that is shorter"""
 
 
 def first_deadline(clock: Clock, period_ns: int) -> int:
@@ -35,7 +35,8 @@ def first_deadline(clock: Clock, period_ns: int) -> int:
     earliest_ns = clock.now_ns() + period_ns
     if isinstance(clock, SimulatedClock):
         return earliest_ns
-    return earliest_ns + (round(PLACE_SHARE * period_ns) - earliest_ns) % period_ns
+    place_ns = round(PLACE_SHARE * min(period_ns, 1_000_000))
+    return earliest_ns + (place_ns - earliest_ns) % period_ns
 
 
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, int]:

@@ -22,7 +22,13 @@ from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
 from hw.clock import Clock, SimulatedClock
-from hw.errors import ServoHealthError, ServoLostError, ServoMissingError, TorqueLostError
+from hw.errors import (
+    ServoHealthError,
+    ServoLostError,
+    ServoMissingError,
+    StrangeServoError,
+    TorqueLostError,
+)
 from hw.open import open_servo
 from hw.servo import Check, Servo
 from hw.settings import ServoSettings
@@ -133,8 +139,8 @@ def run_session(
         real_s = time.monotonic() - began_s
         torque_off = _stop(servo, clock, telemetry)
     except BaseException as error:
-        # What never answered was never driven.
-        if started and not isinstance(error, ServoMissingError):
+        # What never answered, or is nothing we know, was never driven.
+        if started and not isinstance(error, (ServoMissingError, StrangeServoError)):
             _stop(servo, clock, telemetry)
         raise
     finally:

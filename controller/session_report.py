@@ -22,6 +22,10 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
     }
 
 
+def _percent(part: float, whole: float) -> float:
+    return 100.0 * part / whole if whole else 100.0
+
+
 def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict[str, Any]:
     """The guard's decision, with what is really commanded at the end, and why that differs."""
     report = decision_report(decision)
@@ -31,10 +35,12 @@ def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict
     report["commanded"] = {"stiffness": stiffness, "damping": damping}
     reasons = list(decision.reasons)
     if watch.share < 1.0:
+        left = _percent(stiffness, decision.stiffness)
+        damping_left = _percent(damping, decision.damping)
         reasons.append(
             f"an oscillation of {watch.frequency_hz:.3g} Hz was noticed after "
-            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to {100 * watch.share:.3g} % "
-            f"and the damping to {100 * watch.damping_share:.3g} % of what the guard allows, "
+            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to {left:.3g} % "
+            f"and the damping to {damping_left:.3g} % of what the guard allows, "
             f"{law.injected:.3g} N·m·s/rad are put in, until it is asked to raise them"
         )
     elif stiffness < decision.stiffness:

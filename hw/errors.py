@@ -8,6 +8,7 @@
     │   └── BaudRefusedError            it cannot make this rate
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
+    │   └── StrangeServoError           nor written to: nobody knows what it is
     ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
         └── TorqueLostError             it answers, but its torque is gone
@@ -38,6 +39,10 @@ class ServoMissingError(ServoError, LookupError):
 
 class UnfitServoError(ServoError, ValueError):
     """The servo answers, but must not be driven as it is set up."""
+
+
+class StrangeServoError(UnfitServoError):
+    """What answers is of no known model: nothing may be written to it, nor was."""
 
 
 class ServoLostError(ServoError, OSError):

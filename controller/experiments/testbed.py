@@ -166,7 +166,9 @@ class Testbed:
         )
         ended = run(plan, self._tell_new)
         if ended.stop_reason == "interrupted" or ended.asked:
-            raise ExperimentInterruptedError(f"interrupted; {log} holds what was recorded")
+            raise ExperimentInterruptedError(
+                f"interrupted; {log} holds what was recorded" if log.exists() else "interrupted"
+            )
         if ended.stop_reason != "duration":
             raise ExperimentTrippedError(
                 ended.stop_reason, explanation(ended) or "", _fault(log, ended)

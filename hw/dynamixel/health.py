@@ -151,7 +151,6 @@ class HealthWatch:
         if not self._lengths or self.bounds is None:
             return 0
         self.asked = self._lengths[self._turn]
-        self._turn = (self._turn + 1) % len(self._lengths)
         return self.asked
 
     def judge(self, block: bytes, name: str) -> bool:
@@ -171,6 +170,7 @@ class HealthWatch:
         asked, bounds = self.asked, self.bounds
         if not asked or len(block) != asked or bounds is None:
             return True
+        self._turn = (self._turn + 1) % len(self._lengths)  # what is not answered is asked again
         quiet = True
         for item, register in self._wanted[asked]:
             at = register.address - self._addresses[asked]

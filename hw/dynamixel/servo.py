@@ -24,6 +24,7 @@ from hw.errors import (
     ServoError,
     ServoLostError,
     ServoMissingError,
+    StrangeServoError,
     TorqueLostError,
     UnfitServoError,
 )
@@ -93,6 +94,7 @@ class DynamixelServo:
         ``facts.reply_s`` says whether replies take several periods.
 
         Raises:
+            StrangeServoError: It is of no known model; nothing was written.
             UnfitServoError: A check failed; torque is off, or the message says it may not be.
             ServoMissingError: Nothing answers.
             ServoLostError: It stops answering; the message says whether torque is off.
@@ -116,7 +118,9 @@ class DynamixelServo:
             self._off()
             raise  # what never answered was never driven
         except ServoError as error:
-            if self._off() or not self._known:
+            if isinstance(error, UnfitServoError) and not self._known:
+                raise StrangeServoError(str(error)) from error
+            if self._off():
                 raise
             raise type(error)(
                 f"{error} Torque off could not be read back: switch the servo's power off."

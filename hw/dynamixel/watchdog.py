@@ -115,8 +115,8 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
         )
     if not silence_ns:
         return TorqueLostError(
-            f"The Bus Watchdog of the {name} is not what it was set to: look for another program "
-            "on this bus."
+            f"The Bus Watchdog of the {name} is not what it was set to, or did not take it again: "
+            "look for another program on this bus."
         )
     return TorqueLostError(
         f"The {name} heard nothing for {silence}, so its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) "

@@ -1,5 +1,7 @@
 """However a session fails, it is known whether torque is off; a run that was is reported."""
 
+from dataclasses import replace
+
 import pytest
 
 from controller import session
@@ -12,7 +14,7 @@ from controller.telemetry import State, Telemetry, Word
 from controller.tree.plan import Plan
 from hw.clock import SimulatedClock
 from hw.dynamixel.servo import DynamixelServo
-from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from hw.errors import ServoLostError, ServoMissingError, StrangeServoError, UnfitServoError
 from hw.open import open_servo
 
 CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
@@ -111,6 +113,20 @@ def test_what_never_answered_was_never_driven(scene):
     with pytest.raises(ServoMissingError):
         scene.run()
     assert scene.words[Word.STATE] == State.STARTING, "nothing to be cut"
+
+
+def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene):
+    opener = scene.opener
+
+    def exchanged(*arguments):
+        servo = opener(*arguments)
+        scene.truth.model = replace(scene.truth.model, number=2020)
+        return servo
+
+    scene.opener = exchanged
+    with pytest.raises(StrangeServoError, match="nothing was written to it"):
+        scene.run()
+    assert scene.words[Word.STATE] == State.STARTING, "the supervisor writes nothing either"
 
 
 def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch):
