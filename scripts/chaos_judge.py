@@ -11,7 +11,7 @@ from haptic_wall_pytest.record import BusRow
 from numpy.typing import NDArray
 
 from hw.dynamixel.codec import Instruction
-from hw.dynamixel.tables import MODELS
+from hw.dynamixel.tables import REGISTERS
 
 AFTER_S = 2.0
 """A shot may still show so long after it was over [s]"""
@@ -25,9 +25,8 @@ STOP_FRAMES = 8
 """Goals of start and stop at most, which belong to no tick"""
 READ_LATE_S = 0.1
 """By which an emulator that did not come to run may note a frame late [s]"""
-_REGISTERS = MODELS["XM430-W350"].registers
-_TORQUE_ENABLE = _REGISTERS["torque_enable"].address
-_GOAL_CURRENT = _REGISTERS["goal_current"].address
+_TORQUE_ENABLE = REGISTERS["torque_enable"].address
+_GOAL_CURRENT = REGISTERS["goal_current"].address
 _STATE_S = 2e-3
 """Two records of the state: torque that outlives its time by less has not [s]"""
 _CYCLES = 100

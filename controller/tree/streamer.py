@@ -28,10 +28,11 @@ def main() -> None:
     stand_back()
     die_with_parent(orders["parent"], signal.SIGKILL)
     telemetry = Telemetry(orders["telemetry"])
-    sender = Sender(telemetry, Stream(**orders["stream"]), orders["loop_hz"])
+    period_ns = orders["period_ns"]
+    sender = Sender(telemetry, Stream(**orders["stream"]), 1e9 / period_ns)
     finished = False
     while not finished:
-        pause_until_lull(telemetry.words, orders["period_ns"], PAUSE_S)
+        pause_until_lull(telemetry.words, period_ns, PAUSE_S)
         finished = bool(telemetry.words[Word.FINISHED])  # looked at first: no row comes after it
         for trouble in sender.send():
             with contextlib.suppress(BrokenPipeError):  # the supervisor is gone

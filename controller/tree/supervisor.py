@@ -160,7 +160,6 @@ class Supervisor:
             "telemetry": descriptor,
             "parent": os.getpid(),
             "stream": asdict(stream),
-            "loop_hz": self._plan.config.loop.rate_hz,
             "period_ns": self._period_ns,
         }
         module = "controller.tree.streamer"

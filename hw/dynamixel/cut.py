@@ -6,12 +6,11 @@ from typing import Final
 
 from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS
+from hw.dynamixel.tables import REGISTERS
 from hw.errors import ServoLostError
 from hw.wire import ASKING_BYTES
 
-_TORQUE_ENABLE: Final = MODELS["XM430-W350"].registers["torque_enable"]
-"""The same in every model"""
+_TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
 """For each reply of each attempt [ns]: short first, since a lost frame is the likely reason; the
 last also outlasts an adapter's 16 ms timer"""

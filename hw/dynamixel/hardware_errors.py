@@ -10,7 +10,7 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS
+from hw.dynamixel.tables import REGISTERS
 from hw.errors import ServoLostError
 
 _BITS: Final[Mapping[int, tuple[str, str]]] = {
@@ -23,8 +23,7 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
     4: ("electrical shock", "look for a short circuit and for a supply that gives too little"),
     5: ("overload", "free its shaft, or lower servo.torque_limit"),
 }
-_STATUS: Final = MODELS["XM430-W350"].registers["hardware_error_status"]
-"""The same in every model"""
+_STATUS: Final = REGISTERS["hardware_error_status"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
 """For each attempt to ask which error is latched [ns]"""
 _ASKED_BYTES: Final = 3

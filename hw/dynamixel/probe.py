@@ -17,7 +17,7 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS, WATCHDOG_TRIPPED
+from hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from hw.errors import ServoLostError, UnfitServoError
 from hw.servo import Outcome
 from hw.wire import CYCLE_BYTES
@@ -42,9 +42,8 @@ _MOVED_COUNTS: Final = 3
 """More than the play between shaft and encoder and than an encoder's flicker"""
 _END_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
 """For each reply of each attempt to end the push; the last outlasts an adapter's 16 ms timer"""
-_GOAL_CURRENT: Final = MODELS["XM430-W350"].registers["goal_current"]
-_BUS_WATCHDOG: Final = MODELS["XM430-W350"].registers["bus_watchdog"]
-"""The same in every model"""
+_GOAL_CURRENT: Final = REGISTERS["goal_current"]
+_BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _TURNED_COUNTS: Final = 2
 """Back from its furthest by so much, it has turned: more than an encoder's flicker"""
 

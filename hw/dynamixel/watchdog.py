@@ -7,16 +7,14 @@ from typing import Final
 
 from hw.clock import Clock
 from hw.dynamixel.link import Link
-from hw.dynamixel.tables import MODELS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
+from hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from hw.settings import DynamixelSettings
 from hw.wire import ASKING_BYTES
 
-_REGISTERS: Final = MODELS["XM430-W350"].registers
-"""These are the same in every model"""
-_TORQUE_ENABLE: Final = _REGISTERS["torque_enable"]
-_BUS_WATCHDOG: Final = _REGISTERS["bus_watchdog"]
-_GOAL_CURRENT: Final = _REGISTERS["goal_current"]
+_TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
+_BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
+_GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
 _PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 """For each reply of each attempt [ns], beside its time on the wire; the last outlasts an adapter's

@@ -1,6 +1,6 @@
 """Control tables and models of the Dynamixel X series: facts as data."""
 
-from hw.dynamixel.tables.models import MODELS, Model, model_by_number
+from hw.dynamixel.tables.models import MODELS, REGISTERS, Model, model_by_number
 from hw.dynamixel.tables.register import Register
 from hw.dynamixel.tables.units import (
     BAUD_RATES,
@@ -23,6 +23,7 @@ __all__ = [
     "EEPROM_END",
     "MODELS",
     "POSITION_UNIT",
+    "REGISTERS",
     "RETURN_DELAY_UNIT_NS",
     "TICK_MODULUS",
     "VELOCITY_UNIT",

@@ -140,6 +140,9 @@ _ALL: Final = (
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})
 """Every model known, by name."""
 
+REGISTERS: Final = MODELS["XM430-W350"].registers
+"""For those that are the same in every model that has them: torque, its goal, watchdog, errors."""
+
 
 def model_by_number(number: int) -> Model | None:
     """The model with this Model Number; None when it is not known."""

@@ -7,7 +7,14 @@ from pathlib import Path
 import dynamixel_easy_sdk
 import pytest
 
-from hw.dynamixel.tables import MODELS, POSITION_UNIT, VELOCITY_UNIT, Register, model_by_number
+from hw.dynamixel.tables import (
+    MODELS,
+    POSITION_UNIT,
+    REGISTERS,
+    VELOCITY_UNIT,
+    Register,
+    model_by_number,
+)
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
 CURRENT_MODELS = [name for name, model in MODELS.items() if model.current_mode]
@@ -247,3 +254,15 @@ def test_units():
 
 def test_unknown_number_has_no_model():
     assert model_by_number(350) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["torque_enable", "goal_current", "bus_watchdog", "hardware_error_status"]
+)
+def test_what_is_used_without_asking_for_the_model_is_the_same_in_all(name: str) -> None:
+    found = {
+        (model.registers[name].address, model.registers[name].size)
+        for model in MODELS.values()
+        if name in model.registers
+    }
+    assert found == {(REGISTERS[name].address, REGISTERS[name].size)}
