@@ -55,14 +55,24 @@ def draw_hands(walls: Walls, hand: str, periods: int, random: np.random.Generato
         periods: For which it moves.
         random: Draws how each hand is, and how it changes.
     """
-    n = walls.size
-    # A finger on a small servo, an arm on a large one.
-    size = np.clip(walls.inertia / 0.012, 0.15, 20.0)
-    spring = np.exp(random.uniform(np.log(2.0), np.log(20.0), n)) * size
-    damper = 2.0 * random.uniform(0.4, 0.9, n) * np.sqrt(spring * np.maximum(walls.inertia, 0.003))
-    wanted = _wanted(hand, n, periods, random)
+    spring, damper = draw_grips(walls.inertia, random)
+    wanted = wanted_motion(hand, walls.size, periods, random)
     speed = np.diff(wanted, axis=0, append=wanted[-1:]) / walls.period
     return Hands(spring, damper, wanted, speed)
+
+
+def draw_grips(inertia: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Stiffness [N·m/rad] and damping [N·m·s/rad] of a hand on each servo.
+
+    Args:
+        inertia: Of the servos, shape (n,) [kg·m²].
+        random: Draws how each hand is.
+    """
+    # A finger on a small servo, an arm on a large one.
+    size = np.clip(inertia / 0.012, 0.15, 20.0)
+    spring = np.exp(random.uniform(np.log(2.0), np.log(20.0), inertia.size)) * size
+    ratio = random.uniform(0.4, 0.9, inertia.size)
+    return spring, 2.0 * ratio * np.sqrt(spring * np.maximum(inertia, 0.003))
 
 
 def handled(walls: Walls, hands: Hands) -> list[Trace]:
@@ -155,12 +165,12 @@ def _lasts(
     return turns >= _LOOKED and kept and float(np.ptp(last)) >= _LEFT * size > 0.0
 
 
-def _wanted(hand: str, n: int, periods: int, random: np.random.Generator) -> FloatArray:
+def wanted_motion(hand: str, n: int, periods: int, random: np.random.Generator) -> FloatArray:
     """Where hands want to be, shape (periods, n) [rad], at 1 kHz."""
     time = np.arange(periods)[:, None] * 1e-3
 
     def slow(seconds: float) -> FloatArray:
-        return _slow(n, periods, seconds, random)
+        return slow_changes(n, periods, seconds, random)
 
     def phase(frequency: FloatArray, varies: float, seconds: float) -> FloatArray:
         steps = frequency * (1.0 + varies * slow(seconds))
@@ -192,7 +202,7 @@ def _wanted(hand: str, n: int, periods: int, random: np.random.Generator) -> Flo
     return result
 
 
-def _slow(n: int, periods: int, seconds: float, random: np.random.Generator) -> FloatArray:
+def slow_changes(n: int, periods: int, seconds: float, random: np.random.Generator) -> FloatArray:
     """Slow random changes of unit variance, forgotten within so many seconds; (periods, n)."""
     rows = periods // _SLOW + 3
     keep = np.exp(-_SLOW * 1e-3 / seconds)

@@ -1,0 +1,145 @@
+"""Operator models: who holds the output of a trial's servo, and how.
+
+An operator is a spring and a damper toward a moving reference, with a mass of its own and a push,
+all given millisecond by millisecond. When its rows end, it has let go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.experiments.hands import HANDS, draw_grips, slow_changes, wanted_motion
+from controller.theory.checks import FloatArray
+
+HARDER = ("jittered", "resonant", "varying", "heavy")
+"""A rhythm whose periods vary by 3 to 5 %; a rhythm at 0.8 to 1.2 times the wall's own frequency;
+a grip that tightens and loosens; a hand with up to twice the servo's inertia."""
+OPERATORS = (*HANDS, *HARDER)
+ROW_NS = 1_000_000
+Row = tuple[float, float, float, float, float]
+"""Stiffness [N·m/rad], damping [N·m·s/rad], reference [rad] and its speed [rad/s], push [N·m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """An operator on the output."""
+
+    rows: Sequence[Row] = ()
+    """What it does in each millisecond; the reference moves on at its speed within it"""
+    mass: float = 0.0
+    """Inertia that the output carries until the rows end [kg·m²]"""
+    name: str = "none"
+    row_ns: int = ROW_NS
+
+    def released(self, time_s: float) -> Operator:
+        """The same, letting go at ``time_s`` [s]."""
+        return replace(self, rows=self.rows[: max(0, round(time_s * 1e9 / self.row_ns))])
+
+
+NOBODY = Operator()
+
+
+def kick(torque: float, duration_s: float, after_s: float = 0.0) -> Operator:
+    """A push that begins after a while, and then nobody.
+
+    Args:
+        torque: [N·m]
+        duration_s: Of the push [s].
+        after_s: Before it [s].
+    """
+    before, during = round(after_s * 1e9 / ROW_NS), round(duration_s * 1e9 / ROW_NS)
+    still: Row = (0.0, 0.0, 0.0, 0.0, 0.0)
+    return Operator([still] * before + [(0.0, 0.0, 0.0, 0.0, torque)] * during, name="kick")
+
+
+def operator_of(
+    spring: float | FloatArray,
+    damper: float | FloatArray,
+    wanted: FloatArray,
+    *,
+    push: float | FloatArray = 0.0,
+    mass: float = 0.0,
+    name: str = "scripted",
+) -> Operator:
+    """An operator from its motion.
+
+    Args:
+        spring: [N·m/rad], one value or shape (n,).
+        damper: [N·m·s/rad], one value or shape (n,).
+        wanted: Where it wants the output to be, each millisecond, shape (n,) [rad].
+        push: Torque beside the spring's, one value or shape (n,) [N·m].
+        mass: [kg·m²]
+        name: For people.
+    """
+    speed = np.diff(wanted, append=wanted[-1:]) / (ROW_NS * 1e-9)
+    columns = [
+        np.broadcast_to(np.asarray(column, dtype=np.float64), wanted.shape).tolist()
+        for column in (spring, damper, wanted, speed, push)
+    ]
+    return Operator(list(zip(*columns, strict=True)), mass, name)
+
+
+def draw_operator(
+    kind: str,
+    inertia: float,
+    duration_s: float,
+    random: np.random.Generator,
+    *,
+    natural_hz: float = 3.0,
+) -> Operator:
+    """Draw an operator.
+
+    Args:
+        kind: One of ``OPERATORS``, or ``none``.
+        inertia: Of the servo: says how strong a hand is [kg·m²].
+        duration_s: For which it holds the output [s].
+        random: Draws how it is, and how it changes.
+        natural_hz: Of the wall with the servo's inertia [Hz]; a ``resonant`` rhythm is near it.
+
+    Raises:
+        ValueError: There is no such kind.
+    """
+    if kind == "none":
+        return NOBODY
+    if kind not in OPERATORS:
+        raise ValueError(f"operator {kind!r} is not known; give one of {', '.join(OPERATORS)}")
+    periods = max(2, round(duration_s * 1e9 / ROW_NS))
+    springs, dampers = draw_grips(np.array([inertia]), random)
+    spring, damper = float(springs[0]), float(dampers[0])
+    mass = 0.0
+    if kind == "jittered":
+        wanted = _rhythm(random.uniform(1.0, 10.0), random.uniform(0.03, 0.05), periods, random)
+    elif kind == "resonant":
+        wanted = _rhythm(natural_hz * random.uniform(0.8, 1.2), 0.02, periods, random)
+    else:
+        motion = str(random.choice(HANDS)) if kind in HARDER else kind
+        wanted = wanted_motion(motion, 1, periods, random)[:, 0]
+    if kind == "heavy":
+        mass = random.uniform(0.0, 2.0) * inertia
+    if kind == "varying":
+        grip = np.exp(0.6 * slow_changes(1, periods, 0.5, random)[:, 0])
+        return operator_of(spring * grip, damper * np.sqrt(grip), wanted, name=kind)
+    return operator_of(spring, damper, wanted, mass=mass, name=kind)
+
+
+def _rhythm(hertz: float, jitter: float, periods: int, random: np.random.Generator) -> FloatArray:
+    """A rhythm whose every cycle has a period of its own, shape (periods,) [rad].
+
+    Args:
+        hertz: Mean frequency [Hz].
+        jitter: Standard deviation of a cycle's period, by the mean [1].
+        periods: Milliseconds.
+        random: Draws it.
+    """
+    cycles = int(2 * periods * 1e-3 * hertz) + 4
+    lengths = np.maximum(1.0 + jitter * random.standard_normal(cycles), 0.3) / hertz
+    ends = np.concatenate([[0.0], np.cumsum(lengths)])
+    time = np.arange(periods) * 1e-3
+    phase = np.interp(time, ends, np.arange(cycles + 1)) + random.uniform()
+    reach = random.uniform(0.08, 0.25) / (1.0 + hertz / 1.5)
+    slow = slow_changes(1, periods, 0.7, random)[:, 0]
+    result: FloatArray = reach * (1.0 + 0.1 * slow) * np.sin(2.0 * np.pi * phase)
+    return result

@@ -1,0 +1,196 @@
+"""Runs the loop's own tick on a trial's servo, on the simulated clock, and keeps what happened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
+from controller.detector.watch import oscillation_report
+from controller.experiments.trials.operators import NOBODY, Operator
+from controller.experiments.trials.servo import TrialServo
+from controller.experiments.trials.truth import Truth
+from controller.guard.ladder import GuardLadder
+from controller.guard.types import Decision
+from controller.safety import Trip
+from controller.settings.config import Config
+from controller.settings.load import load_config
+from controller.telemetry import FLAG_SATURATED, Telemetry
+from controller.theory.checks import FloatArray, IntArray
+from controller.tick import Tick
+from controller.wall import Side
+from hw.clock import SimulatedClock
+
+_CHUNK = 8192
+"""Ticks between two readings of the rows; the ring holds one more at least."""
+_USUAL = ("loop.clock=simulated", "servo.hand=none", "safety.max_speed=1000")
+
+
+@dataclass(frozen=True, slots=True)
+class WallAsked:
+    """The wall of a trial; its surface is at 0."""
+
+    stiffness: float
+    """K [N·m/rad]"""
+    damping: float
+    """B [N·m·s/rad]"""
+    side: Side = "both"
+    forced: bool = True
+    """Commanded as asked, whatever the guard allows; otherwise the guard decides"""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What happened in a trial; arrays have one value a tick, shape (n,)."""
+
+    period: float
+    """T [s]"""
+    output: FloatArray
+    """True position of the output [rad]"""
+    measured: FloatArray
+    """Position by the encoder [rad]"""
+    torque: FloatArray
+    """Commanded, after the limit [N·m]"""
+    stiffness: FloatArray
+    """Commanded K [N·m/rad]"""
+    damping: FloatArray
+    """Commanded B, with what was injected [N·m·s/rad]"""
+    state: IntArray
+    """Of the detector; see ``controller.detector.oscillation.State``"""
+    saturated: NDArray[np.bool_]
+    """The torque limit has cut the torque"""
+    first_alarm_s: float
+    """NaN: there was no alarm"""
+    trip: str | None
+    """Name of the trip that ended the run; None: none did"""
+    oscillation: dict[str, object]
+    """The run's report of the oscillation"""
+
+    @property
+    def time(self) -> FloatArray:
+        """Of each tick, from 0 on [s]."""
+        return np.arange(self.output.size) * self.period
+
+    @property
+    def reductions(self) -> list[tuple[float, float]]:
+        """When the commanded stiffness began to fall [s], and to what [N·m/rad]."""
+        falls = np.diff(self.stiffness) < 0.0
+        starts = np.flatnonzero(falls & ~np.concatenate([[False], falls[:-1]])) + 1
+        found = []
+        for start in starts.tolist():
+            after = np.flatnonzero(~falls[start - 1 :])
+            end = start - 1 + int(after[0]) if after.size else self.stiffness.size - 1
+            found.append((start * self.period, float(self.stiffness[end])))
+        return found
+
+
+@lru_cache(maxsize=64)
+def trial_config(sets: tuple[str, ...]) -> Config:
+    """The configuration of trials, the default preset with these changes as ``PATH=VALUE``."""
+    return load_config("simulated", [*_USUAL, *sets]).config
+
+
+def guard_decision(truth: Truth, sets: Sequence[str], wall: WallAsked) -> Decision:
+    """What the guard commands for this wall, and its limits; the truth gives only the facts."""
+    config = _with_wall(trial_config(tuple(sets)), wall)
+    servo = TrialServo(truth, SimulatedClock())
+    return guard_ladder(config, servo, simulated=True).decision
+
+
+def run_trial(
+    truth: Truth,
+    sets: Sequence[str],
+    wall: WallAsked,
+    operator: Operator = NOBODY,
+    *,
+    duration_s: float,
+    position: float = 0.0,
+    velocity: float = 0.0,
+    step_s: float | None = None,
+) -> Trial:
+    """Run the tick until the duration is over or a trip ends the run.
+
+    Args:
+        truth: The servo.
+        sets: What is believed of it and set beside it, as ``PATH=VALUE``; see ``trial_config``.
+        wall: What is rendered.
+        operator: Who holds the output.
+        duration_s: [s]
+        position: Where the servo stands at the start [rad].
+        velocity: How it moves there [rad/s].
+        step_s: Longest step of the servo's computation [s]; None: the usual one.
+    """
+    config = _with_wall(trial_config(tuple(sets)), wall)
+    clock = SimulatedClock()
+    servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, step_s=step_s)
+    telemetry = Telemetry(-1, _CHUNK + 8)
+    ladder = _ladder(config, servo, tuple(sets), wall)
+    law, injected = rendered(config, servo, ()), most_injected(config, servo, ladder)
+    parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
+    tick = Tick(parts)
+    tick.wall_on()
+    blocks: list[NDArray[np.void]] = []
+    period_ns, deadline, left, tail = config.period_ns, 0, round(duration_s / config.period_s), 0
+    run, wait_until = tick.run, clock.wait_until
+    while left > 0 and tick.trip is None:
+        for _ in range(min(left, _CHUNK)):
+            deadline += period_ns
+            wait_until(deadline)
+            run(deadline, deadline, 0)
+            if tick.trip is not None:
+                break
+        left -= _CHUNK
+        rows, tail = telemetry.read(tail)
+        blocks.append(rows)
+    rows = np.concatenate(blocks)
+    return Trial(
+        period=config.period_s,
+        output=np.array(servo.outputs[: rows.size]),
+        measured=rows["position"],
+        torque=rows["torque"],
+        stiffness=rows["stiffness"],
+        damping=rows["damping"],
+        state=rows["oscillation"],
+        saturated=(rows["flags"] & FLAG_SATURATED) != 0,
+        first_alarm_s=parts.watch.first_alarm_s,
+        trip=None if tick.trip is None else Trip(tick.trip).value,
+        oscillation=oscillation_report(parts.watch),
+    )
+
+
+def _with_wall(config: Config, wall: WallAsked) -> Config:
+    """The same, with this wall; not checked again, which would take longer than many trials."""
+    for name in ("stiffness", "damping"):
+        if not math.isfinite(getattr(wall, name)):
+            raise ValueError(f"{name} is {getattr(wall, name)}; give a finite value")
+    changed = {
+        "stiffness": wall.stiffness,
+        "damping": wall.damping,
+        "side": wall.side,
+        "position": 0.0,
+    }
+    return config.model_copy(update={"wall": config.wall.model_copy(update=changed)})
+
+
+def _ladder(
+    config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
+) -> GuardLadder:
+    """The guard's decisions, or the wall as asked at the delay that the guard counts."""
+    if not wall.forced:
+        return guard_ladder(config, servo, simulated=True)
+    decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
+    asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
+    return GuardLadder([asked], [0], 90.0, 1000)
+
+
+@lru_cache(maxsize=64)
+def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -> Decision:
+    """Any decision with this belief: its delay, reasons and limits are not asked for."""
+    facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
+    servo = TrialServo(facts, SimulatedClock())
+    return guard_ladder(trial_config(sets), servo, simulated=True).decision

@@ -1,0 +1,142 @@
+"""What the servo of a trial is: everything that the program may not know of a real one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+BackEmf = Literal["none", "current", "voltage"]
+Encoder = Literal["output", "motor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A servo: rigid, or a motor and a load joined by a flexible transmission.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+
+    inertia: float
+    """Motor and load together [kg·m²], > 0"""
+    damping: float = 0.0
+    """Viscous friction [N·m·s/rad], >= 0"""
+    coulomb: float = 0.0
+    """Coulomb friction, equal to static friction [N·m], >= 0"""
+    torque_gain: float = 1.0
+    """Torque that acts per torque commanded [1], > 0"""
+    delay: float = 0.0
+    """From the sending of a torque to its action [s], >= 0"""
+    torque_limit: float = 4.1
+    """Of the commanded torque [N·m], > 0"""
+    torque_step: float = 0.0
+    """Commanded torques are rounded to multiples of it [N·m]; 0: none"""
+    counts_per_rev: int = 4096
+    """Encoder counts per revolution; 0: the position is not quantised"""
+    backlash: float = 0.0
+    """Between the shaft and the encoder, full width [rad], >= 0"""
+    back_emf: BackEmf = "none"
+    """``current``: the drive holds the torque until the supply's voltage runs out, so that it lies
+    between ``-stall (1 + v / v0)`` and ``stall (1 - v / v0)``. ``voltage``: the torque always
+    loses ``stall / v0`` times the speed, as under a held duty"""
+    stall_torque: float = 4.1
+    """True torque at full voltage and no speed [N·m], > 0"""
+    no_load_speed: float = 4.8
+    """v0 [rad/s], > 0"""
+    load_inertia: float = 0.0
+    """Share of ``inertia`` behind the transmission [kg·m²]; 0: the servo is rigid"""
+    transmission_stiffness: float = 0.0
+    """[N·m/rad], > 0 where there is a load"""
+    transmission_damping: float = 0.0
+    """[N·m·s/rad], >= 0; acts while the transmission is in contact"""
+    transmission_backlash: float = 0.0
+    """Inside the transmission, full width [rad], >= 0"""
+    load_friction: float = 0.0
+    """Fraction of both frictions that acts on the load instead of the motor [1]"""
+    encoder: Encoder = "output"
+    """Which side of the transmission the encoder is on. A hand and the output are the load"""
+
+    def __post_init__(self) -> None:
+        above = ("inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed")
+        for name in above:
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} is {value}; give a finite value above 0")
+        for name in (
+            "damping",
+            "coulomb",
+            "delay",
+            "torque_step",
+            "counts_per_rev",
+            "backlash",
+            "load_inertia",
+            "transmission_damping",
+            "transmission_backlash",
+            "load_friction",
+        ):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} is {value}; give a finite value from 0 up")
+        if self.load_friction > 1.0:
+            raise ValueError(f"load_friction is {self.load_friction}; give a fraction, 0 to 1")
+        if self.load_inertia:
+            if not self.load_inertia < self.inertia:
+                raise ValueError(
+                    f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less"
+                    f" than {self.inertia}"
+                )
+            if not 0.0 < self.transmission_stiffness < math.inf:
+                raise ValueError(
+                    f"transmission_stiffness is {self.transmission_stiffness}; with a load_inertia"
+                    " give a finite value above 0"
+                )
+
+    @property
+    def flexible(self) -> bool:
+        """Whether there are two masses."""
+        return self.load_inertia > 0.0
+
+    @property
+    def position_step(self) -> float:
+        """One count of the encoder [rad]; 0: the position is not quantised."""
+        return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
+
+    @property
+    def braking(self) -> float:
+        """Torque that back-EMF takes per speed while it acts [N·m·s/rad]."""
+        return self.stall_torque / self.no_load_speed
+
+    @property
+    def mode_hz(self) -> float:
+        """Natural frequency of the transmission, both ends free [Hz]; NaN for a rigid servo."""
+        if not self.flexible:
+            return math.nan
+        return math.sqrt(self.transmission_stiffness / self._reduced) / math.tau
+
+    @property
+    def _reduced(self) -> float:
+        motor = self.inertia - self.load_inertia
+        return motor * self.load_inertia / self.inertia
+
+    def with_mode(
+        self, hertz: float, damping_ratio: float, load: float, *, locked: bool = False
+    ) -> Truth:
+        """The same servo with a flexible transmission.
+
+        Args:
+            hertz: Natural frequency [Hz].
+            damping_ratio: Of that mode [1].
+            load: Fraction of the inertia that is behind the transmission, 0 < load < 1.
+            locked: ``hertz`` and ``damping_ratio`` are those with the motor held still; otherwise
+                with both ends free.
+        """
+        inertia = load * self.inertia
+        moving = inertia if locked else (1.0 - load) * inertia
+        rate = math.tau * hertz
+        return replace(
+            self,
+            load_inertia=inertia,
+            transmission_stiffness=moving * rate * rate,
+            transmission_damping=2.0 * damping_ratio * moving * rate,
+        )
