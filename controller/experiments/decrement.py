@@ -63,7 +63,7 @@ def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turn
     """
     if time.size == 0:
         return Turns(np.empty(0), np.empty(0))
-    found = _reversals(position, least)
+    found = reversals(position, least)
     rough = np.concatenate([time[:1], [0.5 * (time[a] + time[b]) for a, b in found]])
     where = np.concatenate([position[:1], [position[a] for a, _ in found]])
     fitted_time, fitted = rough.copy(), where.copy()
@@ -97,7 +97,7 @@ def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
     return Growth(np.log(after / before), np.sqrt(before * after), number)
 
 
-def _reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:
+def reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:
     """First and last sample of each extreme that the motion came back from by ``least``."""
     found: list[tuple[int, int]] = []
     start = position[0]

@@ -74,7 +74,8 @@ class Trial:
     @property
     def time(self) -> FloatArray:
         """Of each tick, from 0 on [s]."""
-        return np.arange(self.output.size) * self.period
+        time: FloatArray = np.arange(self.output.size, dtype=np.float64) * self.period
+        return time
 
     @property
     def reductions(self) -> list[tuple[float, float]]:

@@ -1,0 +1,173 @@
+"""Draws truths over the whole of what a preset believes, and beyond: lag, back-EMF, backlash."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from controller.experiments.trials.truth import BackEmf, Truth
+from controller.guard.belief import Belief, Bounded
+from controller.settings.load import load_config
+from controller.theory import critical_stiffness, max_virtual_damping
+
+LAG_FACTOR = 4.0
+"""Largest lag, by the upper bound of what is believed [1]"""
+MOST_BACKLASH = math.radians(0.5)
+MODE_HZ, MODE_DAMPING, MODE_LOAD = (10.0, 60.0), (0.01, 0.05), (0.1, 0.7)
+"""Of a flexible transmission: frequency with both ends free [Hz], damping ratio, load's share of
+the inertia"""
+_CORNERS = 0.5
+"""Probability of a corner of the box."""
+_MOTORS = {"xm430-w350": (46.0, 0.00269 * 4.1 / 2.3), "xl330-m288": (103.0, 0.0)}
+"""Speed without a load [rpm], and torque of a unit of current [N·m]; the XL330's units are those of
+its supply's current, fine beside its friction, and left out. Source: ROBOTIS e-Manual"""
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A servo's preset, as trials need it."""
+
+    name: str
+    belief: Belief
+    torque_limit: float
+    """[N·m]"""
+    stall_torque: float
+    """[N·m]"""
+    no_load_speed: float
+    """[rad/s]"""
+    torque_step: float
+    """[N·m]; 0: none"""
+    sets: tuple[str, ...]
+    """The belief as changes of a configuration"""
+
+
+@lru_cache
+def bench_of(preset: str) -> Bench:
+    """The bench of ``xm430-w350`` or ``xl330-m288``.
+
+    Raises:
+        ValueError: Nothing is known of that preset's motor.
+    """
+    if preset not in _MOTORS:
+        raise ValueError(f"preset {preset!r} is no bench; give one of {', '.join(_MOTORS)}")
+    config = load_config(preset).config
+    limit = config.servo.torque_limit
+    rpm, step = _MOTORS[preset]
+    assert limit is not None
+    belief = config.belief()
+    sets = [f"servo.torque_limit={limit!r}", f"servo.inertia={belief.inertia.value!r}"]
+    for name in ("inertia", "damping", "coulomb", "delay", "torque_gain"):
+        bounds: Bounded = getattr(belief, name)
+        sets.append(
+            f"model.{name}={{value: {bounds.value!r}, low: {bounds.low!r}, high: {bounds.high!r}}}"
+        )
+    return Bench(
+        name=preset,
+        belief=belief,
+        torque_limit=limit,
+        stall_torque=limit,
+        no_load_speed=rpm * math.tau / 60.0,
+        torque_step=step,
+        sets=tuple(sets),
+    )
+
+
+def draw_truth(
+    bench: Bench,
+    random: np.random.Generator,
+    *,
+    lag_factor: float = LAG_FACTOR,
+    back_emf: BackEmf | None = None,
+    backlash: bool | None = False,
+    flexible: bool | None = False,
+) -> Truth:
+    """Draw a servo from the whole of the believed box.
+
+    With probability 1/2 it is a corner of the box; otherwise every quantity is log-uniform, the lag
+    uniform.
+
+    Args:
+        bench: Whose belief.
+        random: Draws.
+        lag_factor: Largest lag, by its believed upper bound.
+        back_emf: None: drawn.
+        backlash: Between shaft and encoder, and with a transmission half of the time inside it;
+            None: drawn.
+        flexible: Two masses; None: drawn.
+    """
+    belief = bench.belief
+    corner = bool(random.random() < _CORNERS)
+    kinds: tuple[BackEmf, ...] = ("none", "current", "voltage")
+    drawn = kinds[int(random.integers(3))] if back_emf is None else back_emf
+    lag = (belief.delay.low, belief.delay.high, lag_factor * belief.delay.high)
+    gain = _between(belief.torque_gain, random, corner=corner)
+    truth = Truth(
+        inertia=_between(belief.inertia, random, corner=corner),
+        damping=_between(belief.damping, random, corner=corner),
+        coulomb=_between(belief.coulomb, random, corner=corner),
+        torque_gain=gain,
+        delay=lag[int(random.integers(3))] if corner else random.uniform(lag[0], lag[2]),
+        torque_limit=bench.torque_limit,
+        torque_step=bench.torque_step,
+        back_emf=drawn,
+        stall_torque=gain * bench.stall_torque,
+        no_load_speed=bench.no_load_speed,
+    )
+    if random.random() < 0.5 if backlash is None else backlash:
+        width = MOST_BACKLASH if corner else random.uniform(0.0, MOST_BACKLASH)
+        truth = replace(truth, backlash=width)
+    if random.random() < 0.5 if flexible is None else flexible:
+        truth = truth.with_mode(
+            _within(MODE_HZ, random), _within(MODE_DAMPING, random), random.uniform(*MODE_LOAD)
+        )
+        truth = replace(
+            truth,
+            encoder="motor" if random.random() < 0.25 else "output",
+            load_friction=float(random.choice([0.0, 0.0, 0.5, 1.0])),
+        )
+        if truth.backlash and random.random() < 0.5:
+            truth = replace(truth, backlash=0.0, transmission_backlash=truth.backlash)
+    return truth
+
+
+def critical_of(truth: Truth, damping: float, period: float) -> float:
+    """Commanded stiffness above which the two-sided wall on this servo is unstable [N·m/rad].
+
+    Of the rigid servo without Coulomb friction, backlash, limit and back-EMF.
+
+    Args:
+        truth: The servo.
+        damping: Commanded B [N·m·s/rad].
+        period: T [s].
+    """
+    gain = truth.torque_gain
+    limit = critical_stiffness(truth.inertia, truth.damping, gain * damping, period, truth.delay)
+    return float(limit) / gain
+
+
+def damping_ceiling_of(truth: Truth, period: float) -> float:
+    """Commanded B from which on no stiffness is stable on this servo, rigid [N·m·s/rad]."""
+    ceiling = max_virtual_damping(truth.inertia, truth.damping, period, truth.delay)
+    return float(ceiling) / truth.torque_gain
+
+
+def natural_hz(truth: Truth, stiffness: float) -> float:
+    """Frequency of the wall's commanded stiffness with this servo's inertia [Hz]."""
+    return math.sqrt(truth.torque_gain * stiffness / truth.inertia) / math.tau
+
+
+def _between(bounds: Bounded, random: np.random.Generator, *, corner: bool) -> float:
+    if corner:
+        return bounds.high if random.random() < 0.5 else bounds.low
+    return _within((bounds.low, bounds.high), random)
+
+
+def _within(bounds: tuple[float, float], random: np.random.Generator) -> float:
+    """Log-uniform; uniform where the lower bound is 0."""
+    low, high = bounds
+    if low <= 0.0:
+        return float(random.uniform(low, high))
+    return float(math.exp(random.uniform(math.log(low), math.log(high))))

@@ -1,0 +1,215 @@
+"""What a trial's true motion shows: half-cycles, an oscillation of its own, whether it decays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.detector.oscillation import State
+from controller.experiments.decrement import reversals
+from controller.experiments.trials.run import Trial
+from controller.guard.belief import Belief
+from controller.theory.checks import FloatArray
+
+LARGE_RAD = math.radians(1.0)
+LARGE_COUNTS = 10.0
+"""The smaller of the two is the amplitude to either side above which an oscillation is large."""
+SMALL_COUNTS = 4.0
+"""Amplitude above which no motion that sustains itself may be called quiet or decaying."""
+MOST_CYCLES, LONGEST_S = 6.0, 5.0
+"""Cycles of the slowest believed frequency within which it must decay, and the longest time [s]"""
+LOST = 0.01
+"""Share of its amplitude that a cycle loses where it decays."""
+_NOISE_RAD = 1e-4
+"""What turns back by less is no half-cycle [rad]: a fifteenth of a count of 4096."""
+
+
+@dataclass(frozen=True, slots=True)
+class HalfCycles:
+    """From each turning point of the true motion to the next; arrays of shape (n,)."""
+
+    begin_s: FloatArray
+    end_s: FloatArray
+    amplitude: FloatArray
+    """Half the way between the two turning points [rad]"""
+    last: FloatArray
+    """Amplitude of the one two before, on the same side; infinite for the first two [rad]"""
+
+    @property
+    def sustained(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Which have not lost ``LOST`` of their amplitude within a cycle."""
+        kept: np.ndarray[tuple[int], np.dtype[np.bool_]] = self.amplitude >= self.last * (
+            1.0 - LOST
+        )
+        return kept
+
+
+def half_cycles(trial: Trial, since_s: float = 0.0) -> HalfCycles:
+    """The half-cycles of the true output.
+
+    The last turning point counts where the motion has come back from it; a start at rest is the
+    first.
+
+    Args:
+        trial: What happened.
+        since_s: Where to begin, such as where an operator has let go [s].
+    """
+    first = round(since_s / trial.period)
+    output = trial.output[first:]
+    if output.size == 0:
+        none = np.empty(0)
+        return HalfCycles(none, none, none, none)
+    found = reversals(output, _NOISE_RAD)
+    at = np.array([0.0, *(0.5 * (a + b) for a, b in found)])
+    place = output[np.array([0, *(a for a, _ in found)], dtype=np.int64)]
+    time = (at + first) * trial.period
+    amplitude = 0.5 * np.abs(np.diff(place))
+    last = np.concatenate([[math.inf, math.inf], amplitude])[: amplitude.size]
+    return HalfCycles(time[:-1], time[1:], amplitude, last)
+
+
+def large(counts_per_rev: int) -> float:
+    """Amplitude above which an oscillation is large [rad]."""
+    if not counts_per_rev:
+        return LARGE_RAD
+    return min(LARGE_RAD, LARGE_COUNTS * math.tau / counts_per_rev)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnOscillation:
+    """What the wall did by itself."""
+
+    onset_s: float
+    """End of the first half-cycle above the threshold [s]; NaN: there was none"""
+    decays_s: float
+    """End of the last half-cycle above the threshold that did not decay [s], ``onset_s`` at least;
+    NaN: there was no onset"""
+    deadline_s: float
+    """When it must decay at the latest, or the run be over [s]; NaN: there was no onset"""
+    ended_s: float
+    """End of the trial [s]"""
+    tripped: bool
+    """A trip has ended it"""
+    largest: float
+    """Amplitude of the largest half-cycle [rad]"""
+    final: float
+    """Amplitude of the last half-cycle that began in the last quarter; 0: there was none [rad]"""
+    stiffness: float
+    """Commanded at the onset [N·m/rad]; NaN: there was no onset"""
+
+    @property
+    def in_time(self) -> bool:
+        """It decayed, or the run ended, before the deadline; or there was nothing.
+
+        A trial must go on beyond the deadline: up to its end it says nothing.
+        """
+        if math.isnan(self.onset_s):
+            return True
+        if self.tripped and self.ended_s <= self.deadline_s:
+            return True
+        return self.decays_s <= self.deadline_s
+
+    @property
+    def judged(self) -> bool:
+        """The trial was long enough to tell."""
+        return math.isnan(self.onset_s) or self.tripped or self.ended_s > self.deadline_s
+
+
+def own_oscillation(
+    trial: Trial, belief: Belief, *, counts_per_rev: int = 4096, since_s: float = 0.0
+) -> OwnOscillation:
+    """Judge a motion that nobody keeps up, since ``since_s``.
+
+    Args:
+        trial: What happened.
+        belief: Whose lowest gain and highest inertia give the slowest frequency.
+        counts_per_rev: Of the encoder.
+        since_s: When the operator has let go [s].
+    """
+    cycles, threshold = half_cycles(trial, since_s), large(counts_per_rev)
+    ended = trial.output.size * trial.period
+    above = cycles.amplitude > threshold
+    final = cycles.amplitude[cycles.begin_s > 0.75 * ended]
+    onset = decays = deadline = stiffness = math.nan
+    if above.any():
+        onset = decays = float(cycles.end_s[above][0])
+        kept = above & cycles.sustained & np.isfinite(cycles.last)
+        if kept.any():
+            decays = max(onset, float(cycles.end_s[kept][-1]))
+        stiffness = float(trial.stiffness[min(round(onset / trial.period), ended_at(trial))])
+        deadline = onset + deadline_after(belief, stiffness)
+    return OwnOscillation(
+        onset_s=onset,
+        decays_s=decays,
+        deadline_s=deadline,
+        ended_s=ended,
+        tripped=trial.trip is not None,
+        largest=float(cycles.amplitude.max(initial=0.0)),
+        final=float(final[-1]) if final.size else 0.0,
+        stiffness=stiffness,
+    )
+
+
+def ended_at(trial: Trial) -> int:
+    """Index of the last tick."""
+    return trial.output.size - 1
+
+
+def deadline_after(belief: Belief, stiffness: float) -> float:
+    """How long an oscillation at this commanded stiffness may take to decay [s].
+
+    Six cycles of ``sqrt(g_low K / m_high) / 2 pi``, at most 5 s.
+    """
+    if not stiffness > 0.0:
+        return LONGEST_S
+    rate = math.sqrt(belief.torque_gain.low * stiffness / belief.inertia.high)
+    return min(MOST_CYCLES * math.tau / rate, LONGEST_S)
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a trial is at its end, while nobody moves it."""
+
+    amplitude: float
+    """Of the smallest half-cycle in the window [rad]; 0 where there were fewer than four"""
+    frequency_hz: float
+    """NaN where there were fewer than four"""
+    quiet: float
+    """Fraction of the window's ticks in which the detector says quiet or decaying [1]"""
+
+
+def ending(trial: Trial, window_s: float = 2.0) -> Ending:
+    """The motion that is left at the end: what sustains itself has half-cycles throughout.
+
+    Args:
+        trial: What happened.
+        window_s: Before its end [s].
+    """
+    since = max(0.0, trial.output.size * trial.period - window_s)
+    cycles = half_cycles(trial, since)
+    state = trial.state[round(since / trial.period) :]
+    quiet = float(np.mean(state < State.SUSTAINED)) if state.size else 1.0
+    # The first one begins anywhere; gaps longer than twice the usual are times at rest.
+    amplitude, end_s = cycles.amplitude[1:], cycles.end_s[1:]
+    if amplitude.size < 4:
+        return Ending(0.0, math.nan, quiet)
+    length = np.diff(end_s)
+    rests = float(np.max(length)) > 3.0 * float(np.median(length))
+    left = trial.output.size * trial.period - float(end_s[-1])
+    stopped = left > 3.0 * float(np.median(length))
+    smallest = 0.0 if rests or stopped else float(amplitude.min())
+    return Ending(smallest, 0.5 / float(np.median(length)), quiet)
+
+
+def called_quiet(trial: Trial, *, counts_per_rev: int = 4096, window_s: float = 2.0) -> bool:
+    """Whether a motion above four counts sustains itself at the end and is quiet or decaying.
+
+    Args:
+        trial: What happened, while nobody moves it.
+        counts_per_rev: Of the encoder.
+        window_s: Before its end [s].
+    """
+    end = ending(trial, window_s)
+    return end.amplitude > SMALL_COUNTS * math.tau / counts_per_rev and end.quiet > 0.5

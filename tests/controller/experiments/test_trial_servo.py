@@ -1,0 +1,254 @@
+"""The trial's servo against exact solutions, and against a general solver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from controller.experiments.trials.operators import NOBODY, Operator, kick, operator_of
+from controller.experiments.trials.servo import TrialServo
+from controller.experiments.trials.truth import Truth
+from hw.clock import SimulatedClock
+from hw.plant import PlantParameters, Pull, State, step
+from hw.settings import SimulatedSettings, TrueServo
+from hw.simulated import SimulatedServo
+
+COUNT = math.tau / 4096
+SERVO = Truth(0.012, 0.012, 0.09, counts_per_rev=0, torque_limit=100.0)
+TWO = Truth(0.012, 0.012, 0.09, counts_per_rev=0, torque_limit=100.0).with_mode(30.0, 0.02, 0.5)
+Torque = Callable[[float], float]
+
+
+def driven(servo: TrialServo, clock: SimulatedClock, torque: Torque, ticks: int) -> np.ndarray:
+    """Output after each millisecond, under a torque of time held for it."""
+    for i in range(ticks):
+        servo.request()
+        servo.write(torque(i * 1e-3))
+        clock.wait_until((i + 1) * 1_000_000)
+    servo.request()
+    return np.array(servo.outputs)
+
+
+def run(truth: Truth, torque: Torque, ticks: int, operator: Operator = NOBODY, **start: float):
+    clock = SimulatedClock()
+    return driven(TrialServo(truth, clock, operator, **start), clock, torque, ticks)
+
+
+def wave(time: float) -> float:
+    return 1.2 * math.sin(20.0 * time) + 0.5 * math.sin(171.0 * time)
+
+
+def exact(truth: Truth, torque: Torque, ticks: int, pulls: list[Pull] | None = None) -> np.ndarray:
+    parameters = PlantParameters(truth.inertia, truth.damping, truth.coulomb)
+    state, found = State(0.0, 0.0), [0.0]
+    for i in range(ticks):
+        pull = None if pulls is None else pulls[i]
+        state = step(state, parameters, torque(i * 1e-3), 1e-3, pull)
+        found.append(state.position)
+    return np.array(found)
+
+
+def test_a_rigid_servo_moves_as_the_exact_solution_within_a_hundredth_of_a_count() -> None:
+    found = run(SERVO, wave, 1000)
+    wanted = exact(SERVO, wave, 1000)
+    assert np.ptp(wanted) > 100 * COUNT
+    assert np.max(np.abs(found - wanted)) < 0.01 * COUNT
+
+
+def test_held_by_an_operator_it_moves_as_the_exact_solution_within_a_hundredth_of_a_count() -> None:
+    wanted = 0.3 * np.sin(np.arange(1001) * 1e-3 * 15.0)
+    operator = operator_of(15.0, 0.4, wanted)
+    speed = np.diff(wanted) / 1e-3
+    pulls = [Pull(15.0, 0.4, float(wanted[i]), float(speed[i])) for i in range(1000)]
+    found = run(SERVO, wave, 1000, operator)
+    assert np.max(np.abs(found - exact(SERVO, wave, 1000, pulls))) < 0.01 * COUNT
+
+
+def test_it_sticks_where_friction_holds_it_and_does_not_creep() -> None:
+    found = run(SERVO, lambda time: 0.0899 * math.cos(40.0 * time), 500)
+    assert np.all(found == 0.0)
+
+
+def test_a_lag_is_kept_to_the_nanosecond() -> None:
+    """Beside the simulated servo of the product, closed loop, with a fraction of a period."""
+    lag = 3.3e-3
+    clock = SimulatedClock()
+    other = SimulatedServo(
+        SimulatedSettings(TrueServo(0.012, 0.012, 0.09, delay=lag, position=0.05)), clock
+    )
+    servo = TrialServo(Truth(0.012, 0.012, 0.09, delay=lag), clock, position=0.05)
+    other.start()
+    apart = []
+    for i in range(400):
+        clock.wait_until(i * 1_000_000)
+        positions = []
+        for one in (servo, other):
+            one.request()
+            position = one.collect(0).position
+            positions.append(position)
+            one.write(-5.0 * position)
+        apart.append(abs(positions[0] - positions[1]))
+    assert max(apart) <= COUNT * 1.001  # the two round at another count now and then
+    assert np.mean(np.array(apart) > 0.1 * COUNT) < 0.02
+
+
+def test_without_friction_two_masses_keep_their_energy() -> None:
+    truth = Truth(0.012, counts_per_rev=0).with_mode(60.0, 0.0, 0.3)
+    clock = SimulatedClock()
+    servo = TrialServo(truth, clock)
+    servo.velocity, servo.motor_velocity = 7.0, -3.0
+    before = servo.energy()
+    # A leapfrog's energy breathes with the mode; it must neither grow nor fall.
+    found = []
+    for i in range(5000):
+        clock.wait_until(i * 1_000_000)
+        servo.request()
+        found.append(servo.energy())
+    breathing = (math.tau * 60.0 * 2.5e-4) ** 2
+    assert np.max(np.abs(np.array(found) / before - 1.0)) < breathing
+    assert abs(np.mean(found[-500:]) / np.mean(found[:500]) - 1.0) < 1e-6
+
+
+@pytest.mark.parametrize("hertz", [10.0, 30.0, 60.0])
+def test_the_mode_has_its_frequency_and_its_damping(hertz: float) -> None:
+    truth = Truth(0.012, counts_per_rev=0).with_mode(hertz, 0.02, 0.4)
+    assert truth.mode_hz == pytest.approx(hertz)
+    clock = SimulatedClock()
+    servo = TrialServo(truth, clock)
+    servo.motor_velocity, servo.velocity = 0.4, -0.6  # at rest as a whole
+    found = driven(servo, clock, lambda _: 0.0, round(20e3 / hertz))
+    tops = np.flatnonzero((found[1:-1] > found[:-2]) & (found[1:-1] > found[2:])) + 1
+    cycles = len(tops) - 1
+    frequency = cycles / ((tops[-1] - tops[0]) * 1e-3)
+    # Tops are told to a millisecond each.
+    assert frequency == pytest.approx(
+        hertz * math.sqrt(1 - 0.02**2), rel=1.0 / (tops[-1] - tops[0])
+    )
+    lost = math.log(found[tops[0]] / found[tops[-1]]) / cycles
+    assert lost == pytest.approx(math.tau * 0.02, rel=0.03)
+
+
+def solved(truth: Truth, torque: Torque, ticks: int, twist: float) -> np.ndarray:
+    """Two masses by a general solver, Coulomb friction and gap as they are, output mass sampled.
+
+    The friction's jump is a steep slope; each millisecond is solved by itself.
+    """
+    motor, load = truth.inertia - truth.load_inertia, truth.load_inertia
+    k, c, gap = (
+        truth.transmission_stiffness,
+        truth.transmission_damping,
+        0.5 * truth.transmission_backlash,
+    )
+
+    def slope(_: float, s: np.ndarray, drive: float) -> list[float]:
+        x, v, y, w = s
+        d = x - y
+        e = math.copysign(max(abs(d) - gap, 0.0), d)
+        passed = k * e + (c * (v - w) if not gap or e else 0.0)
+        if gap and passed * e < 0.0:
+            passed = 0.0
+        rub = truth.coulomb * math.tanh(v / 1e-4) + truth.damping * v
+        return [v, (drive - passed - rub) / motor, w, passed / load]
+
+    state, found = np.array([twist, 0.0, 0.0, 0.0]), [0.0]
+    for i in range(ticks):
+        done = solve_ivp(
+            slope, (0.0, 1e-3), state, "LSODA", args=(torque(i * 1e-3),), rtol=1e-8, atol=1e-10
+        )
+        state = done.y[:, -1]
+        found.append(state[2])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("gap", [0.0, math.radians(0.5)])
+def test_two_masses_with_friction_and_backlash_move_as_a_solver_says(gap: float) -> None:
+    from dataclasses import replace
+
+    truth = replace(TWO, transmission_backlash=gap)
+    found = run(truth, wave, 400)
+    wanted = solved(truth, wave, 400, 0.0)
+    assert np.ptp(wanted) > 100 * COUNT
+    assert np.max(np.abs(found - wanted)) < 0.5 * COUNT
+    finer = run(truth, wave, 400, step_s=2.5e-5)
+    assert np.max(np.abs(finer - wanted)) < 0.05 * COUNT
+
+
+def test_a_current_loop_holds_its_torque_until_the_voltage_runs_out() -> None:
+    from dataclasses import replace
+
+    frictionless = Truth(0.012, counts_per_rev=0)
+    ceiling = replace(frictionless, back_emf="current")
+    # Below the knee, 1 N·m of 4.1 up to 0.756 of the no-load speed, nothing is lost.
+    below = slice(0, 40)
+    assert 1.0 / 0.012 * 0.04 < 0.756 * 4.8
+    driven = [run(one, lambda _: 1.0, 400) for one in (frictionless, ceiling)]
+    assert np.allclose(driven[0][below], driven[1][below], atol=1e-12)
+    # At last it turns at its no-load speed and no faster.
+    speed = np.diff(driven[1]) / 1e-3
+    assert speed[-1] == pytest.approx(4.8, rel=1e-3)
+    assert np.max(speed) < 4.8
+
+
+def test_a_held_voltage_loses_torque_with_the_speed_at_once() -> None:
+    truth = Truth(0.012, counts_per_rev=0, back_emf="voltage")
+    found = run(truth, lambda _: 2.05, 400)
+    rate = truth.braking / truth.inertia
+    time = np.arange(401) * 1e-3
+    wanted = 2.4 * (time - (1.0 - np.exp(-rate * time)) / rate)
+    assert np.max(np.abs(found - wanted)) < 0.01 * COUNT
+
+
+def test_the_encoder_follows_the_shaft_past_its_backlash() -> None:
+    truth = Truth(0.012, counts_per_rev=0, backlash=0.02)
+    clock = SimulatedClock()
+    servo = TrialServo(truth, clock, velocity=1.0)
+    measured = []
+    for i in range(100):
+        clock.wait_until(i * 1_000_000)
+        servo.request()
+        measured.append(servo.collect(0).position)
+    gone = np.array(servo.outputs)
+    assert np.allclose(measured, np.maximum(gone - 0.01, 0.0), atol=1e-12)
+
+
+def test_torques_are_limited_scaled_and_rounded_as_commanded() -> None:
+    truth = Truth(0.012, torque_gain=1.35, torque_limit=4.1, torque_step=0.3)
+    servo = TrialServo(truth, SimulatedClock())
+    assert servo.write(1.0) == pytest.approx(0.9)
+    assert servo.write(-9.0) == pytest.approx(-3.9)
+    with pytest.raises(ValueError, match="finite"):
+        servo.write(math.nan)
+
+
+def test_an_operator_that_lets_go_takes_its_mass_along() -> None:
+    operator = operator_of(0.0, 0.0, np.zeros(1000), push=0.5, mass=0.012, name="heavy")
+    found = run(Truth(0.012, counts_per_rev=0), lambda _: 0.5, 200, operator.released(0.1))
+    speed = np.diff(found) / 1e-3
+    assert speed[49] == pytest.approx(1.0 / 0.024 * 0.0495, rel=1e-6)
+    after = (speed[199] - speed[150]) / 0.049
+    assert after == pytest.approx(0.5 / 0.012, rel=1e-6)
+
+
+def test_a_kick_ends() -> None:
+    found = run(Truth(0.012, counts_per_rev=0), lambda _: 0.0, 50, kick(1.2, 0.01, 0.02))
+    assert found[20] == 0.0
+    assert (found[50] - found[40]) / 0.01 == pytest.approx(1.2 * 0.01 / 0.012, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        ({"inertia": 0.0}, "inertia"),
+        ({"inertia": 1.0, "delay": -1.0}, "delay"),
+        ({"inertia": 1.0, "load_inertia": 1.0}, "load_inertia"),
+        ({"inertia": 1.0, "load_inertia": 0.5}, "transmission_stiffness"),
+        ({"inertia": 1.0, "load_friction": 1.5}, "load_friction"),
+    ],
+)
+def test_a_truth_says_what_is_wrong_with_it(wrong: dict[str, float], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        Truth(**wrong)  # type: ignore[arg-type]
