@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from controller.experiments.processes import cores
+from controller.experiments.processes import cores, processes
 from controller.theory.checks import FloatArray
 
 Point = Mapping[str, float]
@@ -79,27 +79,13 @@ def worst_cases(
         All points that were tried, the largest value first.
     """
     random = np.random.default_rng(seed)
+    limits = (parents, children, generations, random, enough)
     count = cores() if workers is None else workers
     if count == 0:
-        return _evolve(
-            lambda points: [objective(p) for p in points],
-            box,
-            parents,
-            children,
-            generations,
-            random,
-            enough,
-        )
-    with ProcessPoolExecutor(count, initializer=_be_nice) as pool:
-        return _evolve(
-            lambda points: list(pool.map(objective, points)),
-            box,
-            parents,
-            children,
-            generations,
-            random,
-            enough,
-        )
+        return _evolve(lambda points: [objective(point) for point in points], box, *limits)
+    nicely = partial(_nicely, objective)
+    with processes(count) as pool:
+        return _evolve(lambda points: list(pool.map(nicely, points)), box, *limits)
 
 
 def _evolve(
@@ -163,5 +149,7 @@ def _child(parents: FloatArray, random: np.random.Generator) -> FloatArray:
     return result
 
 
-def _be_nice() -> None:
-    os.nice(NICE)
+def _nicely(objective: Objective, point: Point) -> float:
+    """The objective, at low priority from now on."""
+    os.setpriority(os.PRIO_PROCESS, 0, max(NICE, os.getpriority(os.PRIO_PROCESS, 0)))
+    return objective(point)
