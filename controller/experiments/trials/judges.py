@@ -26,6 +26,11 @@ _NOISE_RAD = 1e-4
 """What turns back by less is no half-cycle [rad]: a fifteenth of a count of 4096."""
 
 
+_RIPPLE = 0.5
+"""A motion that turns back by less is a ripple, by the amplitude of interest: a quarter of the way
+of such a half-cycle."""
+
+
 @dataclass(frozen=True, slots=True)
 class HalfCycles:
     """From each turning point of the true motion to the next; arrays of shape (n,)."""
@@ -46,7 +51,7 @@ class HalfCycles:
         return kept
 
 
-def half_cycles(trial: Trial, since_s: float = 0.0) -> HalfCycles:
+def half_cycles(trial: Trial, since_s: float = 0.0, least: float = _NOISE_RAD) -> HalfCycles:
     """The half-cycles of the true output.
 
     The last turning point counts where the motion has come back from it; a start at rest is the
@@ -55,13 +60,14 @@ def half_cycles(trial: Trial, since_s: float = 0.0) -> HalfCycles:
     Args:
         trial: What happened.
         since_s: Where to begin, such as where an operator has let go [s].
+        least: A motion that turns back by less is a ripple on a half-cycle [rad].
     """
     first = round(since_s / trial.period)
     output = trial.output[first:]
     if output.size == 0:
         none = np.empty(0)
         return HalfCycles(none, none, none, none)
-    found = reversals(output, _NOISE_RAD)
+    found = reversals(output, least)
     at = np.array([0.0, *(0.5 * (a + b) for a, b in found)])
     place = output[np.array([0, *(a for a, _ in found)], dtype=np.int64)]
     time = (at + first) * trial.period
@@ -93,7 +99,7 @@ class OwnOscillation:
     tripped: bool
     """A trip has ended it"""
     largest: float
-    """Amplitude of the largest half-cycle [rad]"""
+    """Amplitude of the largest half-cycle; those below a quarter of the threshold are 0 [rad]"""
     final: float
     """Amplitude of the last half-cycle that began in the last quarter; 0: there was none [rad]"""
     stiffness: float
@@ -128,7 +134,8 @@ def own_oscillation(
         counts_per_rev: Of the encoder.
         since_s: When the operator has let go [s].
     """
-    cycles, threshold = half_cycles(trial, since_s), large(counts_per_rev)
+    threshold = large(counts_per_rev)
+    cycles = half_cycles(trial, since_s, _RIPPLE * threshold)
     ended = trial.output.size * trial.period
     above = cycles.amplitude > threshold
     final = cycles.amplitude[cycles.begin_s > 0.75 * ended]
@@ -138,7 +145,8 @@ def own_oscillation(
         kept = above & cycles.sustained & np.isfinite(cycles.last)
         if kept.any():
             decays = max(onset, float(cycles.end_s[kept][-1]))
-        stiffness = float(trial.stiffness[min(round(onset / trial.period), ended_at(trial))])
+        at_onset = min(round(onset / trial.period), trial.output.size - 1)
+        stiffness = float(trial.stiffness[at_onset])
         deadline = onset + deadline_after(belief, stiffness)
     return OwnOscillation(
         onset_s=onset,
@@ -150,11 +158,6 @@ def own_oscillation(
         final=float(final[-1]) if final.size else 0.0,
         stiffness=stiffness,
     )
-
-
-def ended_at(trial: Trial) -> int:
-    """Index of the last tick."""
-    return trial.output.size - 1
 
 
 def deadline_after(belief: Belief, stiffness: float) -> float:
@@ -180,15 +183,16 @@ class Ending:
     """Fraction of the window's ticks in which the detector says quiet or decaying [1]"""
 
 
-def ending(trial: Trial, window_s: float = 2.0) -> Ending:
+def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -> Ending:
     """The motion that is left at the end: what sustains itself has half-cycles throughout.
 
     Args:
         trial: What happened.
         window_s: Before its end [s].
+        counts_per_rev: Of the encoder; it says what is a ripple.
     """
     since = max(0.0, trial.output.size * trial.period - window_s)
-    cycles = half_cycles(trial, since)
+    cycles = half_cycles(trial, since, _RIPPLE * SMALL_COUNTS * math.tau / counts_per_rev)
     state = trial.state[round(since / trial.period) :]
     quiet = float(np.mean(state < State.SUSTAINED)) if state.size else 1.0
     # The first one begins anywhere; gaps longer than twice the usual are times at rest.
@@ -211,5 +215,5 @@ def called_quiet(trial: Trial, *, counts_per_rev: int = 4096, window_s: float = 
         counts_per_rev: Of the encoder.
         window_s: Before its end [s].
     """
-    end = ending(trial, window_s)
+    end = ending(trial, window_s, counts_per_rev=counts_per_rev)
     return end.amplitude > SMALL_COUNTS * math.tau / counts_per_rev and end.quiet > 0.5

@@ -22,6 +22,8 @@ ROW_NS = 1_000_000
 Row = tuple[float, float, float, float, float]
 """Stiffness [N·m/rad], damping [N·m·s/rad], reference [rad] and its speed [rad/s], push [N·m]"""
 
+NOTHING: Row = (0.0, 0.0, 0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Operator:
@@ -51,8 +53,7 @@ def kick(torque: float, duration_s: float, after_s: float = 0.0) -> Operator:
         after_s: Before it [s].
     """
     before, during = round(after_s * 1e9 / ROW_NS), round(duration_s * 1e9 / ROW_NS)
-    still: Row = (0.0, 0.0, 0.0, 0.0, 0.0)
-    return Operator([still] * before + [(0.0, 0.0, 0.0, 0.0, torque)] * during, name="kick")
+    return Operator([NOTHING] * before + [(0.0, 0.0, 0.0, 0.0, torque)] * during, name="kick")
 
 
 def operator_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,14 +101,14 @@ def test_without_friction_two_masses_keep_their_energy() -> None:
     truth = Truth(0.012, counts_per_rev=0).with_mode(60.0, 0.0, 0.3)
     clock = SimulatedClock()
     servo = TrialServo(truth, clock)
-    servo.velocity, servo.motor_velocity = 7.0, -3.0
-    before = servo.energy()
+    servo.body.velocity, servo.body.motor_velocity = 7.0, -3.0
+    before = servo.body.energy()
     # A leapfrog's energy breathes with the mode; it must neither grow nor fall.
     found = []
     for i in range(5000):
         clock.wait_until(i * 1_000_000)
         servo.request()
-        found.append(servo.energy())
+        found.append(servo.body.energy())
     breathing = (math.tau * 60.0 * 2.5e-4) ** 2
     assert np.max(np.abs(np.array(found) / before - 1.0)) < breathing
     assert abs(np.mean(found[-500:]) / np.mean(found[:500]) - 1.0) < 1e-6
@@ -119,7 +120,7 @@ def test_the_mode_has_its_frequency_and_its_damping(hertz: float) -> None:
     assert truth.mode_hz == pytest.approx(hertz)
     clock = SimulatedClock()
     servo = TrialServo(truth, clock)
-    servo.motor_velocity, servo.velocity = 0.4, -0.6  # at rest as a whole
+    servo.body.motor_velocity, servo.body.velocity = 0.4, -0.6  # at rest as a whole
     found = driven(servo, clock, lambda _: 0.0, round(20e3 / hertz))
     tops = np.flatnonzero((found[1:-1] > found[:-2]) & (found[1:-1] > found[2:])) + 1
     cycles = len(tops) - 1
@@ -166,8 +167,6 @@ def solved(truth: Truth, torque: Torque, ticks: int, twist: float) -> np.ndarray
 
 @pytest.mark.parametrize("gap", [0.0, math.radians(0.5)])
 def test_two_masses_with_friction_and_backlash_move_as_a_solver_says(gap: float) -> None:
-    from dataclasses import replace
-
     truth = replace(TWO, transmission_backlash=gap)
     found = run(truth, wave, 400)
     wanted = solved(truth, wave, 400, 0.0)
@@ -178,8 +177,6 @@ def test_two_masses_with_friction_and_backlash_move_as_a_solver_says(gap: float)
 
 
 def test_a_current_loop_holds_its_torque_until_the_voltage_runs_out() -> None:
-    from dataclasses import replace
-
     frictionless = Truth(0.012, counts_per_rev=0)
     ceiling = replace(frictionless, back_emf="current")
     # Below the knee, 1 N·m of 4.1 up to 0.756 of the no-load speed, nothing is lost.

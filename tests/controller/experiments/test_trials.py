@@ -159,6 +159,16 @@ def test_what_sustains_itself_at_the_end_and_is_called_quiet_is_told() -> None:
     assert ending(made_up(rests)).amplitude == 0.0
 
 
+def test_a_ripple_does_not_hide_what_sustains_itself() -> None:
+    time = np.arange(8000) * 1e-3
+    ripple = np.sin(math.tau * 60.0 * time)
+    slow = np.cos(math.tau * 5.0 * time)
+    count = math.tau / 4096
+    assert called_quiet(made_up(6.0 * count * slow + 0.8 * count * ripple))
+    verdict = own_oscillation(made_up(0.1 * slow + 0.5 * count * ripple), BENCH.belief)
+    assert not verdict.in_time
+
+
 @pytest.mark.parametrize("preset", ["xm430-w350", "xl330-m288"])
 def test_truths_are_drawn_from_the_whole_box_its_corners_and_the_lag_beyond(preset: str) -> None:
     bench = bench_of(preset)
