@@ -27,7 +27,7 @@ PATIENT = [
         "servo.watchdog_s=2.5",
         "safety.heartbeat_s=5",
         "safety.max_loss=1",
-        "safety.max_losses_in_row=900",
+        "safety.max_silence_s=0.9",
         "realtime.profile=best-effort",
     )
     for word in ("--set", setting)

@@ -111,13 +111,21 @@ def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on():
         simulated("servo.supply=9")
 
 
+@pytest.mark.parametrize(("gap_s", "ended"), [(0.008, "duration"), (0.02, "trip:losses_in_row")])
+def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended):
+    """With the limits of hardware: 15 ms without a reading, a Bus Watchdog of 40 ms."""
+    limits = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s=0.04")
+    found = simulated(f"servo.faults=drop:at=0.9,for={gap_s},way=reply", *limits)
+    assert found.stop_reason == ended
+
+
 @pytest.mark.realtime
 def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path):
     status, report, message = run(
         tmp_path,
         "servo.faults=drop:every=20,way=reply",
         "safety.max_loss=1",
-        "safety.max_losses_in_row=900",
+        "safety.max_silence_s=0.9",
         "servo.watchdog_s=2.5",
         "safety.heartbeat_s=5",
     )
