@@ -30,6 +30,10 @@ class Trip(StrEnum):
     """The servo's supply or temperature is out of its limits."""
     SERVO_LOST = "servo_lost"
     """The port vanished."""
+    PORT_SHARED = "port_shared"
+    """Another program has opened the port."""
+    SUSPENDED = "suspended"
+    """The computer was suspended."""
     LOOP_HUNG = "loop_hung"
     """The loop's process gave no sign of life."""
     LOOP_DIED = "loop_died"
@@ -56,6 +60,10 @@ EXPLANATIONS = {
     Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
     Trip.SERVO_LOST: "the port is gone, or the servo answers no more; check that both are plugged"
     " in and powered",
+    Trip.PORT_SHARED: "two programs on one bus garble each other; end the other one, and keep it"
+    " from this port",
+    Trip.SUSPENDED: "the servo's Bus Watchdog has dropped the torque meanwhile, and nobody watched"
+    " the shaft; keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
     Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
     Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
     " nobody did, please report it with the log",
