@@ -302,7 +302,7 @@ sys.stdin.read()
 def test_a_program_that_opens_the_port_in_mid_run_ends_it_by_name(tmp_path):
     """It takes no lock; and as root, as tests often run, the kernel refuses it nothing."""
     with emulator(tmp_path) as (bus, port):
-        arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
+        arguments = ["run", *on(port), "--log", "run.hwlog", "--plot", "run.png", "--json"]
         with started(*arguments, cwd=tmp_path) as process:
             ticking(process, tmp_path)
             with subprocess.Popen(

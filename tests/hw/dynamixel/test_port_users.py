@@ -12,8 +12,11 @@ from pathlib import Path
 import pytest
 
 from hw.dynamixel import port_users
+from hw.dynamixel.examine.adapter import examine_port
 from hw.dynamixel.holders import is_terminal
+from hw.dynamixel.port import open_port
 from hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
+from hw.errors import PortBusyError
 
 OPENER = """
 import os, sys
@@ -102,6 +105,19 @@ def test_one_that_is_over_is_remembered_and_no_more(port):
     os.close(os.open(port.path, os.O_RDWR | os.O_NOCTTY))
     assert port.looks(2 * LOOKS) == ""
     assert port.users.brief
+
+
+def test_nobody_of_ours_opens_a_port_that_is_in_use(port):
+    """`doctor` and a second `run` would else disturb the first, and end it."""
+    with opened_by_another(port.path):
+        users = PortUsers(port.near)
+        *_, used_by = examine_port(port.path)
+        assert (used_by.name, used_by.ok) == ("used by", False)
+        assert used_by.found.startswith("python")
+        with pytest.raises(PortBusyError, match="is used by python"):
+            open_port(port.path, 1_000_000)
+        assert not users._opening_noticed()
+        users.close()
 
 
 def may_open(path):
