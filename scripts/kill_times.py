@@ -46,7 +46,7 @@ SETTINGS = (
     "model.delay=0",
 )
 """Patient with the machine's stalls, but for what is measured"""
-PATIENT = ("servo.watchdog_s=0.5", "safety.heartbeat_s=2")
+PATIENT = ("servo.watchdog_s=0.5", "safety.max_silence_s=0.25", "safety.heartbeat_s=2")
 """Besides, where the run must go on: a stall of the machine is no reason to end it"""
 TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
 ENDED_BY: dict[int | None, str] = {

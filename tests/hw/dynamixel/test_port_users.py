@@ -13,7 +13,7 @@ import pytest
 
 from hw.dynamixel import port_users
 from hw.dynamixel.examine.adapter import examine_port
-from hw.dynamixel.holders import is_terminal
+from hw.dynamixel.holders import holder, is_terminal
 from hw.dynamixel.port import open_port
 from hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
 from hw.errors import PortBusyError
@@ -52,15 +52,14 @@ def port():
 
 
 @contextmanager
-def opened_by_another(path, ours=False):
-    """A process of somebody else, as far as this one can tell, or a child of ours, has it open."""
-    program = OPENER if ours else f"import os\nif os.fork(): os._exit(0)\n{OPENER}"
+def opened_by_another(path):
+    """A process that is no child of this one has it open."""
+    program = f"import os\nif os.fork(): os._exit(0)\n{OPENER}"
     with subprocess.Popen(
         [sys.executable, "-c", program, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:
         assert other.stdout.readline() == b"held\n"
-        if not ours:
-            other.wait()  # so what holds the port has lost its parent
+        other.wait()  # so what holds the port has lost its parent
         yield
         other.stdin.close()
         other.stdout.read()
@@ -89,14 +88,23 @@ def test_without_notice_of_the_opening_it_is_found_in_one_round(port, monkeypatc
 
 
 def test_what_the_run_has_started_itself_is_nobody(port):
-    with opened_by_another(port.path, ours=True):
-        assert port.users.look_everywhere() == ""
+    """The loop inherits the descriptor, and so does for a moment whatever else is started."""
+    with subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.stdin.read()"],
+        stdin=subprocess.PIPE,
+        pass_fds=(port.near,),
+    ) as child:
+        assert holder(child.pid, os.fstat(port.near).st_rdev) is not None
+        assert port.looks(2 * LOOKS) == port.users.look_everywhere() == ""
+        child.stdin.close()
 
 
 def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port):
     """As by root, or from outside of a container; here by this process, which is not looked at."""
     held = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
-    assert "this user may not see has opened" in port.looks(LOOKS)
+    words = "this user may not see has opened"
+    assert words in port.users.look_everywhere()
+    assert words in port.looks(LOOKS)
     os.close(held)
 
 
