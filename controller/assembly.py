@@ -157,7 +157,7 @@ def tick_parts(
                 position_step=servo.facts.position_step,
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
-                max_losses_in_row=safety.max_losses_in_row,
+                max_silence_ns=round(safety.max_silence_s * 1e9),
             )
         ),
         watch=_watch(config, servo, law),

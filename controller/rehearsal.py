@@ -33,6 +33,10 @@ class StandInClock:
         self._now += _LOOK_NS
         return self._now
 
+    def boot_ns(self) -> int:
+        """See ``Clock``."""
+        return self._now
+
     def wait_until(self, instant_ns: int) -> None:
         """See ``Clock``."""
         self._now = max(self._now, instant_ns)

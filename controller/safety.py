@@ -19,7 +19,7 @@ class Trip(StrEnum):
     OSCILLATION = "oscillation"
     """The wall oscillates by itself."""
     LOSSES_IN_ROW = "losses_in_row"
-    """Too many readings in a row failed."""
+    """No reading was good for too long; older versions counted the readings, hence the name."""
     LOSS_RATE = "loss_rate"
     """Too large a share of the readings in the window failed."""
     HARDWARE_ERROR = "hardware_error"
@@ -30,6 +30,10 @@ class Trip(StrEnum):
     """The servo's supply or temperature is out of its limits."""
     SERVO_LOST = "servo_lost"
     """The port vanished."""
+    PORT_SHARED = "port_shared"
+    """Another program has opened the port."""
+    SUSPENDED = "suspended"
+    """The computer was suspended."""
     LOOP_HUNG = "loop_hung"
     """The loop's process gave no sign of life."""
     LOOP_DIED = "loop_died"
@@ -45,7 +49,7 @@ EXPLANATIONS = {
     " and the wall's stability, or raise safety.max_speed",
     Trip.OSCILLATION: "the wall oscillates by itself; ask for less stiffness or damping, let"
     " guard.mode be stable, or correct what model.* believes of the servo",
-    Trip.LOSSES_IN_ROW: "more readings in a row failed than safety.max_losses_in_row allows;"
+    Trip.LOSSES_IN_ROW: "all readings failed for longer than safety.max_silence_s allows;"
     " check cable, power, baud rate and adapter",
     Trip.LOSS_RATE: "a larger share of the readings failed than safety.max_loss allows; check"
     " cable, power, baud rate and adapter, or lower loop.rate_hz",
@@ -56,11 +60,20 @@ EXPLANATIONS = {
     Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
     Trip.SERVO_LOST: "the port is gone, or the servo answers no more; check that both are plugged"
     " in and powered",
+    Trip.PORT_SHARED: "two programs on one bus garble each other; end the other one, and keep it"
+    " from this port",
+    Trip.SUSPENDED: "the servo's Bus Watchdog has dropped the torque meanwhile, and nobody watched"
+    " the shaft; keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
     Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
     Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
     " nobody did, please report it with the log",
     Trip.INTERNAL_ERROR: "the program met an error it does not know; please report it with the log",
 }
+
+
+LEAST_FAILED = 3
+"""Readings that must fail one after the other before their silence trips: at low rates the allowed
+time is over after one or two, and a stall of the loop itself is no fault of the bus [1]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +88,8 @@ class SafetyLimits:
     """Share of failed readings in the window [1]"""
     loss_window: int
     """Readings in the window"""
-    max_losses_in_row: int
+    max_silence_ns: int
+    """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
 
 
 class Safety:
@@ -85,7 +99,16 @@ class Safety:
         limits: When to trip.
     """
 
-    __slots__ = ("_at", "_failed", "_in_row", "_limits", "_position", "_sampled_ns", "_window")
+    __slots__ = (
+        "_at",
+        "_failed",
+        "_heard_ns",
+        "_in_row",
+        "_limits",
+        "_position",
+        "_sampled_ns",
+        "_window",
+    )
 
     def __init__(self, limits: SafetyLimits) -> None:
         self._limits = limits
@@ -93,6 +116,7 @@ class Safety:
         self._at = 0
         self._failed = 0
         self._in_row = 0
+        self._heard_ns: int | None = None
         self._position = math.nan
         self._sampled_ns = 0
 
@@ -109,16 +133,22 @@ class Safety:
         elapsed = (sampled_ns - self._sampled_ns) * 1e-9
         moved = abs(position - self._position)  # NaN the first time: compares false
         self._position = position
-        self._sampled_ns = sampled_ns
+        self._sampled_ns = self._heard_ns = sampled_ns
         if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
             return Trip.OVERSPEED
         return None
 
-    def failed(self) -> Trip | None:
-        """Count a reading that failed."""
+    def failed(self, now_ns: int) -> Trip | None:
+        """Count a reading that failed, and judge the time since the last good sample.
+
+        Args:
+            now_ns: When it was found to have failed [ns], on the clock of the readings.
+        """
         self._count(1)
         self._in_row += 1
-        if self._in_row > self._limits.max_losses_in_row:
+        if self._heard_ns is None:  # nothing was ever heard: the time counts from here
+            self._heard_ns = now_ns
+        if self._in_row >= LEAST_FAILED and now_ns - self._heard_ns > self._limits.max_silence_ns:
             return Trip.LOSSES_IN_ROW
         if self._failed > self._limits.max_loss * self._limits.loss_window:
             return Trip.LOSS_RATE

@@ -228,7 +228,7 @@ class Tick:
             return self._velocity
         if outcome is not _OK:
             # The last position once more, so dx = 0. Before the first good reading nothing acts.
-            self.trip = parts.safety.failed()
+            self.trip = parts.safety.failed(self._now())
             self._velocity = 0.0
             if parts.pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns

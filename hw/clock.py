@@ -13,6 +13,10 @@ class Clock(Protocol):
         """Present time [ns] from an arbitrary, fixed origin; never goes back."""
         ...
 
+    def boot_ns(self) -> int:
+        """The same time [ns], but it goes on while the computer is suspended; other origin."""
+        ...
+
     def wait_until(self, instant_ns: int) -> None:
         """Return when ``instant_ns`` [ns] has come; at once when it is past."""
         ...
@@ -22,6 +26,10 @@ class MonotonicClock:
     """CLOCK_MONOTONIC of the system: never steps, the same in every process of the machine."""
 
     now_ns = staticmethod(time.monotonic_ns)
+
+    def boot_ns(self) -> int:
+        """CLOCK_BOOTTIME of the system [ns]."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def wait_until(self, instant_ns: int) -> None:
         """Sleep until ``instant_ns`` [ns]; ``time.sleep`` is absolute and resumes after signals."""
@@ -33,15 +41,44 @@ class MonotonicClock:
 class SimulatedClock:
     """Time that passes only when somebody waits: deterministic, as fast as the machine allows."""
 
-    __slots__ = ("_now",)
+    __slots__ = ("_now", "suspended_ns")
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now = start_ns
+        self.suspended_ns = 0
+        """How long the simulated computer was suspended [ns]; may be raised at any time"""
 
     def now_ns(self) -> int:
         """Simulated time [ns]."""
         return self._now
 
+    def boot_ns(self) -> int:
+        """Simulated time [ns] with that in which the computer was suspended."""
+        return self._now + self.suspended_ns
+
     def wait_until(self, instant_ns: int) -> None:
         """Move the time to ``instant_ns`` [ns] unless it is past already."""
         self._now = max(self._now, instant_ns)
+
+
+class Suspension:
+    """How long the computer was suspended since this was made: no clock that it waits on shows it.
+
+    Each time the two clocks are read in the order in which a pause between them makes the result
+    smaller: what is above zero is certain.
+
+    Args:
+        clock: What everybody else goes by.
+    """
+
+    __slots__ = ("_clock", "_offset_ns")
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        now_ns = clock.now_ns()
+        self._offset_ns = clock.boot_ns() - now_ns
+
+    def seconds(self) -> float:
+        """The time in suspension [s], at least; 0: none."""
+        boot_ns = self._clock.boot_ns()
+        return max(0, boot_ns - self._clock.now_ns() - self._offset_ns) * 1e-9

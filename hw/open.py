@@ -6,6 +6,7 @@ error, not a reason to run something else.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Final
 
 from hw.clock import Clock, SimulatedClock
@@ -15,6 +16,7 @@ from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, Tru
 
 if TYPE_CHECKING:
     from hw.dynamixel.line import Line
+    from hw.dynamixel.port_users import PortUsers
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
@@ -67,6 +69,20 @@ def open_port(settings: DynamixelSettings) -> int:
             "e.g. /dev/ttyUSB0."
         )
     return port.open_port(settings.port, settings.baud)
+
+
+def port_users(descriptor: int) -> PortUsers | None:
+    """Keep an open port from other programs, and find those that use it all the same.
+
+    Args:
+        descriptor: As from ``open_port``; stays open.
+
+    Returns:
+        What looks for them, to be closed before the port; None where it is no serial port.
+    """
+    from hw.dynamixel.port_users import PortUsers
+
+    return PortUsers(descriptor) if os.isatty(descriptor) else None
 
 
 def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:

@@ -24,7 +24,7 @@ SETTINGS = (
     f"servo.watchdog_s={WATCHDOG_S}",
     "safety.heartbeat_s=0.1",
     "safety.max_loss=0.3",
-    "safety.max_losses_in_row=100",
+    "safety.max_silence_s=0.02",
     "realtime.profile=best-effort",
 )
 """Watchdog and heartbeat as for hardware; the losses that a shared machine's stalls cost do not end

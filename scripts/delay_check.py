@@ -45,7 +45,7 @@ PATIENT = (
     "servo.watchdog_s=2.54",
     "safety.heartbeat_s=10",
     "safety.max_loss=1",
-    "safety.max_losses_in_row=1000",
+    "safety.max_silence_s=1",
     "realtime.profile=best-effort",
     "servo.torque_limit=4.1",
 )

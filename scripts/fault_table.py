@@ -37,6 +37,7 @@ FAULTS = (
     ("one reply comes a period late", "late:ms=1,times=1,way=reply"),
     ("one reply bears another id", "wrong-id:times=1,way=reply"),
     ("noise before one reply", "noise:times=1,way=reply"),
+    ("replies stay away for 8 ms", "drop:for=0.008,way=reply"),
     ("replies stay away", "drop:way=reply"),
     ("one reply in five is lost", "drop:p=0.2,way=reply"),
     ("every reply comes too late", "late:ms=1.5,way=reply"),
@@ -145,9 +146,9 @@ def page(machine: str) -> str:
             "# What each fault does",
             "",
             "Written by `scripts/fault_table`; do not edit. The whole program on the emulated bus"
-            " in memory, on the simulated clock, with the [limits of hardware](trips.md): at most 5"
-            " losses in a row and 5 % in half a second, 15 rad/s, the Bus Watchdog at 40 ms. A hand"
-            " swings the servo into the wall; the fault comes while it moves in.",
+            " in memory, on the simulated clock, with the [limits of hardware](trips.md): at most"
+            " 15 ms without a reading and 5 % lost in half a second, 15 rad/s, the Bus Watchdog at"
+            " 40 ms. A hand swings the servo into the wall; the fault comes while it moves in.",
             "",
             "The faults are those of `haptic-wall emulate --fault`"
             " ([emulated bus](emulated-bus.md)). *Periods*, of 1 ms: from the fault to the tick"

@@ -38,7 +38,7 @@ SETTINGS = (
     "servo.watchdog_s=0.04",
     "safety.heartbeat_s=0.1",
     "safety.max_loss=1",
-    "safety.max_losses_in_row=900",
+    "safety.max_silence_s=0.02",
     "realtime.profile=best-effort",
     "wall.position=3.14159",
     "wall.stiffness=8",
@@ -46,7 +46,7 @@ SETTINGS = (
     "model.delay=0",
 )
 """Patient with the machine's stalls, but for what is measured"""
-PATIENT = ("servo.watchdog_s=0.5", "safety.heartbeat_s=2")
+PATIENT = ("servo.watchdog_s=0.5", "safety.max_silence_s=0.25", "safety.heartbeat_s=2")
 """Besides, where the run must go on: a stall of the machine is no reason to end it"""
 TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
 ENDED_BY: dict[int | None, str] = {

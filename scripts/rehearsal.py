@@ -25,7 +25,7 @@ from hw.settings import DynamixelSettings
 LIMITS_OF_HARDWARE = (
     "safety.max_speed=15",
     "safety.max_loss=0.05",
-    "safety.max_losses_in_row=5",
+    "safety.max_silence_s=0.015",
     "safety.heartbeat_s=0.1",
     "servo.watchdog_s=0.04",
 )

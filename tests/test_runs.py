@@ -27,7 +27,7 @@ PATIENT = [
         "servo.watchdog_s=2.5",
         "safety.heartbeat_s=5",
         "safety.max_loss=1",
-        "safety.max_losses_in_row=900",
+        "safety.max_silence_s=0.9",
         "realtime.profile=best-effort",
     )
     for word in ("--set", setting)
@@ -290,6 +290,34 @@ def test_a_port_that_another_run_holds_is_busy(tmp_path, refused):
             process.send_signal(signal.SIGHUP)
             process.communicate(timeout=60)
             assert process.returncode == 130, "and the first one was not disturbed"
+
+
+OPENER = """
+import os, sys
+held = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+sys.stdin.read()
+"""
+
+
+def test_a_program_that_opens_the_port_in_mid_run_ends_it_by_name(tmp_path):
+    """It takes no lock; and as root, as tests often run, the kernel refuses it nothing."""
+    with emulator(tmp_path) as (bus, port):
+        arguments = ["run", *on(port), "--log", "run.hwlog", "--plot", "run.png", "--json"]
+        with started(*arguments, cwd=tmp_path) as process:
+            ticking(process, tmp_path)
+            with subprocess.Popen(
+                [sys.executable, "-c", OPENER, port], stdin=subprocess.PIPE
+            ) as other:
+                output, _ = process.communicate(timeout=60)
+                other.stdin.close()
+        assert process.returncode == 3
+        report = json.loads(output)
+        assert report["stop_reason"] == "trip:port_shared"
+        assert f"(pid {other.pid}) has opened {port}" in report["explanation"]
+        assert report["torque_off"] is True
+        bus.send_signal(signal.SIGTERM)
+        bus.wait(timeout=30)
+    assert_torque_off(witness(tmp_path))
 
 
 WITHOUT_RIGHTS = """

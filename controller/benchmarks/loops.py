@@ -35,7 +35,7 @@ FORGIVING: Final = (
     "realtime.profile=best-effort",
     "servo.watchdog_s=0.5",
     "safety.heartbeat_s=2",
-    "safety.max_losses_in_row=400",
+    "safety.max_silence_s=0.25",
     "safety.max_loss=0.9",
 )
 """What the machine's own stalls must not end; none of it changes what is measured"""

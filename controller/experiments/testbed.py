@@ -27,7 +27,14 @@ from controller.tree.plan import Ended, Plan
 
 _GONE = frozenset(
     f"trip:{trip}"
-    for trip in (Trip.SERVO_LOST, Trip.HARDWARE_ERROR, Trip.TORQUE_LOST, Trip.SERVO_HEALTH)
+    for trip in (
+        Trip.SERVO_LOST,
+        Trip.HARDWARE_ERROR,
+        Trip.TORQUE_LOST,
+        Trip.SERVO_HEALTH,
+        Trip.PORT_SHARED,
+        Trip.SUSPENDED,
+    )
 )
 _OF_MOTION = frozenset(f"trip:{trip}" for trip in (Trip.OVERSPEED, Trip.OSCILLATION))
 

@@ -18,7 +18,7 @@ from controller.settings.model import (
     Section,
     Wall,
 )
-from controller.settings.rules import BrokenRulesError, broken_rules
+from controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
 from controller.settings.servo import EMULATED, Servo
 from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
@@ -55,6 +55,22 @@ class Config(Section):
         if servo.get("backend") != "dynamixel" or servo.get("port") == EMULATED:
             return found
         return {**found, "realtime": {"profile": "strict", **realtime}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _losses_as_a_time(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Read ``safety.max_losses_in_row``, of older files and logs, as a time in periods."""
+        safety = found.get("safety") if isinstance(found, dict) else None
+        if not isinstance(safety, dict) or "max_losses_in_row" not in safety:
+            return found
+        try:
+            rate_hz = found.get("loop", {}).get("rate_hz", Loop().rate_hz)
+            watchdog_s = found.get("servo", {}).get("watchdog_s", Servo().watchdog_s)
+            silence_s = min(safety["max_losses_in_row"] / rate_hz, SILENCE_SHARE * watchdog_s)
+        except (TypeError, AttributeError, ZeroDivisionError):
+            return found  # something is wrong with it: it is named as unknown
+        rest = {name: value for name, value in safety.items() if name != "max_losses_in_row"}
+        return {**found, "safety": {"max_silence_s": silence_s, **rest}}
 
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Config:

@@ -242,8 +242,13 @@ class Safety(Section):
         description="Over how long lost readings are counted",
         json_schema_extra={"unit": "s"},
     )
-    max_losses_in_row: Whole = Field(
-        5, ge=1, le=1000, description="More readings than this lost one after the other trip"
+    max_silence_s: float = Field(
+        0.015,
+        gt=0,
+        le=1.27,
+        description="Time without a good reading that trips, once three in a row have failed; at "
+        "most half of servo.watchdog_s",
+        json_schema_extra={"unit": "s"},
     )
     on_oscillation: Literal["reduce", "trip", "report"] = Field(
         "reduce",

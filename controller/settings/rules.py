@@ -263,6 +263,18 @@ def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
         )
 
 
+@_reads("servo.backend", "servo.watchdog_s", "safety.max_silence_s")
+def _silence_ends_before_the_watchdog(config: Config) -> Iterator[Problem]:
+    silence, most = config.safety.max_silence_s, SILENCE_SHARE * config.servo.watchdog_s
+    if config.servo.backend == "dynamixel" and silence > most * (1 + 1e-9):
+        yield Problem(
+            "safety.max_silence_s",
+            f"found {silence:g} s, wanted at most {most:g} s, half of servo.watchdog_s "
+            f"({config.servo.watchdog_s:g} s): a servo that is not heard must be given up before "
+            "its Bus Watchdog can have dropped the torque",
+        )
+
+
 @_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
 def _warm_up_sees_the_bus(config: Config) -> Iterator[Problem]:
     least = WARM_UP_AGES * config.period_s
@@ -286,6 +298,8 @@ def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
         )
 
 
+SILENCE_SHARE = 0.5
+"""Of the Bus Watchdog's time that no reading may be good before the run is ended"""
 WARM_UP_AGES = 20
 """Readings over a bus from which its delay is known well enough to begin"""
 

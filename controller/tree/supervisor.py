@@ -26,11 +26,12 @@ from controller.tree.log_keeper import LogKeeper
 from controller.tree.loop_process import Orders
 from controller.tree.loop_watch import END_S, START_S, LoopWatch
 from controller.tree.lull import until_lull
+from controller.tree.outside import Outside
 from controller.tree.plan import Ended, Plan, Tell
 from controller.tree.row_count import RowCount
 from hw.clock import MonotonicClock
 from hw.errors import ServoError
-from hw.open import cut_torque, open_port
+from hw.open import cut_torque, open_port, port_users
 from hw.settings import DynamixelSettings
 
 POLL_S = 0.02
@@ -64,6 +65,7 @@ class Supervisor:
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
         self._streamer: Child | None = None
+        self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
@@ -80,8 +82,9 @@ class Supervisor:
             children.callback(log.close)
             self._start_streamer(children)
             loop = self._start_loop(children)
-            reason = self._watch(loop, emulator, log)
-            self._warnings += log.end()
+            reason, found = self._outside.verdict(self._watch(loop, emulator, log))
+            self._cause = "; ".join(filter(None, (found, self._cause)))
+            self._warnings += [*log.end(), *self._outside.notes()]
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
@@ -137,6 +140,9 @@ class Supervisor:
             settings = replace(settings, port=path)
         self._port = open_port(settings)
         children.callback(os.close, self._port)
+        self._outside.users = users = port_users(self._port)
+        if users is not None:
+            children.callback(users.close)
         return emulator
 
     def _start_recorder(self, resume: bool) -> Child:
@@ -190,6 +196,8 @@ class Supervisor:
         while True:
             news = self._wait_for((loop.pidfd, loop.output))
             now = time.monotonic()
+            if self._outside.look():
+                self._words[Word.STOP] = 1
             overdue = watch.overdue(now)
             if not news and overdue is None and now < looked + LOOK_S:
                 continue

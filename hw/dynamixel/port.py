@@ -22,6 +22,7 @@ from typing import Final
 
 import serial
 
+from hw.dynamixel.holders import holders, is_terminal
 from hw.dynamixel.latency import timer_file, timer_ms
 from hw.errors import BaudRefusedError, PortBusyError, PortError
 
@@ -29,10 +30,6 @@ _LOG = logging.getLogger(__name__)
 
 _BAUD_TOLERANCE: Final = 0.03
 """An asynchronous receiver tolerates about this much between the two ends."""
-_PTMX: Final = os.makedev(5, 2)
-"""The device behind the controlling end of every pseudo-terminal."""
-_PTS_MAJORS: Final = range(136, 144)
-"""Of the devices at the other ends."""
 _TCGETS2: Final = 0x802C542A
 _TCSETS2: Final = 0x402C542B
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
@@ -126,41 +123,6 @@ def _settings(path: str, wanted: bytes | None) -> bytes | None:
         os.close(descriptor)
 
 
-def holders(device: int) -> Iterator[tuple[int, str]]:
-    """Other processes that have a device open, as far as this user may see: pid and program.
-
-    On a pseudo-terminal a process that also holds a controlling end is left out: it is the
-    emulator on the far side.
-
-    Args:
-        device: The device's number (``st_rdev``).
-    """
-    pseudo = os.major(device) in _PTS_MAJORS
-    for process in Path("/proc").iterdir():
-        if not process.name.isdigit() or int(process.name) == os.getpid():
-            continue
-        holds = far_side = False
-        try:
-            for entry in (process / "fd").iterdir():
-                if (target := _target(entry)) is None:
-                    continue
-                holds |= target == device
-                far_side |= pseudo and target == _PTMX
-            if holds and not far_side:
-                yield int(process.name), (process / "comm").read_text().strip()
-        except OSError:  # it ended, or is somebody else's
-            continue
-
-
-def _target(entry: Path) -> int | None:
-    """The device number behind a descriptor of some process; None where it is no device."""
-    try:
-        found = entry.stat()
-    except OSError:
-        return None
-    return found.st_rdev if stat.S_ISCHR(found.st_mode) else None
-
-
 def _device(path: str) -> int:
     """The device's number.
 
@@ -179,23 +141,11 @@ def _device(path: str) -> int:
 def _refuse_holders(path: str, device: int) -> None:
     """Look before opening: to open and set up a port already disturbs whoever uses it."""
     users = list(holders(device))
-    if users and _is_terminal(path):
+    if users and is_terminal(device):
         pid, program = users[0]
         raise PortBusyError(
             f"Port {path} is used by {program} (pid {pid}): end that program first."
         )
-
-
-def _is_terminal(path: str) -> bool:
-    """Whether the device is a terminal at all; others may have any number of users."""
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError as error:
-        raise _open_error(path, error) from error
-    try:
-        return os.isatty(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:

@@ -314,13 +314,19 @@ class DynamixelServo:
         return self._confirmed_off
 
     def _judge_health(self) -> None:
-        if not self._health.judge(self._link.block, self.facts.name):
+        try:
+            good = self._health.judge(self._link.block, self.facts.name)
+        except TorqueLostError as error:
+            raise self._vigil.explained(error) from error
+        if not good:
             self._vigil.look(0, under_torque=self._goal != 0)
 
     def _raise_restarted(self) -> None:
-        raise TorqueLostError(
-            f"The {self.facts.name} has restarted, which its clock shows, so its torque is off: "
-            "check the supply, its current limit and the plugs."
+        raise self._vigil.explained(
+            TorqueLostError(
+                f"The {self.facts.name} has restarted, which its clock shows, so its torque is "
+                "off: check the supply, its current limit and the plugs."
+            )
         )
 
     def _facts(self, current_limit: int) -> Facts:

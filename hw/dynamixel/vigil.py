@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from hw.clock import Clock
+from hw.clock import Clock, Suspension
 from hw.dynamixel.link import Link
 from hw.dynamixel.tables import WATCHDOG_UNIT_NS
 from hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
+from hw.errors import ServoLostError
 from hw.settings import DynamixelSettings
 
 _NEVER_NS: Final = 1 << 62
@@ -30,6 +31,7 @@ class Vigil:
         "_clock",
         "_link",
         "_name",
+        "_suspension",
         "_units",
         "_watchdog_s",
         "called_ns",
@@ -43,6 +45,7 @@ class Vigil:
         self._link = link
         self._clock = clock
         self._name = name
+        self._suspension = Suspension(clock)
         self.heard_ns = 0
         """When the last request that was answered was sent [ns]"""
         self.called_ns = 0
@@ -53,6 +56,7 @@ class Vigil:
     def begin(self) -> None:
         """Torque is on from now."""
         self.called_ns = self._clock.now_ns()
+        self._suspension = Suspension(self._clock)
         # The watchdog counts whole units, so that one of two may trip soon after the first.
         self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
@@ -91,4 +95,21 @@ class Vigil:
         """
         armed = rearm(self._link, self._clock, self._units, under_torque=under_torque)
         if armed is not Armed.YES:
-            raise lost(armed, self._name, silence_ns, self._watchdog_s)
+            raise self.explained(lost(armed, self._name, silence_ns, self._watchdog_s))
+
+    def explained(self, error: ServoLostError) -> ServoLostError:
+        """The same error, or the true cause where the computer was suspended since ``begin``.
+
+        The servo's clock and its registers then look as if its supply had broken down, and the
+        silence on this computer's clock is short.
+
+        Args:
+            error: What it looks like.
+        """
+        seconds = self._suspension.seconds()
+        if not seconds:
+            return error
+        return type(error)(
+            f"The computer was suspended for {seconds:.3g} s while the {self._name} had torque, so "
+            "its Bus Watchdog has dropped it: keep the computer awake, then start again."
+        )

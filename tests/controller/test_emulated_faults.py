@@ -111,13 +111,41 @@ def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on():
         simulated("servo.supply=9")
 
 
+@pytest.mark.parametrize(("gap_s", "ended"), [(0.008, "duration"), (0.02, "trip:losses_in_row")])
+def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended):
+    """With the limits of hardware: 15 ms without a reading, a Bus Watchdog of 40 ms."""
+    limits = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s=0.04")
+    found = simulated(f"servo.faults=drop:at=0.9,for={gap_s},way=reply", *limits)
+    assert found.stop_reason == ended
+
+
+@pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
+@pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 1000, 2000])
+def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(rate_hz, schedule):
+    telemetry = Telemetry.create()
+    sets = (
+        f"loop.rate_hz={rate_hz}",
+        f"servo.schedule={schedule}",
+        "safety.max_silence_s=0.015",
+        "safety.max_loss=0.5",
+        "servo.watchdog_s=0.04",
+        "servo.faults=drop:at=1.2,way=reply",
+    )
+    config = load_config(EMULATED, ["loop.clock=simulated", *sets]).config
+    found = run_session(config, SimulatedClock(), telemetry, 5.0)
+    assert found.stop_reason in ("trip:losses_in_row", "trip:servo_lost")
+    rows, _ = telemetry.read(0)
+    heard_ns = rows["sampled_ns"][-1]
+    assert rows["deadline_ns"][-1] - heard_ns <= 40_000_000
+
+
 @pytest.mark.realtime
 def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path):
     status, report, message = run(
         tmp_path,
         "servo.faults=drop:every=20,way=reply",
         "safety.max_loss=1",
-        "safety.max_losses_in_row=900",
+        "safety.max_silence_s=0.9",
         "servo.watchdog_s=2.5",
         "safety.heartbeat_s=5",
     )

@@ -1,13 +1,18 @@
 """Trips come when they must, and not before."""
 
 import math
+from dataclasses import replace
+
+import pytest
 
 from controller.safety import EXPLANATIONS, Safety, SafetyLimits, Trip
 from hw.servo import Outcome, Reading
 
+MS = 1_000_000
 LIMITS = SafetyLimits(
-    max_speed=10.0, position_step=0.0015, max_loss=0.05, loss_window=100, max_losses_in_row=3
+    max_speed=10.0, position_step=0.0015, max_loss=0.5, loss_window=100, max_silence_ns=15 * MS
 )
+FEW = replace(LIMITS, max_loss=0.05)
 
 
 def reading(position, at_ms, alert=False):
@@ -45,20 +50,57 @@ def test_not_a_number_and_alert_trip():
     assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
 
 
-def test_losses_in_a_row():
+def silent(safety, period_ms, share=0.8):
+    """From a good reading on all fail: when that trips, after so many [ms], and how many did."""
+    safety.good(reading(0.0, 1000))
+    for count in range(1, 1000):
+        after_ms = (count + share) * period_ms
+        if safety.failed(1000 * MS + round(after_ms * MS)) is Trip.LOSSES_IN_ROW:
+            return after_ms, count
+    raise AssertionError("it never trips")
+
+
+def test_a_silence_is_a_time_not_a_count():
+    assert silent(Safety(LIMITS), 1.0) == (pytest.approx(15.8), 15)
+    assert silent(Safety(LIMITS), 0.5) == (pytest.approx(15.4), 30)
+    assert silent(Safety(LIMITS), 4.0) == (pytest.approx(15.2), 3)
+
+
+@pytest.mark.parametrize("period_ms", [10.0, 20.0])
+def test_at_low_rates_three_readings_must_fail(period_ms):
+    assert silent(Safety(replace(LIMITS, max_loss=1.0)), period_ms)[1] == 3
+
+
+def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus():
     safety = Safety(LIMITS)
-    assert [safety.failed() for _ in range(4)] == [None, None, None, Trip.LOSSES_IN_ROW]
+    safety.good(reading(0.0, 1000))
+    assert safety.failed(1030 * MS) is None, "one reading was lost, whenever it was asked for"
+    assert safety.failed(1031 * MS) is None
+    assert safety.failed(1032 * MS) is Trip.LOSSES_IN_ROW
+
+
+def test_a_servo_that_was_never_heard_has_the_same_time():
+    safety = Safety(LIMITS)
+    found = [safety.failed((1000 + k) * MS) for k in range(17)]
+    assert found == [None] * 16 + [Trip.LOSSES_IN_ROW]
+
+
+def test_a_good_reading_begins_the_time_anew():
+    safety = Safety(replace(LIMITS, max_loss=1.0))
+    for start in range(1000, 2000, 15):
+        safety.good(reading(0.0, start))
+        assert {safety.failed((start + k) * MS) for k in (1, 2, 14)} == {None}
 
 
 def test_loss_rate_over_the_window():
-    safety = Safety(LIMITS)
+    safety = Safety(FEW)
     trips = []
     for k in range(200):  # one in ten is twice the allowed share
-        trips.append(safety.failed() if k % 10 == 0 else safety.good(reading(0.0, k)))
+        trips.append(safety.failed(k * MS) if k % 10 == 0 else safety.good(reading(0.0, k)))
     assert trips.index(Trip.LOSS_RATE) == 50, "the sixth loss within a hundred readings"
-    safety = Safety(LIMITS)
+    safety = Safety(FEW)
     for k in range(2000):  # one in twenty-five for ever is allowed
-        assert (safety.failed() if k % 25 == 0 else safety.good(reading(0.0, k))) is None
+        assert (safety.failed(k * MS) if k % 25 == 0 else safety.good(reading(0.0, k))) is None
 
 
 def test_every_trip_is_explained():

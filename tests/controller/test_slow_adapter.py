@@ -95,6 +95,17 @@ def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip():
     assert lost == pytest.approx(calm.result.bus["lost"], abs=2), "one loss each"
 
 
+def test_replies_that_stay_away_end_the_run_at_the_third():
+    """Each takes longer than the silence that is allowed, and one or two are no reason to end."""
+    sets = ("safety.max_silence_s=0.015", "safety.max_loss=1", "loop.warm_up_s=0.3")
+    adapter = (TIMER_MS * MS, 62)
+    found = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9"])
+    assert found.result.stop_reason == "trip:losses_in_row"
+    assert found.result.bus["lost"] == 3
+    calm = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
+    assert calm.result.stop_reason == "duration"
+
+
 def test_a_quick_adapter_is_untouched():
     found = rehearse((), 0.3, adapter=(1 * MS, 62))
     assert not np.any(found.ticks["outcome"] == Outcome.WAITING)

@@ -77,7 +77,7 @@ class Rig:
                 velocity=BackwardDifference(1e-3),
                 ring=DelayRing(steps),
                 ladder=self.ladder,
-                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3)),
+                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
                 watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
                 most_injected=[0.0] * len(rungs),

@@ -27,7 +27,7 @@ PROGRAM = [sys.executable, "-m", "controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
-PATIENT = ["servo.watchdog_s=2.54", "safety.heartbeat_s=10", "safety.max_losses_in_row=1000"]
+PATIENT = ["servo.watchdog_s=2.54", "safety.heartbeat_s=10", "safety.max_silence_s=1"]
 PATIENT += ["safety.max_loss=1"]
 """A machine that runs tests may stall for longer than a wall should."""
 

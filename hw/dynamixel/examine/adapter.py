@@ -16,8 +16,9 @@ from typing import Final, NamedTuple
 from serial.tools import list_ports
 
 from hw.dynamixel.examine.finding import Finding, not_applicable
+from hw.dynamixel.holders import holders, is_terminal
 from hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
-from hw.dynamixel.port import access_remedy, holders
+from hw.dynamixel.port import access_remedy
 from hw.errors import PortError
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
@@ -131,7 +132,8 @@ def is_pseudo_terminal(path: str) -> bool:
 def examine_port(path: str) -> list[Finding]:
     """Whether a port is there, may be used, is free, and what it is; stops at the first wrong.
 
-    The port is opened for a moment, without setting it up, and nothing is sent.
+    The port is opened for a moment, without setting it up, and nothing is sent; one that is in use
+    is not opened.
 
     Args:
         path: The device, e.g. ``/dev/ttyUSB0``.
@@ -145,10 +147,13 @@ def examine_port(path: str) -> list[Finding]:
         return [Finding("port", False, f"{path} is no device", "a serial device", fix)]
     real = os.path.realpath(path)
     checks = [Finding("port", True, path if real == path else f"{path} -> {real}", "a device")]
+    used_by = _used_by(path, found.st_rdev)
+    if not used_by.ok and is_terminal(found.st_rdev):
+        return [*checks, used_by]  # to open it would disturb a wall that is on there
     checks.append(_rights(path))
     if checks[-1].ok:
         checks.append(Finding("adapter", True, kind_of_port(path), "a serial adapter"))
-        checks.append(_used_by(path, found.st_rdev))
+        checks.append(used_by)
     return checks
 
 
@@ -191,6 +196,8 @@ def _rights(path: str) -> Finding:
             found, fix = "may not be used by this user", access_remedy(path)
         elif error.errno in (errno.ENXIO, errno.ENODEV):
             found, fix = "has no device behind it", "plug the adapter in, or set servo.port"
+        elif error.errno == errno.EBUSY:
+            found, fix = "is in use by another program", f"end it (`sudo fuser -v {path}` shows it)"
         else:
             found, fix = f"cannot be opened ({error.strerror})", "plug the adapter out and in"
         return Finding("rights", False, found, "reading and writing", fix)

@@ -45,6 +45,14 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path):
     assert played.log.exists()
 
 
+@pytest.mark.parametrize(
+    ("trip", "gone"),
+    [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
+)
+def test_no_further_trial_follows_where_somebody_must_look_first(trip, gone):
+    assert ExperimentTrippedError(f"trip:{trip}", "").gone is gone
+
+
 def test_a_trip_ends_it_by_name(tmp_path):
     with pytest.raises(ExperimentTrippedError) as error:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])

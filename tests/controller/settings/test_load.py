@@ -198,6 +198,24 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name(field):
         assert any(line.startswith(field.path) for line in found)
 
 
+@pytest.mark.parametrize(
+    ("sets", "silence_s"),
+    [
+        (["safety.max_losses_in_row=8"], 0.008),
+        (["safety.max_losses_in_row=8", "loop.rate_hz=500"], 0.016),
+        (["safety.max_losses_in_row=900"], 0.02),
+        (["safety.max_losses_in_row=8", "safety.max_silence_s=0.01"], 0.01),
+    ],
+)
+def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s):
+    """At most half of the Bus Watchdog, so that no log becomes unreadable."""
+    assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
+
+
+def test_losses_that_are_no_number_are_refused_by_name():
+    assert "safety.max_losses_in_row" in only("simulated", "safety.max_losses_in_row=many")
+
+
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
 def test_every_field_says_what_it_means(field):
     assert field.meaning
@@ -214,7 +232,6 @@ def test_every_field_says_what_it_means(field):
         "servo.fault_seed",
         "model.torque_gain",
         "safety.max_loss",
-        "safety.max_losses_in_row",
     }
     assert (
         bool(field.unit) == (numeric and field.path not in dimensionless) or field.unit == "bit/s"
@@ -250,7 +267,13 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         ("emulated-xm430", ["wall.side=below", "servo.kick=-0.01"], "servo.kick"),
         ("emulated-xm430", ["servo.counts_per_rev=1024"], "servo.counts_per_rev"),
         ("emulated-xm430", ["servo.torque_constant=2"], "model.torque_gain"),
-        ("emulated-xm430", ["loop.rate_hz=60", "servo.watchdog_s=0.02"], "servo.watchdog_s"),
+        (
+            "emulated-xm430",
+            ["loop.rate_hz=60", "servo.watchdog_s=0.02", "safety.max_silence_s=0.01"],
+            "servo.watchdog_s",
+        ),
+        ("emulated-xm430", ["safety.max_silence_s=0.11"], "safety.max_silence_s"),
+        ("xm430-w350", ["servo.watchdog_s=0.02"], "safety.max_silence_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
         ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
         ("simulated", ["loop.rate_hz=2000", "realtime.spin_us=301"], "realtime.spin_us"),

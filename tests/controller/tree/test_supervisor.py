@@ -18,6 +18,7 @@ from controller.telemetry import State, Telemetry, Word
 from controller.tree import supervisor
 from controller.tree.plan import Plan
 from controller.tree.supervisor import Supervisor
+from hw.clock import SimulatedClock
 from hw.errors import ServoError
 
 RESULT = {
@@ -191,6 +192,46 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:loop_hung"
     assert "being asked to" in explanation(ended)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The supervisor's, for all but its heartbeats: it can be suspended."""
+    clock = SimulatedClock()
+    monkeypatch.setattr(supervisor, "MonotonicClock", lambda: clock)
+    return clock
+
+
+def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock):
+    """The loop is asked to end, and does."""
+
+    def suspend(loop):
+        def end():
+            while not stage.words[Word.STOP]:
+                time.sleep(0.001)
+                stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
+            loop.say("ended", result={**RESULT, "stop_reason": "interrupted"})
+            loop.end(0)
+
+        clock.suspended_ns += 3_000_000_000
+        threading.Thread(target=end, daemon=True).start()
+
+    stage.loop_acts = suspend
+    ended, report = stage.run()
+    assert ended.stop_reason == report["stop_reason"] == "trip:suspended"
+    assert exit_status(ended.stop_reason) == 3
+    assert report["explanation"].startswith("the computer was suspended for 3 s; ")
+    assert report["torque_off"] is True
+    assert stage.cuts == []
+
+
+def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock):
+    stage.loop_acts = lambda _: setattr(clock, "suspended_ns", 3_000_000_000)
+    ended, report = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert ended.stop_reason == "trip:suspended"
+    assert "suspended for 3 s; the run had ended by loop_hung; the loop's" in report["explanation"]
+    assert "the supervisor switched the torque off and read it back" in report["explanation"]
 
 
 def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):

@@ -13,6 +13,9 @@ from dataclasses import asdict, replace
 
 import pytest
 
+from hw.clock import SimulatedClock
+from hw.dynamixel.line import Line
+from hw.dynamixel.servo import DynamixelServo
 from hw.dynamixel.tables import MODELS, POSITION_UNIT
 from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from hw.servo import Outcome, Reading
@@ -256,6 +259,63 @@ def test_a_restart_is_named_where_the_loss_limits_outlast_it() -> None:
     bench.bus.inject("brown-out", bench.clock.now_ns())
     with pytest.raises(TorqueLostError, match="has restarted"):
         until_it_ends(bench, seconds=3.0)
+
+
+class Suspended(SimulatedClock):
+    """The computer's clock beside the bus's: it stands still while the computer is suspended."""
+
+    def __init__(self, bus: SimulatedClock) -> None:
+        super().__init__()
+        self._bus = bus
+
+    def now_ns(self) -> int:
+        return self._bus.now_ns() - self.suspended_ns
+
+    def boot_ns(self) -> int:
+        return self._bus.now_ns()
+
+    def wait_until(self, instant_ns: int) -> None:
+        self._bus.wait_until(instant_ns + self.suspended_ns)
+
+    def suspend(self, seconds: float) -> None:
+        end_ns = self._bus.now_ns() + round(seconds * 1e9)
+        self.suspended_ns += end_ns - self._bus.now_ns()
+        self._bus.wait_until(end_ns)
+
+
+class LineOf:
+    """The bus's line, told the time by the computer's clock."""
+
+    def __init__(self, line: Line, clock: Suspended) -> None:
+        self.clock = clock
+        self._line, self.write, self.read, self.close = line, line.write, line.read, line.close
+
+    def wait(self, deadline_ns: int) -> bool:
+        return self._line.wait(deadline_ns + self.clock.suspended_ns)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.1])
+@pytest.mark.parametrize("seconds", [0.3, 5.0, 100.0])
+def test_a_suspended_computer_is_no_weak_supply(seconds: float, torque: float) -> None:
+    """The servo's clock went on, and its Bus Watchdog dropped the torque."""
+    bench = Bench()
+    clock = Suspended(bench.clock)
+    bench.servo = DynamixelServo(bench.settings, LineOf(bench.memory_line, clock))
+    bench.servo.start()
+
+    def run(cycles: int) -> None:
+        for _ in range(cycles):
+            begun_ns = clock.now_ns()
+            bench.servo.request()
+            bench.servo.collect(begun_ns + 800_000)
+            bench.servo.write(torque)
+            clock.wait_until(begun_ns + PERIOD_NS)
+
+    run(1500)
+    clock.suspend(seconds)
+    words = f"^The computer was suspended for {seconds:g} s while .* had torque"
+    with pytest.raises(TorqueLostError, match=words):
+        run(3000)
 
 
 def test_a_servo_that_has_restarted_can_be_started_again_at_once() -> None:

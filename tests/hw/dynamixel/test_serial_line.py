@@ -21,6 +21,7 @@ import pytest
 
 from hw.clock import MonotonicClock
 from hw.dynamixel import port
+from hw.dynamixel.holders import holders
 from hw.dynamixel.port import open_port
 from hw.dynamixel.serial_line import FdLine
 from hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
@@ -261,8 +262,8 @@ def test_a_terminal_program_that_holds_an_adapter_is_a_holder() -> None:
         assert holder.stdout is not None
         near = int(holder.stdout.readline())
         adapter = Path("/dev/null").stat().st_rdev
-        assert holder.pid in [pid for pid, _ in port.holders(adapter)]
-        assert holder.pid not in [pid for pid, _ in port.holders(near)]
+        assert holder.pid in [pid for pid, _ in holders(adapter)]
+        assert holder.pid not in [pid for pid, _ in holders(near)]
         holder.communicate()
 
 

@@ -1,0 +1,161 @@
+"""Who else opens a port in mid-run is refused, or found and named; whom the run started is not."""
+
+import fcntl
+import os
+import pty
+import subprocess
+import sys
+import termios
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hw.dynamixel import port_users
+from hw.dynamixel.examine.adapter import examine_port
+from hw.dynamixel.holders import holder, is_terminal
+from hw.dynamixel.port import open_port
+from hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
+from hw.errors import PortBusyError
+
+OPENER = """
+import os, sys
+held = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+print("held", flush=True)
+sys.stdin.read()
+"""
+AS_NOBODY = "import os\nos.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+
+
+class Port:
+    """An open pseudo-terminal that is watched."""
+
+    def __init__(self):
+        self.far, self.near = pty.openpty()
+        self.path = os.ttyname(self.near)
+        self.users = PortUsers(self.near)
+
+    def looks(self, count):
+        return next(filter(None, (self.users.look() for _ in range(count))), "")
+
+    def close(self):
+        self.users.close()
+        os.close(self.near)
+        os.close(self.far)
+
+
+@pytest.fixture
+def port():
+    made = Port()
+    yield made
+    made.close()
+
+
+@contextmanager
+def opened_by_another(path):
+    """A process that is no child of this one has it open."""
+    program = f"import os\nif os.fork(): os._exit(0)\n{OPENER}"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout.readline() == b"held\n"
+        other.wait()  # so what holds the port has lost its parent
+        yield
+        other.stdin.close()
+        other.stdout.read()
+
+
+def test_nobody_is_nobody(port):
+    assert port.looks(3 * LOOKS) == ""
+    assert port.users.look_everywhere() == ""
+    assert not port.users.brief
+
+
+def test_another_program_is_named_soon_after_it_has_opened_the_port(port):
+    port.looks(LOOKS // 3)
+    with opened_by_another(port.path):
+        found = port.looks(URGENT)
+        assert found.startswith("python")
+        assert f"has opened {port.path}" in found
+        assert port.users.look_everywhere() == found
+
+
+def test_without_notice_of_the_opening_it_is_found_in_one_round(port, monkeypatch):
+    monkeypatch.setattr(port.users, "_opening_noticed", lambda: False)
+    port.looks(LOOKS // 3)
+    with opened_by_another(port.path):
+        assert "has opened" in port.looks(2 * LOOKS)
+
+
+def test_what_the_run_has_started_itself_is_nobody(port):
+    """The loop inherits the descriptor, and so does for a moment whatever else is started."""
+    with subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.stdin.read()"],
+        stdin=subprocess.PIPE,
+        pass_fds=(port.near,),
+    ) as child:
+        assert holder(child.pid, os.fstat(port.near).st_rdev) is not None
+        assert port.looks(2 * LOOKS) == port.users.look_everywhere() == ""
+        child.stdin.close()
+
+
+def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port):
+    """As by root, or from outside of a container; here by this process, which is not looked at."""
+    held = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+    words = "this user may not see has opened"
+    assert words in port.users.look_everywhere()
+    assert words in port.looks(LOOKS)
+    os.close(held)
+
+
+def test_one_that_is_over_is_remembered_and_no_more(port):
+    port.looks(3)
+    os.close(os.open(port.path, os.O_RDWR | os.O_NOCTTY))
+    assert port.looks(2 * LOOKS) == ""
+    assert port.users.brief
+
+
+def test_nobody_of_ours_opens_a_port_that_is_in_use(port):
+    """`doctor` and a second `run` would else disturb the first, and end it."""
+    with opened_by_another(port.path):
+        users = PortUsers(port.near)
+        *_, used_by = examine_port(port.path)
+        assert (used_by.name, used_by.ok) == ("used by", False)
+        assert used_by.found.startswith("python")
+        with pytest.raises(PortBusyError, match="is used by python"):
+            open_port(port.path, 1_000_000)
+        assert not users._opening_noticed()
+        users.close()
+
+
+def may_open(path):
+    """Whether somebody without rights may open a device."""
+    program = f"{AS_NOBODY}os.close(os.open({path!r}, os.O_RDWR | os.O_NOCTTY))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
+    return done.returncode == 0
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+def test_exclusive_use_refuses_others_and_is_released(port):
+    Path(port.path).chmod(0o666)
+    assert may_open(port.path), "no exclusive use of a pseudo-terminal: it would outlive its user"
+    exclusive(port.near, True)
+    assert not may_open(port.path)
+    port.users.close()
+    assert may_open(port.path)
+
+
+@pytest.mark.parametrize("pseudo", [True, False])
+def test_exclusive_use_is_taken_of_adapters_only(pseudo, monkeypatch):
+    asked = []
+    monkeypatch.setattr(port_users, "is_pseudo", lambda _device: pseudo)
+    monkeypatch.setattr(fcntl, "ioctl", lambda _, request: asked.append(request))
+    made = Port()
+    assert asked == ([] if pseudo else [termios.TIOCEXCL])
+    made.close()
+    assert asked[-1] == termios.TIOCNXCL
+
+
+def test_a_terminal_is_known_without_opening_it(port):
+    assert is_terminal(os.fstat(port.near).st_rdev)
+    assert not is_terminal(Path("/dev/null").stat().st_rdev)
