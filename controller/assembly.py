@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controller.delay import DelayRing
+from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.guard.guard import Situation, decide
@@ -27,6 +28,13 @@ from hw.servo import Servo
 
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
+"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
+which steady motion is, in counts [1]"""
+LIGHTER, HEAVIER = 0.8, 1.6
+"""Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
+REST_TORQUE, REST_SHARE = 0.1, 0.05
+"""Change of the elastic torque that is no blow: [N·m], and as a fraction of the limit [1]"""
 SLOWEST = 0.05
 """Speed below which passivity control takes energy back no faster [rad/s]"""
 
@@ -84,7 +92,31 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
             inserted=config.delay.steps * config.period_ns * 1e-9,
             patient=law.guarded and config.wall.passivity_control,
             side=SIGNS[config.wall.side],
+            backstop=_backstop(config, servo, bounces=False) if law.guarded else None,
+            bounces=_backstop(config, servo, bounces=True),
+            damping_high=belief.damping.high / belief.torque_gain.low,
+            heavy=belief.inertia.high / belief.torque_gain.low,
         )
+    )
+
+
+def _backstop(config: Config, servo: Servo, *, bounces: bool) -> BackstopSettings | None:
+    """When the wall is probed for motion of its own; ``bounces``: by its contacts."""
+    if bounces and config.wall.side == "both":
+        return None
+    belief, facts = config.belief(), servo.facts
+    step = facts.position_step
+    return BackstopSettings(
+        period=config.period_ns * 1e-9,
+        position_step=step,
+        threshold=PROBED_COUNTS * step if step else PROBED,
+        small=SMALL_COUNTS * step,
+        light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
+        heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
+        rest_torque=min(REST_TORQUE, REST_SHARE * facts.torque_limit),
+        torque_limit=facts.torque_limit,
+        acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
+        bounces=bounces,
     )
 
 

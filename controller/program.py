@@ -89,12 +89,15 @@ class Program:
         "_wall",
         "_wave_phase",
         "damping",
+        "damping_scale",
         "done",
+        "elastic_limit",
         "guarded",
         "injected",
         "one_sided",
         "phase",
         "position",
+        "scale",
         "stiffness",
     )
 
@@ -111,6 +114,8 @@ class Program:
         self.phase = -1
         self.guarded = self.one_sided = self.done = False
         self.stiffness = self.damping = self.injected = self.position = 0.0
+        self.scale = self.damping_scale = 1.0
+        self.elastic_limit = math.inf
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
         """Always: a program has no outside."""

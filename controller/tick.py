@@ -94,6 +94,7 @@ class Tick:
         # Where an alarm met an owed raise, the shares are of no more than what was rendered.
         self._most_stiffness = self._most_damping = math.inf
         self._most_injected = 0.0
+        self._elastic_scale = 1.0
         self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
@@ -130,7 +131,8 @@ class Tick:
     @property
     def commanded(self) -> tuple[float, float]:
         """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered, ramps at their end."""
-        return self._target, self._target_damping
+        wall = self._parts.wall
+        return self._target * wall.scale, self._target_damping * wall.damping_scale
 
     def inside_one_sided_wall(self) -> bool:
         """Whether the last known position is inside a wall that has an outside."""
@@ -201,8 +203,8 @@ class Tick:
             velocity,
             wall_torque,
             sent,
-            wall.stiffness,
-            wall.damping + wall.injected,
+            wall.stiffness * wall.scale,
+            (wall.damping + wall.injected) * wall.damping_scale,
             self._delay_s,
             self._measured_torque,
         )
@@ -255,6 +257,11 @@ class Tick:
         watch.sample(position, wall, self._measured_torque)
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
+        scale = watch.scale
+        if wall.guarded and scale * watch.share != self._elastic_scale:
+            self._elastic_scale = scale * watch.share
+            wall.elastic_limit = self._elastic_scale * self._limit
+        wall.scale, wall.damping_scale = scale, watch.damping_scale
         injected = 0.0
         if parts.passivity is not None:
             penetration = position - wall.position if contact else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
@@ -19,6 +20,9 @@ class Law(Protocol):
         position: What the stiffness counts from [rad]
         phase: Of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
+        scale: Of the stiffness, while an oscillation is answered [1].
+        damping_scale: Of the damping [1].
+        elastic_limit: Largest torque of the spring alone [N·m].
     """
 
     guarded: bool
@@ -30,6 +34,9 @@ class Law(Protocol):
     position: float
     phase: int
     done: bool
+    scale: float
+    damping_scale: float
+    elastic_limit: float
 
     def in_contact(self, position: float) -> bool:
         """Whether it acts at ``position`` [rad]."""
@@ -52,17 +59,24 @@ class Wall:
         injected: Damping added to it by passivity control [N·m·s/rad]
         position: Where the wall's surface is [rad].
         one_sided: It never pulls, and so has an outside.
+        scale: Of the stiffness, while an oscillation is answered [1].
+        damping_scale: Of the damping, with what is injected [1].
+        elastic_limit: Largest torque of the spring alone [N·m]. Where it is lowered along with the
+            stiffness, a spring that saturates gets softer too.
     """
 
     __slots__ = (
         "_sign",
         "damping",
+        "damping_scale",
         "done",
+        "elastic_limit",
         "guarded",
         "injected",
         "one_sided",
         "phase",
         "position",
+        "scale",
         "stiffness",
     )
 
@@ -74,6 +88,8 @@ class Wall:
         self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
         self.guarded, self.phase, self.done = True, 0, False
+        self.scale = self.damping_scale = 1.0
+        self.elastic_limit = math.inf
 
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
@@ -81,8 +97,13 @@ class Wall:
 
     def torque(self, position: float, velocity: float) -> float:
         """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
-        damping = self.damping + self.injected
-        torque = -self.stiffness * (position - self.position) - damping * velocity
+        torque = -self.stiffness * self.scale * (position - self.position)
+        limit = self.elastic_limit
+        if torque > limit:
+            torque = limit
+        elif torque < -limit:
+            torque = -limit
+        torque -= (self.damping + self.injected) * self.damping_scale * velocity
         sign = self._sign
         if sign == 0:
             return torque

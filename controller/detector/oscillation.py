@@ -140,6 +140,12 @@ class Detector:
         if self._swings is not None and self.balance.natural > 0.0:
             self._swings.filter(min(_FILTER / self.balance.natural, _SLOWEST_FILTER_S))
 
+    @property
+    def energy(self) -> tuple[float, float]:
+        """Work of the acting torque [J] and integral of the squared velocity [rad²/s], filtered."""
+        swings = self._swings
+        return (0.0, 0.0) if swings is None else (swings.work, swings.square)
+
     def restart(self) -> None:
         """Forget what was seen."""
         self._swings = None

@@ -15,7 +15,9 @@ from math import isnan
 from typing import Literal
 
 from controller.detector.acting import ActingTorque
+from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import Detector, DetectorSettings, State
+from controller.detector.own_motion import OwnMotion
 from controller.detector.retreat import Swing, softer
 from controller.wall import Law
 
@@ -23,6 +25,9 @@ Answer = Literal["report", "reduce", "trip"]
 
 LEAST_SHARE = 1.0 / 64.0
 """Of the decision's stiffness. What still oscillates at less is not the wall's doing."""
+GIVEN, BOUNCES = 0.02, 1.5
+"""Energy that a one-sided wall may give out in a bounce beyond what it took and what friction may
+eat [J]; and the time after the entry in which it counts, in half-cycles of the heaviest servo"""
 _OUTGROWN = 1.25
 """So much further than before the alarm is more than passivity control can hold [1]"""
 _STIFFNESS_ALONE = 2
@@ -45,6 +50,14 @@ class WatchSettings:
     """Passivity control acts: an alarm is answered only when the motion outgrows it"""
     side: int = 0
     """0: the wall is two-sided; +1 or -1: it fills the positions above or below it"""
+    backstop: BackstopSettings | None = None
+    """When the wall is probed; None: only where the believed values say so"""
+    bounces: BackstopSettings | None = None
+    """The same for the contacts with a one-sided wall"""
+    damping_high: float = 0.0
+    """Largest viscous friction that is believed, torque as commanded [N·m·s/rad]"""
+    heavy: float = 0.0
+    """Largest inertia that is believed, likewise [kg·m²]"""
 
 
 class Watch:
@@ -64,17 +77,20 @@ class Watch:
         current: What the motion does now.
         acted: Mean torque that acted between the last two samples [N·m].
         spanned: Periods between them.
+        own: What the backstop has seen; None: there is none.
     """
 
     __slots__ = (
         "_acting",
         "_damping",
         "_detector",
+        "_entered",
         "_last_move",
         "_mean",
         "_period",
         "_periods",
         "_position",
+        "_sent",
         "_settings",
         "_since_turn",
         "_size",
@@ -90,6 +106,7 @@ class Watch:
         "failed",
         "first_alarm_s",
         "frequency_hz",
+        "own",
         "share",
         "spanned",
         "state",
@@ -113,6 +130,11 @@ class Watch:
         self._turned_at = 0.0
         self._size = math.nan
         self._stiffness = math.nan
+        self._sent = 0.0
+        self._entered: tuple[float, float, int] | None = None
+        self.own: OwnMotion | None = None
+        if settings.backstop is not None:
+            self.own = OwnMotion(settings.backstop, settings.bounces, settings.side)
         self.acted = 0.0
         self.spanned = 1
         self.share = self.damping_share = 1.0
@@ -139,6 +161,7 @@ class Watch:
     def sent(self, torque: float) -> None:
         """Keep the torque that the tick has sent [N·m]."""
         self._acting.send(torque)
+        self._sent = torque
 
     def sample(self, position: float, law: Law, measured: float) -> None:
         """Take a new position, in the tick that ``passed`` has told of.
@@ -153,14 +176,17 @@ class Watch:
         self._mean = 0.0
         self._periods = 0
         detector = self._detector
-        if law.stiffness != self._stiffness:
-            self._stiffness = detector.stiffness = law.stiffness
+        stiffness = law.stiffness * law.scale
+        if stiffness != self._stiffness:
+            self._stiffness = detector.stiffness = stiffness
         balance = detector.balance
-        balance.virtual_damping = self._damping = law.damping + law.injected
+        balance.virtual_damping = self._damping = (law.damping + law.injected) * law.damping_scale
         balance.surface = law.position
         self.current = state = detector.update(position, torque, periods)
         if state:
-            self._note(state)
+            self._note(state, detector.amplitude, detector.frequency_hz)
+        if self.own is not None:
+            self._backstop(self.own, position - law.position, law.stiffness)
         self._follow(position, law.position, periods)
         if detector.alarm:
             if isnan(self.first_alarm_s):
@@ -170,21 +196,70 @@ class Watch:
         else:
             self._size = math.nan
 
+    def _backstop(self, own: OwnMotion, away: float, stiffness: float) -> None:
+        """Watch what the believed values do not explain, and the energy of a contact."""
+        own.update(away, self._sent, self.spanned * self._period, stiffness)
+        if own.alarm or own.steady:
+            self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
+            self._note(self.current, own.amplitude, own.frequency_hz)
+            if own.alarm and isnan(self.first_alarm_s):
+                self.first_alarm_s = self._ticks * self._period
+        if own.failed or (own.alarm and self._settings.answer == "trip"):
+            self.failed = True
+        side = self._settings.side
+        if side:
+            self._contact(away * side > 0.0)
+
+    def _contact(self, inside: bool) -> None:
+        """Trip where the wall has given out much more in a bounce than it has taken.
+
+        A bounce lasts half a cycle. Only about one and a half of them after the entry are judged:
+        a hand that moves to and fro inside of the wall takes energy from it for as long as it
+        likes, and friction eats it.
+        """
+        work, square = self._detector.energy
+        if not inside:
+            self._entered = None
+            return
+        if self._entered is None:
+            self._entered = work, square, self._ticks
+        work_then, square_then, ticks_then = self._entered
+        if self._stiffness > 0.0 and self._acts:
+            bounce = math.pi * math.sqrt(self._settings.heavy / self._stiffness)
+            if (self._ticks - ticks_then) * self._period < BOUNCES * bounce:
+                eaten = self._settings.damping_high * (square - square_then)
+                self.failed = self.failed or work - work_then - eaten > GIVEN
+
     def raise_again(self) -> None:
         """Allow all that the guard allows again, and begin to watch anew."""
+        if self.own is not None:
+            self.own.raise_again()
         self.share = self.damping_share = 1.0
         self.damps = False
         self.steps = 0
         self._wait = 0
         self._detector.restart()
 
-    def _note(self, state: State) -> None:
-        amplitude = self._detector.amplitude
+    @property
+    def _acts(self) -> bool:
+        return self._settings.answer != "report"
+
+    @property
+    def scale(self) -> float:
+        """Of the wall's elastic torque and of its limit, while the backstop answers [1]."""
+        return 1.0 if self.own is None else self.own.scale
+
+    @property
+    def damping_scale(self) -> float:
+        """Of its damping [1]."""
+        return 1.0 if self.own is None else self.own.damping_scale
+
+    def _note(self, state: State, amplitude: float, frequency_hz: float) -> None:
         larger = amplitude > self.amplitude and self.share == 1.0
         if state > self.state or (state == self.state and larger):
             self.state = state
             self.amplitude = amplitude
-            self.frequency_hz = self._detector.frequency_hz
+            self.frequency_hz = frequency_hz
 
     def _follow(self, position: float, surface: float, periods: int) -> None:
         """Know when, and how far from the wall, the motion last went another way than before."""
@@ -256,5 +331,9 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
         "frequency_hz": watch.frequency_hz if known else None,
         "amplitude_rad": watch.amplitude if seen else None,
         "first_alarm_s": watch.first_alarm_s if alarmed else None,
-        "reduced_to": {"stiffness": watch.share, "damping": watch.damping_share},
+        "reduced_to": {
+            "stiffness": watch.share * watch.scale,
+            "damping": watch.damping_share * watch.damping_scale,
+        },
+        "backlash": watch.own is not None and watch.own.backlash,
     }

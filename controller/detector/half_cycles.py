@@ -1,0 +1,241 @@
+"""Cuts a motion into half-cycles at its turning points, without any belief about the servo."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+_HYSTERESIS_COUNTS = 1.5
+"""Counts of the encoder by which a turning point must be left: flicker of one count is none."""
+_HYSTERESIS = 0.05
+"""The same, of the distance between the last two turning points [1]."""
+_FINEST = 1e-6
+"""The least hysteresis, where the encoder has no steps [rad]."""
+
+
+class Repeated(Protocol):
+    """What repeats in a motion: half-cycles, or contacts. The last four of them are known."""
+
+    known: int
+    duration: float
+    duration_2: float
+    duration_3: float
+    duration_4: float
+    amplitude: float
+    amplitude_2: float
+    amplitude_3: float
+    amplitude_4: float
+    inertia: float
+    inertia_2: float
+    pull: float
+    pull_2: float
+    pull_3: float
+    elapsed: float
+    interval: float
+
+
+def lasts(motion: Repeated, kept: float) -> bool:
+    """Whether the last two kept their amplitude over a cycle.
+
+    Args:
+        motion: Half-cycles or contacts.
+        kept: Least ratio of an amplitude to that of the one before the last.
+    """
+    return (
+        motion.known >= 4
+        and motion.amplitude > kept * motion.amplitude_3
+        and motion.amplitude_2 > kept * motion.amplitude_4
+    )
+
+
+def same_period(motion: Repeated, tolerance: float) -> bool:
+    """Whether the last two lasted as long as those a cycle before.
+
+    Args:
+        motion: Half-cycles or contacts.
+        tolerance: Largest logarithm of the ratio of two durations.
+    """
+    return (
+        motion.known >= 4
+        and abs(math.log(motion.duration / motion.duration_3)) < tolerance
+        and abs(math.log(motion.duration_2 / motion.duration_4)) < tolerance
+    )
+
+
+class HalfCycles:
+    """The last four half-cycles of a motion, each from one turning point to the next.
+
+    The apparent inertia is the one that the commanded torque would have moved in that time if
+    nothing else had acted: the velocity is zero at both ends, so that the integral of torque times
+    distance from the middle is minus the inertia times the integral of the squared velocity.
+
+    Attributes:
+        known: Half-cycles seen since the start.
+        duration: Of the last one [s]; ``duration_2`` to ``duration_4``: of those before it.
+        amplitude: Half the distance between its turning points [rad]; likewise.
+        inertia: Apparent inertia in the last one [kg·m²]; ``inertia_2``: in the one before.
+        pull: Mean torque toward the middle, weighted by the distance from it in amplitudes
+            [N·m]; ``pull_2`` and ``pull_3`` likewise. It is half of the largest torque for a
+            linear spring, and above 0.55 of the limit where the torque saturates most of the time.
+        elapsed: Since the last turning point [s].
+        interval: Between the last two turning points [s].
+    """
+
+    __slots__ = (
+        "_direction",
+        "_extreme",
+        "_hysteresis",
+        "_impulse",
+        "_impulse_then",
+        "_last",
+        "_least",
+        "_moment",
+        "_moment_then",
+        "_period",
+        "_since_extreme",
+        "_square",
+        "_square_then",
+        "_start",
+        "_started",
+        "amplitude",
+        "amplitude_2",
+        "amplitude_3",
+        "amplitude_4",
+        "duration",
+        "duration_2",
+        "duration_3",
+        "duration_4",
+        "elapsed",
+        "inertia",
+        "inertia_2",
+        "interval",
+        "known",
+        "pull",
+        "pull_2",
+        "pull_3",
+    )
+
+    def __init__(self, period: float, position_step: float) -> None:
+        """Begin with nothing known.
+
+        Args:
+            period: T [s].
+            position_step: Encoder count [rad]; 0: none.
+        """
+        self._period = period
+        self._least = max(_HYSTERESIS_COUNTS * position_step, _FINEST)
+        self.known = 0
+        self.duration = 0.0
+        self.duration_2 = 0.0
+        self.duration_3 = 0.0
+        self.duration_4 = 0.0
+        self.amplitude = 0.0
+        self.amplitude_2 = 0.0
+        self.amplitude_3 = 0.0
+        self.amplitude_4 = 0.0
+        self.inertia = 0.0
+        self.inertia_2 = 0.0
+        self.pull = 0.0
+        self.pull_2 = 0.0
+        self.pull_3 = 0.0
+        self.elapsed = 0.0
+        self.interval = 0.0
+        self._hysteresis = self._least
+        self._direction = 0
+        self._last = 0.0
+        self._started = False
+        self._start = 0.0
+        self._extreme = 0.0
+        self._since_extreme = 0.0
+        self._moment = 0.0
+        self._impulse = 0.0
+        self._square = 0.0
+        self._moment_then = 0.0
+        self._impulse_then = 0.0
+        self._square_then = 0.0
+
+    def forget(self) -> None:
+        """Begin anew at the next sample."""
+        self._started = False
+        self.known = 0
+        self._direction = 0
+        self._hysteresis = self._least
+
+    def update(self, position: float, torque: float, span: float) -> bool:
+        """Take a sample; whether a half-cycle has ended since the one before.
+
+        Args:
+            position: [rad]
+            torque: Commanded since the sample before [N·m].
+            span: Time since the sample before [s].
+        """
+        if not self._started:
+            self._started = True
+            self._last = self._start = self._extreme = position
+            self._since_extreme = self.elapsed = 0.0
+            self._clear()
+            return False
+        moved = position - self._last
+        self._last = position
+        self._moment += torque * (position - self._start) * span
+        self._impulse += torque * span
+        self._square += moved * moved / span
+        self.elapsed += span
+        self._since_extreme += span
+        away = position - self._extreme
+        if self._direction == 0:
+            if abs(away) > self._hysteresis:
+                self._direction = 1 if away > 0.0 else -1
+                self._start = self._extreme
+                self.elapsed = self._since_extreme
+                self._clear()
+                self._reach(position)
+            return False
+        if away * self._direction >= 0.0:
+            if away != 0.0:
+                self._reach(position)
+            return False
+        if abs(away) <= self._hysteresis:
+            return False
+        self._turn(position)
+        return True
+
+    def _clear(self) -> None:
+        self._moment = self._impulse = self._square = 0.0
+        self._moment_then = self._impulse_then = self._square_then = 0.0
+
+    def _reach(self, position: float) -> None:
+        """Take the present place for the turning point until a farther one comes."""
+        self._extreme = position
+        self._since_extreme = 0.0
+        self._moment_then = self._moment
+        self._impulse_then = self._impulse
+        self._square_then = self._square
+
+    def _turn(self, position: float) -> None:
+        """End a half-cycle at the farthest place, and begin the next one there."""
+        start, end = self._start, self._extreme
+        self.duration_4, self.amplitude_4 = self.duration_3, self.amplitude_3
+        self.duration_3, self.amplitude_3 = self.duration_2, self.amplitude_2
+        self.duration_2, self.amplitude_2 = self.duration, self.amplitude
+        self.inertia_2 = self.inertia
+        self.pull_3, self.pull_2 = self.pull_2, self.pull
+        self.duration = max(self.elapsed - self._since_extreme, self._period)
+        self.interval = self.duration
+        self.amplitude = 0.5 * abs(end - start)
+        half = 0.5 * (end - start)
+        virial = self._moment_then - half * self._impulse_then
+        self.pull = -virial / (self.duration * max(self.amplitude, self._least))
+        self.inertia = -virial / self._square_then if self._square_then > 0.0 else 0.0
+        # Sums that began at the old start go on from the new one.
+        impulse = self._impulse - self._impulse_then
+        self._moment = self._moment - self._moment_then - (end - start) * impulse
+        self._impulse = impulse
+        self._square -= self._square_then
+        self._moment_then = self._impulse_then = self._square_then = 0.0
+        self._start = end
+        self.elapsed = self._since_extreme
+        self._direction = -self._direction
+        self.known += 1
+        self._hysteresis = max(self._least, _HYSTERESIS * 2.0 * self.amplitude)
+        self._reach(position)

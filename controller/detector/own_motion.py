@@ -1,0 +1,154 @@
+"""Watches a wall of either kind with the backstop: its half-cycles, and its contacts."""
+
+from __future__ import annotations
+
+import math
+
+from controller.detector.backstop import Backstop, BackstopSettings, Phase
+from controller.detector.contacts import Contacts
+from controller.detector.half_cycles import HalfCycles, Repeated
+
+
+class OwnMotion:
+    """Feeds a position and a torque to the backstop, and says what the wall does by itself.
+
+    A two-sided wall, and a one-sided one that is leaned on, is watched by its half-cycles; bouncing
+    off a one-sided wall by its contacts.
+
+    Attributes:
+        scale: Of the elastic torque and of its limit [1].
+        damping_scale: Of the damping [1].
+    """
+
+    __slots__ = (
+        "_backstop",
+        "_bounces",
+        "_contacts",
+        "_half_cycles",
+        "_inside",
+        "_side",
+        "damping_scale",
+        "scale",
+    )
+
+    def __init__(
+        self, settings: BackstopSettings, bounces: BackstopSettings | None, side: int
+    ) -> None:
+        """Begin to watch.
+
+        Args:
+            settings: For half-cycles.
+            bounces: For contacts; None: the wall is two-sided.
+            side: 0: two-sided; +1 or -1: it fills the positions above or below.
+        """
+        self._side = side
+        self._half_cycles = HalfCycles(settings.period, settings.position_step)
+        self._backstop = Backstop(settings, self._half_cycles)
+        self._contacts = Contacts(settings.position_step)
+        self._bounces = None if bounces is None else Backstop(bounces, self._contacts)
+        self._inside = True
+        self.scale = self.damping_scale = 1.0
+
+    def update(self, away: float, torque: float, span: float, stiffness: float) -> None:
+        """Take a sample.
+
+        Args:
+            away: Position, counted from the wall's surface [rad].
+            torque: Sent with the sample before [N·m].
+            span: Time since the sample before [s].
+            stiffness: K without this object's scale [N·m/rad].
+        """
+        backstop, bounces = self._backstop, self._bounces
+        ended = self._half_cycles.update(away, torque, span)
+        if bounces is None:
+            backstop.passed(span, away, stiffness)
+            if ended:
+                backstop.ended()
+            self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
+            return
+        depth = away * self._side
+        elongation = depth if depth > 0.0 else 0.0
+        backstop.passed(span, elongation, stiffness)
+        bounces.passed(span, elongation, stiffness)
+        if depth <= 0.0:
+            self._inside = False
+        if ended:
+            if self._inside:
+                backstop.ended()
+            else:  # a half-cycle with a part outside says nothing about the spring
+                self._half_cycles.known = 0
+            self._inside = depth > 0.0
+        if self._contacts.update(depth, torque * self._side, span):
+            bounces.ended()
+        self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)
+        self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
+
+    def raise_again(self) -> None:
+        """Take back every reduction."""
+        self._backstop.raise_again()
+        if self._bounces is not None:
+            self._bounces.raise_again()
+        self.scale = self.damping_scale = 1.0
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the wall feeds the motion."""
+        return self._backstop.alarm or (self._bounces is not None and self._bounces.alarm)
+
+    @property
+    def steady(self) -> bool:
+        """Whether the motion repeats as evenly as no hand's."""
+        return self._backstop.steady
+
+    @property
+    def failed(self) -> bool:
+        """Whether reducing the wall does not help."""
+        return self._backstop.failed or (self._bounces is not None and self._bounces.failed)
+
+    @property
+    def probing(self) -> bool:
+        """Whether the wall is being probed."""
+        bounces = self._bounces
+        return self._backstop.phase == Phase.PROBING or (
+            bounces is not None and bounces.phase == Phase.PROBING
+        )
+
+    @property
+    def backlash(self) -> bool:
+        """Whether the last alarm was about a steady motion of a few counts."""
+        return self._backstop.small_cycle
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Probes, probes that found a hand, alarms, and alarms that were taken back."""
+        one, other = self._backstop, self._bounces
+        if other is None:
+            return one.probes, one.moved, one.reductions, one.returned
+        return (
+            one.probes + other.probes,
+            one.moved + other.moved,
+            one.reductions + other.reductions,
+            one.returned + other.returned,
+        )
+
+    @property
+    def motion(self) -> Repeated:
+        """What repeats: the contacts where they raised the alarm, else the half-cycles."""
+        bounces = self._bounces
+        return self._contacts if bounces is not None and bounces.alarm else self._half_cycles
+
+    @property
+    def frequency_hz(self) -> float:
+        """Of the motion [Hz]; NaN: not known."""
+        motion = self.motion
+        if motion is self._half_cycles:
+            cycle = motion.duration + motion.duration_2
+        else:
+            cycle = motion.interval
+        return 1.0 / cycle if motion.known > 1 and cycle > 0.0 else math.nan
+
+    @property
+    def amplitude(self) -> float:
+        """Of the motion [rad]."""
+        motion = self.motion
+        return 0.5 * (motion.amplitude + motion.amplitude_2)

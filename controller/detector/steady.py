@@ -1,0 +1,47 @@
+"""Counts half-cycles that repeat as evenly as a machine makes them and no hand does."""
+
+from __future__ import annotations
+
+from controller.detector.half_cycles import Repeated
+
+_AMPLITUDE, _COUNTS = 0.02, 0.6
+"""An amplitude may differ by so much of itself, or by so many counts of the encoder."""
+_DURATION, _PERIODS = 0.03, 1.6
+"""A duration may differ by so much of itself, or by so many periods."""
+
+
+class Steadiness:
+    """Counts the repetitions of one motion, each compared to the first one of its direction.
+
+    Attributes:
+        count: Repetitions in a row.
+    """
+
+    __slots__ = ("_amplitude", "_counts", "_duration", "_periods", "count")
+
+    def __init__(self, period: float, position_step: float) -> None:
+        """Begin with none.
+
+        Args:
+            period: T [s].
+            position_step: Encoder count [rad]; 0: none.
+        """
+        self._counts = _COUNTS * position_step
+        self._periods = _PERIODS * period
+        self._amplitude = [0.0, 0.0]
+        self._duration = [0.0, 0.0]
+        self.count = 0
+
+    def take(self, motion: Repeated) -> None:
+        """Count what has just ended, or begin anew with it."""
+        way = motion.known & 1
+        if self.count > 1:
+            first, lasted = self._amplitude[way], self._duration[way]
+            if abs(motion.amplitude - first) <= max(_AMPLITUDE * first, self._counts) and abs(
+                motion.duration - lasted
+            ) <= max(_DURATION * lasted, self._periods):
+                self.count += 1
+                return
+            self.count = 0
+        self._amplitude[way], self._duration[way] = motion.amplitude, motion.duration
+        self.count += 1
