@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
+from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from controller.guard.guard import Situation, decide
 from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.guard.limits import Plants
@@ -129,6 +131,8 @@ def tick_parts(
     ladder: GuardLadder,
     law: Law,
     injected: Sequence[float],
+    *,
+    engage_at_once: bool = False,
 ) -> TickParts:
     """All parts of a tick.
 
@@ -140,6 +144,8 @@ def tick_parts(
         ladder: The guard's decisions.
         law: What is rendered.
         injected: ``most_injected`` of the ladder.
+        engage_at_once: The wall comes on wherever the shaft is, as it does where the configuration
+            says so. A program always does: it starts where the shaft is.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -171,6 +177,14 @@ def tick_parts(
         period_ns=period_ns,
         ramp_ticks=max(1, round(RAMP_S / period)),
         pipelined=config.servo.schedule == "pipelined",
+        engagement=Engagement(
+            EngageLimits(
+                torque=engage_torque(safety.engage_torque, servo.facts.stall_torque),
+                position_step=servo.facts.position_step,
+                periods=max(1, math.ceil(REST_S / period - 1e-6)),
+            ),
+            start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
+        ),
     )
 
 
@@ -194,7 +208,9 @@ def rehearsal(
     stand_in = servo.stand_in(clock)
     law = rendered(config, stand_in, program)
     memory = Telemetry.scratch()
-    parts = tick_parts(config, clock, stand_in, memory, ladder.anew(), law, injected)
+    parts = tick_parts(
+        config, clock, stand_in, memory, ladder.anew(), law, injected, engage_at_once=True
+    )
     tick = Tick(parts)
     tick.wall_on()
     return Rehearsal(tick.run, clock, config.period_ns, servo.idle)

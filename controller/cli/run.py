@@ -111,7 +111,7 @@ def command(
             None if warning is not None else str(plot),
         )
         answer(as_json(report) if as_json_wanted else report_text(report))
-    sys.exit(reports.exit_status(ended.stop_reason))
+    sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"]))
 
 
 def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:

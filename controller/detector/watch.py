@@ -178,6 +178,15 @@ class Watch:
         self._wait = 0
         self._detector.restart()
 
+    def resume(self) -> None:
+        """Begin to watch anew after a pause without torque; what an alarm took stays taken."""
+        self._detector.restart()
+        self.damps = False
+        self.current = State.QUIET
+        self._position = self._size = math.nan
+        self._last_move = self._mean = 0.0
+        self._periods = 0
+
     def _note(self, state: State) -> None:
         amplitude = self._detector.amplitude
         larger = amplitude > self.amplitude and self.share == 1.0

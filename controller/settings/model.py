@@ -232,6 +232,20 @@ class Safety(Section):
         description="Faster than this trips",
         json_schema_extra={"unit": "rad/s"},
     )
+    engage: Literal["wait", "at-once"] = Field(
+        "wait",
+        description="wait: the wall comes on only where its spring is unloaded, and until then the "
+        "run goes on without torque; at-once: wherever the shaft is (simulated and emulated "
+        "servos only)",
+    )
+    engage_torque: float | None = Field(
+        None,
+        gt=0,
+        le=1e3,
+        description="Elastic torque up to which a spring counts as unloaded, but never less than "
+        "two encoder counts of it; null: 5 % of the servo's stall torque, at most 0.1",
+        json_schema_extra={"unit": "N·m"},
+    )
     max_loss: float = Field(
         0.05, gt=0, le=1, description="Share of lost readings within the window that trips"
     )

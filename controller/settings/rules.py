@@ -160,6 +160,16 @@ def _emulated_starts_outside(config: Config) -> Iterator[Problem]:
         )
 
 
+@_reads(*_KIND, "safety.engage")
+def _real_walls_wait(config: Config) -> Iterator[Problem]:
+    if _is_real(config) and config.safety.engage == "at-once":
+        yield Problem(
+            "safety.engage",
+            f"found at-once, wanted wait: the servo at {config.servo.port} is real, and a wall "
+            "that comes on around its shaft strikes whoever holds it",
+        )
+
+
 @_reads(*_KIND, "servo.counts_per_rev")
 def _emulated_counts(config: Config) -> Iterator[Problem]:
     if config.servo.kind == "emulated" and config.servo.counts_per_rev != 4096:

@@ -143,7 +143,8 @@ class Servo(Section):
         ge=-100,
         le=100,
         description="Displacement from the wall at the start, positive toward positive "
-        "positions; null: 0.1 rad outside a one-sided wall, on a two-sided one",
+        "positions; up to a quarter turn the wall comes on around it at once; null: 0.1 rad "
+        "outside a one-sided wall, on a two-sided one",
         json_schema_extra=_facts("rad", _TRUTH),
     )
     torque_limit: Positive | None = Field(

@@ -213,7 +213,7 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
 
 
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
-    """A lean during the warm-up: the wall must not strike a shaft that it is switched on around."""
+    """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
     told = []
 
@@ -225,11 +225,70 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
     sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
     config = load_config("emulated-xm430", sets).config
     result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=tell)
-    assert "the wall goes on when it has left it" in told[-1]
+    assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     rows, _ = telemetry.read(0)
     assert rows["position"][-1] > 0.0
     assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("turns", [3, -3])
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
+    told = []
+    sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
+    config = load_config(preset, [*sets, "servo.hand=none"]).config
+    telemetry = Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, 1.0, tell=told.append)
+    rows, _ = telemetry.read(0)
+    assert len(rows) >= 1000
+    assert not np.any(rows["torque"])
+    assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
+    assert "turned to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
+    assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
+    result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
+    assert result.wall_came_on
+    assert rows["torque"][0] == pytest.approx(-4.1, abs=0.01)
+    result, rows = session(preset, *sets, "servo.kick=1.6", duration=0.5)
+    assert not result.wall_came_on
+    result, rows = session(preset, *sets, "servo.kick=1.6", "safety.engage=at-once", duration=0.5)
+    assert result.wall_came_on
+
+
+def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it():
+    """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
+    sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
+    result, rows = session("emulated-xm430", *sets, "safety.engage_torque=0.2", duration=6.0)
+    assert result.wall_came_on
+    assert result.ticks == 6000, "time counts from when the wall comes on"
+    assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.09])
+def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(friction):
+    """The push that proves the torque's sign moves it by some counts."""
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
+    result, rows = session("emulated-xm430", *sets, f"servo.coulomb={friction}", duration=0.5)
+    assert result.wall_came_on
+    assert 0.001 < abs(rows["position"][0]) < 0.0175
+
+
+def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path):
+    arguments = ["emulated-xm430", "--set", "wall.side=both", "--set", "servo.kick=18.8"]
+    arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
+    done = run_command(tmp_path, *arguments)
+    assert done.returncode == 3
+    assert done.stdout.startswith("run         THE WALL NEVER CAME ON: the shaft is away from")
+    assert "2.99 turns" in done.stderr
+    done = run_command(tmp_path, *arguments, "--json")
+    assert done.returncode == 3
+    assert json.loads(done.stdout)["wall_came_on"] is False
 
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger():

@@ -1,0 +1,81 @@
+"""The time before the wall comes on: the loop runs without torque, and a person is told why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from controller.engagement import REST_S, start_text, waiting_text
+from controller.grid import Grid
+from controller.settings.config import Config
+from controller.tick import TickParts
+
+LOOK_S = 0.01
+"""How often a shaft around which the wall may not come on yet is looked at [s]"""
+
+
+class WallWait:
+    """Serves ticks without torque until the wall may come on.
+
+    Args:
+        grid: Whose ticks are served meanwhile.
+        config: The effective configuration.
+        parts: What the tick works with.
+        tell: Called with where the wall and the shaft are, and where the shaft must go.
+
+    Attributes:
+        waited_for: What the wall waited for last; empty: it did not wait.
+    """
+
+    def __init__(
+        self, grid: Grid, config: Config, parts: TickParts, tell: Callable[[str], None]
+    ) -> None:
+        self._grid = grid
+        self._config = config
+        self._parts = parts
+        self._tell = tell
+        self.waited_for = ""
+
+    def __call__(self, most_s: float | None) -> str | None:
+        """Serve deadlines until the wall may come on; why that did not happen, or None.
+
+        Args:
+            most_s: How long to wait [s]; None: for ever.
+        """
+        tick = self._grid.tick
+        self._tell_start()
+        told = set()
+        looks = 0
+        while not tick.may_engage():
+            kind, self.waited_for = self._reason()
+            # The first readings after a warm-up too short for them are no news.
+            if kind not in told and looks * LOOK_S > REST_S:
+                self._tell(self.waited_for)
+                told.add(kind)
+            if most_s is not None and looks * LOOK_S >= most_s:
+                return "duration"
+            looks += 1
+            if reason := self._grid.serve(LOOK_S):
+                return reason
+        return None
+
+    def _tell_start(self) -> None:
+        """Say where the wall and the shaft are."""
+        config, law = self._config, self._parts.wall
+        position = self._grid.tick.position
+        if math.isnan(position) and config.servo.kind == "simulated":
+            position = config.start_position  # nothing has been read, and nothing has moved it
+        if law.guarded and not math.isnan(position):
+            self._tell(start_text(law, config.wall.side, position))
+
+    def _reason(self) -> tuple[str, str]:
+        """What the wall waits for: a name, and a text for people."""
+        tick, parts = self._grid.tick, self._parts
+        if math.isnan(tick.position):
+            return "reading", "the wall waits for the first reading"
+        if not tick.held():
+            return "dead man", "the dead man is not held; the wall goes on when it is"
+        stiffness = parts.ladder.decision.stiffness
+        room = parts.engagement.limits.room(stiffness)
+        side = self._config.wall.side
+        return "place", waiting_text(parts.wall, side, tick.position, stiffness, room)
