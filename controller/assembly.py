@@ -164,6 +164,8 @@ def tick_parts(
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_losses_in_row=safety.max_losses_in_row,
+                travel=safety.travel,
+                travel_from_start=wall.reference == "start",
             )
         ),
         watch=_watch(config, servo, law),
@@ -177,6 +179,7 @@ def tick_parts(
         period_ns=period_ns,
         ramp_ticks=max(1, round(RAMP_S / period)),
         pipelined=config.servo.schedule == "pipelined",
+        wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(
                 torque=engage_torque(safety.engage_torque, servo.facts.stall_torque),

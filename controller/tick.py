@@ -64,6 +64,8 @@ class TickParts:
     """Ticks over which a new stiffness is reached [1]"""
     pipelined: bool
     """Requests are sent at the end of the period before"""
+    wall_from_start: bool
+    """The wall's position counts from the first reading"""
     engagement: Engagement
     """Decides when the wall may come on"""
 
@@ -259,6 +261,8 @@ class Tick:
         self._position = position
         last_ns = self._sampled_ns
         self._sampled_ns = sampled_ns
+        if last_ns is None and parts.wall_from_start and self.trip is None:
+            parts.wall.position += position
         # The periods that really passed between the samples, whatever came in between: lost
         # readings, skipped periods, and a tick that was served late, which the grid counts only
         # afterwards. Whole ones, so that jitter of the instants does not reach the velocity.

@@ -43,7 +43,7 @@ class WallWait:
             most_s: How long to wait [s]; None: for ever.
         """
         tick = self._grid.tick
-        self._tell_start()
+        known = self._tell_start()
         told = set()
         looks = 0
         while not tick.may_engage():
@@ -57,16 +57,24 @@ class WallWait:
             looks += 1
             if reason := self._grid.serve(LOOK_S):
                 return reason
+            known = known or self._tell_start()
         return None
 
-    def _tell_start(self) -> None:
-        """Say where the wall and the shaft are."""
+    def _tell_start(self) -> bool:
+        """Say where the wall and the shaft are; whether that is known."""
         config, law = self._config, self._parts.wall
         position = self._grid.tick.position
-        if math.isnan(position) and config.servo.kind == "simulated":
+        if (
+            math.isnan(position)
+            and config.servo.kind == "simulated"
+            and not self._parts.wall_from_start
+        ):
             position = config.start_position  # nothing has been read, and nothing has moved it
-        if law.guarded and not math.isnan(position):
+        if math.isnan(position):
+            return False
+        if law.guarded:
             self._tell(start_text(law, config.wall.side, position))
+        return True
 
     def _reason(self) -> tuple[str, str]:
         """What the wall waits for: a name, and a text for people."""

@@ -98,13 +98,24 @@ class Config(Section):
         servo, inward = self.servo, SIGNS[self.wall.side]
         if self.safety.engage == "at-once":
             return math.inf
-        if servo.kind == "hardware" or (servo.kick is not None and abs(servo.kick) > MOST_KICK):
+        if servo.kind == "hardware" or self.wall.reference == "start":
+            return 0.0
+        if servo.kick is not None and abs(servo.kick) > MOST_KICK:
             return 0.0
         if servo.kind == "simulated" and self.loop.clock == "simulated":
             return math.inf  # no warm-up, so it is where it was put: there, or outside
         if servo.kick is None:
             return MOVED_BY_START if inward == 0 else 0.0
         return MOST_KICK if inward == 0 or inward * servo.kick > 0.0 else 0.0
+
+    def surface(self, started_at: float) -> float:
+        """Where the wall is, in the servo's own count [rad].
+
+        Args:
+            started_at: The first position of the run [rad].
+        """
+        counted_from = started_at if self.wall.reference == "start" else 0.0
+        return counted_from + self.wall.position
 
     def true_servo(self) -> TrueServo:
         """What the simulated or emulated servo is.
@@ -129,7 +140,7 @@ class Config(Section):
             ambient=servo.ambient,
             position=self.start_position,
             hand=servo.hand,
-            hand_origin=self.wall.position,
+            hand_origin=self.surface(self.start_position),
             hand_direction=-1 if self.wall.side == "below" else 1,
         )
 
@@ -168,7 +179,9 @@ class Config(Section):
         )
 
     def _inside(self) -> tuple[float, float] | None:
-        """Positions inside a one-sided wall [rad]; a two-sided one has no inside."""
+        """Positions inside a one-sided wall [rad]; None: there are none, or nobody knows yet."""
+        if self.wall.reference == "start":
+            return None
         if self.wall.side == "above":
             return self.wall.position, _FAR
         return (-_FAR, self.wall.position) if self.wall.side == "below" else None

@@ -142,7 +142,7 @@ class Servo(Section):
         None,
         ge=-100,
         le=100,
-        description="Displacement from the wall at the start, positive toward positive "
+        description="Displacement from wall.position at the start, positive toward positive "
         "positions; up to a quarter turn the wall comes on around it at once; null: 0.1 rad "
         "outside a one-sided wall, on a two-sided one",
         json_schema_extra=_facts("rad", _TRUTH),

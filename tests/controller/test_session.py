@@ -250,6 +250,36 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
+    told = []
+    sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
+    config = load_config(preset, sets).config
+    telemetry = Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, 5.0, tell=told.append)
+    rows, _ = telemetry.read(0)
+    assert result.wall_came_on
+    surface = rows["position"][0] + 0.3
+    pushed = rows[rows["torque"] < 0.0]
+    assert pushed["position"].min() > surface - 0.002
+    assert rows["position"].max() > surface + 0.1, "the hand found it there"
+    assert "(3.09 turns), the shaft at" in told[-1] and "(3.04 turns): 17." in told[-1]
+
+
+@pytest.mark.parametrize("reference", ["absolute", "start"])
+def test_travel_trips(reference):
+    position = 0.0 if reference == "absolute" else 0.1
+    sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
+    result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
+    assert result.stop_reason == "duration"
+    result, rows = session(
+        "simulated", *sets, f"safety.travel=[-1.5, {position + 0.02}]", duration=5.0
+    )
+    assert result.stop_reason == "trip:travel"
+    assert rows["torque"][-1] == 0.0
+    assert result.torque_off
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)

@@ -93,6 +93,7 @@ class Rig:
                 period_ns=PERIOD_NS,
                 ramp_ticks=50,
                 pipelined=wall.get("pipelined", False),
+                wall_from_start=wall.get("from_start", False),
                 engagement=Engagement(
                     EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
                 ),
@@ -457,3 +458,10 @@ def test_what_an_alarm_took_stays_taken_over_a_pause():
     holds(rig).run(20)
     assert rig.rows["stiffness"][-1] == 5.0
     assert not rig.rows["flags"][-1] & FLAG_OFF
+
+
+def test_a_wall_from_the_start_is_where_the_first_good_reading_says():
+    rig = Rig([LOST, 18.8, 18.8, 18.9], stiffness=10.0, from_start=True)
+    rig.wall.position = 0.05
+    assert on(rig).run(4).wall.position == pytest.approx(18.85)
+    assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
