@@ -105,7 +105,8 @@ class Engagement:
 
 def place_text(position: float) -> str:
     """A position [rad] in degrees and turns."""
-    return f"{math.degrees(position):.1f}° ({position / math.tau:.2f} turns)"
+    degrees, turns = round(math.degrees(position), 1), round(position / math.tau, 2)
+    return f"{degrees + 0.0:.1f}° ({turns + 0.0:.2f} turns)"  # + 0.0: never -0.0
 
 
 def start_text(law: Law, side: str, position: float) -> str:

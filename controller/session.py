@@ -164,7 +164,7 @@ def run_session(
         torque_off=torque_off,
         checks=checks,
         wall_came_on=tick.came_on,
-        waited_for="" if tick.came_on else waiting.waited_for,
+        waited_for=waiting.lacking(),
     )
     try:
         on_block()

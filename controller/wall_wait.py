@@ -25,6 +25,7 @@ class WallWait:
 
     Attributes:
         waited_for: What the wall waited for last; empty: it did not wait.
+        over: The wall may have come on.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class WallWait:
         self._parts = parts
         self._tell = tell
         self.waited_for = ""
+        self.over = False
 
     def __call__(self, most_s: float | None) -> str | None:
         """Serve deadlines until the wall may come on; why that did not happen, or None.
@@ -58,7 +60,17 @@ class WallWait:
             if reason := self._grid.serve(LOOK_S):
                 return reason
             known = known or self._tell_start()
+        self.over = True
         return None
+
+    def lacking(self) -> str:
+        """What a wall that has never been on waited for; empty: nothing, or it was stopped before.
+
+        The shaft may have gone on in the very tick in which the wall was to come on.
+        """
+        if self._grid.tick.came_on:
+            return ""
+        return self._reason()[1] if self.over else self.waited_for
 
     def _tell_start(self) -> bool:
         """Say where the wall and the shaft are; whether that is known."""

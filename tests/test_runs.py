@@ -373,9 +373,13 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path):
             with renewed(hold):
                 wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")
             wait_for(lambda: (f := last_flags()) is not None and f & FLAG_OFF, "the wall off")
+            time.sleep(0.6)  # so that the supervisor has looked
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate()
+        out, said = process.communicate()
     assert process.returncode == 130
+    told = [line for line in said.splitlines() if line.startswith("--hold: ")]
+    assert told[0] == "--hold: let go; the wall is off"
+    assert "--hold: the wall is on again" in told
     report = json.loads(out)
     assert (report["wall_came_on"], report["torque_off"]) == (True, True)
     _, rows = read_log(path)

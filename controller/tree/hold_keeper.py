@@ -6,7 +6,8 @@ import json
 import os
 from dataclasses import asdict
 
-from controller.telemetry import Telemetry, Word
+from controller.engagement import place_text
+from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
 from controller.tree.children import Child
 from controller.tree.plan import Plan, Tell
 
@@ -15,27 +16,49 @@ _END_S = 2.0
 
 
 class HoldKeeper:
-    """The dead man's watcher while it lives.
+    """The dead man's watcher while it lives, and what it means for the wall.
 
     It is not started again when it dies: a run without its dead man has no torque, and a person
     should find out why.
 
     Args:
         watcher: Its process.
+        telemetry: What the loop writes.
     """
 
-    def __init__(self, watcher: Child) -> None:
+    def __init__(self, watcher: Child, telemetry: Telemetry) -> None:
         self._watcher = watcher
+        self._telemetry = telemetry
+        self._told = ""
         self._gone = False
 
     def look(self, tell: Tell) -> None:
-        """Say once when the watcher has ended."""
+        """Say when the wall has gone off or come back, and once when the watcher has ended."""
+        self._tell_change(tell)
         if self._gone or not self._watcher.ended():
             return
         self._gone = True
         troubles = [json.loads(line)["trouble"] for line in self._watcher.lines()]
         why = "; ".join(troubles) or f"its process {self._watcher.exit_text()}"
         tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
+
+    def _tell_change(self, tell: Tell) -> None:
+        """Say what has become of a wall that was on; the session speaks for the time before."""
+        rows, _ = self._telemetry.read(int(self._telemetry.words[Word.HEAD]) - 1)
+        if not len(rows) or rows[-1]["flags"] & FLAG_WARM_UP:
+            return
+        if not rows[-1]["flags"] & FLAG_OFF:
+            news, text = "on", "the wall is on again" if self._told else ""
+        elif self._telemetry.words[Word.HELD_NS] < rows[-1]["deadline_ns"]:
+            news, text = "released", "let go; the wall is off"
+        else:
+            where = place_text(float(rows[-1]["position"]))
+            news = "waits"
+            text = f"held, but the shaft, at {where}, is where the wall would come on with a blow"
+        if text and news != self._told:
+            tell(f"--hold: {text}")
+        if text or self._told:
+            self._told = news
 
     def close(self) -> None:
         """End the watcher."""
@@ -77,4 +100,4 @@ def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldKeeper 
     finally:
         if device is not None:
             os.close(device)
-    return HoldKeeper(watcher)
+    return HoldKeeper(watcher, telemetry)

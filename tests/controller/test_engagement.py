@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from controller.engagement import EngageLimits, Engagement, engage_torque, waiting_text
+from controller.engagement import (
+    EngageLimits,
+    Engagement,
+    engage_torque,
+    place_text,
+    waiting_text,
+)
 from controller.wall import Wall
 
 COUNT = math.tau / 4096
@@ -91,3 +97,8 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go():
     below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125)
     assert "would push it with 50.4 N·m" in below
     assert "turned above -361.0° (-1.00 turns)" in below
+
+
+def test_turns_are_shown_and_a_zero_has_no_sign():
+    assert place_text(-6.0 * math.pi) == "-1080.0° (-3.00 turns)"
+    assert place_text(-1e-9) == "0.0° (0.00 turns)"

@@ -309,6 +309,25 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
     assert 0.001 < abs(rows["position"][0]) < 0.0175
 
 
+def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkeypatch):
+    from hw.dynamixel.servo import DynamixelServo
+
+    plain, seen = DynamixelServo.collect, []
+
+    def leaving(self, deadline_ns):
+        seen.append(0)
+        reading = plain(self, deadline_ns)
+        return reading._replace(position=0.4) if len(seen) > 500 else reading
+
+    monkeypatch.setattr(DynamixelServo, "collect", leaving)
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "safety.max_speed=1000"]
+    result, rows = session("emulated-xm430", *sets, duration=0.5)
+    assert result.ticks == 500, "the warm-up ended well"
+    assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+    assert "turned to within" in result.waited_for
+
+
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path):
     arguments = ["emulated-xm430", "--set", "wall.side=both", "--set", "servo.kick=18.8"]
     arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
