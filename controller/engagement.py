@@ -126,7 +126,9 @@ def start_text(law: Law, side: str, position: float) -> str:
     )
 
 
-def waiting_text(law: Law, side: str, position: float, stiffness: float, room: float) -> str:
+def waiting_text(
+    law: Law, side: str, position: float, stiffness: float, room: float, torque_limit: float
+) -> str:
     """Why the wall does not come on, where the shaft is, and where it must go.
 
     Args:
@@ -135,6 +137,7 @@ def waiting_text(law: Law, side: str, position: float, stiffness: float, room: f
         position: Of the shaft [rad].
         stiffness: That would come on [N·m/rad].
         room: Largest penetration at which it comes on [rad].
+        torque_limit: The most that the servo makes [N·m].
     """
     away = position - law.position
     if not law.in_contact(position) or abs(away) <= room:
@@ -144,9 +147,10 @@ def waiting_text(law: Law, side: str, position: float, stiffness: float, room: f
         "above": f"below {surface}",
         "below": f"above {surface}",
     }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
+    torque = min(stiffness * abs(away), torque_limit)
     inside = "the shaft is inside the wall" if law.one_sided else "the shaft is away from the wall"
     return (
-        f"{inside}, which would push it with {stiffness * abs(away):.3g} N·m: it is at "
+        f"{inside}, which would push it with {torque:.3g} N·m: it is at "
         f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall goes on when "
         f"the shaft has been turned {goal} and stays there for {1e3 * REST_S:g} ms"
     )

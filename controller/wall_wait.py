@@ -97,5 +97,12 @@ class WallWait:
             return "dead man", "the dead man is not held; the wall goes on when it is"
         stiffness = parts.ladder.decision.stiffness
         room = parts.engagement.limits.room(stiffness)
-        side = self._config.wall.side
-        return "place", waiting_text(parts.wall, side, tick.position, stiffness, room)
+        text = waiting_text(
+            parts.wall,
+            self._config.wall.side,
+            tick.position,
+            stiffness,
+            room,
+            parts.servo.facts.torque_limit,
+        )
+        return "place", text

@@ -44,7 +44,8 @@ class HoldKeeper:
 
     def _tell_change(self, tell: Tell) -> None:
         """Say what has become of a wall that was on; the session speaks for the time before."""
-        rows, _ = self._telemetry.read(int(self._telemetry.words[Word.HEAD]) - 1)
+        head = int(self._telemetry.words[Word.HEAD])
+        rows, _ = self._telemetry.read(max(0, head - 1))
         if not len(rows) or rows[-1]["flags"] & FLAG_WARM_UP:
             return
         if not rows[-1]["flags"] & FLAG_OFF:

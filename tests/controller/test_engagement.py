@@ -91,10 +91,11 @@ def test_the_torque_is_small_beside_the_servos(stall, torque):
 
 
 def test_the_text_says_where_the_shaft_is_and_where_it_must_go():
-    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, 0.0125)
+    two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, 0.0125, 4.1)
+    assert "would push it with 4.1 N·m" in two_sided
     assert "it is at 1077.2° (2.99 turns)" in two_sided
     assert "turned to within 0.72° of 0.0° (0.00 turns)" in two_sided
-    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125)
+    below = waiting_text(Wall(8.0, 0.0, -6.3, "below"), "below", -12.6, 8.0, 0.0125, 99.0)
     assert "would push it with 50.4 N·m" in below
     assert "turned above -361.0° (-1.00 turns)" in below
 

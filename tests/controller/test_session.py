@@ -10,7 +10,7 @@ import pytest
 
 from controller.session import run_session
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_WARM_UP, Telemetry, Word
+from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, NO_DEAD_MAN, Telemetry, Word
 from controller.theory import critical_stiffness
 from hw.clock import SimulatedClock
 
@@ -326,6 +326,41 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkey
     assert not np.any(rows["torque"])
     assert not result.wall_came_on
     assert "turned to within" in result.waited_for
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
+def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
+    """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
+    from controller.tick import Tick
+
+    plain, telemetry = Tick.run, Telemetry.create()
+
+    def run(self, deadline_ns, woke_ns, missed):
+        depth = self.position
+        if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
+            let_go.append(self.ticks)
+            telemetry.words[Word.HELD_NS] = 0
+        elif let_go and self.ticks > let_go[0] + 20:
+            telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
+        plain(self, deadline_ns, woke_ns, missed)
+
+    let_go = []
+    monkeypatch.setattr(Tick, "run", run)
+    sets = ("loop.clock=simulated", *more)
+    result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
+    assert result.stop_reason == "duration"
+    off = (rows["flags"] & FLAG_OFF) != 0
+    at = let_go[0]
+    assert off[at], "in the very tick"
+    assert not np.any(rows["torque"][off])
+    back = at + int(np.argmin(off[at:]))
+    assert back > at + 300, "held again 20 ms later, but inside"
+    rest = rows[back - 49 : back + 1]
+    assert np.all(rest["stiffness"] * rest["position"] <= 0.1), "for 50 ticks, that one counted"
+    assert not np.any(off[back:])
+    assert rows["torque"][back:].min() < -0.5, "and it pushes again"
+    assert result.oscillation["state"] == "quiet"
 
 
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path):

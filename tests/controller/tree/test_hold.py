@@ -175,6 +175,48 @@ def test_what_cannot_be_held_is_refused(text, told, tmp_path, monkeypatch):
     assert told in str(refused.value)
 
 
+@pytest.fixture
+def kernel(monkeypatch):
+    """Answers of an input device by request: /dev/null, or a pipe, shall be one."""
+    answers = {0x80044501: set(), 0x80604521: {SPACE, ENTER}, 0x80604518: {SPACE}}
+
+    def ioctl(_, request, buffer):
+        codes = answers[request]
+        for code in codes:
+            buffer[code // 8] |= 1 << code % 8
+        return 0
+
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
+    return answers
+
+
+def test_an_input_device_is_known_by_its_answers(kernel):
+    assert hold_by("/dev/null") == Hold("/dev/null", "key", None)
+    assert hold_by("/dev/null:key_space") == Hold("/dev/null", "key", SPACE)
+    assert hold_by("/dev/null:28") == Hold("/dev/null", "key", ENTER)
+    with pytest.raises(UserError, match="the device /dev/null has no key 30; name another"):
+        hold_by("/dev/null:KEY_A")
+    kernel[0x80604521] = set()
+    with pytest.raises(UserError, match="has no key; name another device"):
+        hold_by("/dev/null")
+
+
+@pytest.mark.parametrize(("key", "held"), [(None, True), (SPACE, True), (ENTER, False)])
+@pytest.mark.usefixtures("kernel")
+def test_a_key_that_is_down_at_the_start_is_held(key, held):
+    assert Stream(key).held() is held
+
+
+def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel):
+    kernel[0x80604518] = set()
+    stream = Stream()
+    assert not stream.held()
+    kernel[0x80604518] = {ENTER}
+    lost = event(3, 0, kind=0)
+    assert stream.send(event(SPACE, 1), lost).held()
+    assert not stream.send(event(ENTER, 0)).held(), "the other is up, whatever was lost"
+
+
 def test_a_terminal_is_refused_by_name():
     _, terminal = pty.openpty()
     with pytest.raises(UserError, match="does not say when a key is let go"):
