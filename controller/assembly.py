@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from controller.delay import DelayRing
 from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
+from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from controller.guard.guard import Situation, decide
 from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.guard.limits import Plants
@@ -33,8 +35,6 @@ PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
 which steady motion is, in counts [1]"""
 LIGHTER, HEAVIER = 0.8, 1.6
 """Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
-REST_TORQUE, REST_SHARE = 0.1, 0.05
-"""Change of the elastic torque that is no blow: [N·m], and as a fraction of the limit [1]"""
 SLOWEST = 0.05
 """Speed below which passivity control takes energy back no faster [rad/s]"""
 
@@ -113,7 +113,7 @@ def _backstop(config: Config, servo: Servo, *, bounces: bool) -> BackstopSetting
         small=SMALL_COUNTS * step,
         light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
         heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
-        rest_torque=min(REST_TORQUE, REST_SHARE * facts.torque_limit),
+        rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
         torque_limit=facts.torque_limit,
         acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
         bounces=bounces,
@@ -161,6 +161,8 @@ def tick_parts(
     ladder: GuardLadder,
     law: Law,
     injected: Sequence[float],
+    *,
+    engage_at_once: bool = False,
 ) -> TickParts:
     """All parts of a tick.
 
@@ -172,6 +174,8 @@ def tick_parts(
         ladder: The guard's decisions.
         law: What is rendered.
         injected: ``most_injected`` of the ladder.
+        engage_at_once: The wall comes on wherever the shaft is, as it does where the configuration
+            says so. A program always does: it starts where the shaft is.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -190,6 +194,8 @@ def tick_parts(
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_silence_ns=round(safety.max_silence_s * 1e9),
+                travel=safety.travel,
+                travel_from_start=wall.reference == "start",
             )
         ),
         watch=_watch(config, servo, law),
@@ -203,6 +209,15 @@ def tick_parts(
         period_ns=period_ns,
         ramp_ticks=max(1, round(RAMP_S / period)),
         pipelined=config.servo.schedule == "pipelined",
+        wall_from_start=law.guarded and wall.reference == "start",
+        engagement=Engagement(
+            EngageLimits(
+                torque=engage_torque(safety.engage_torque, servo.facts.stall_torque),
+                position_step=servo.facts.position_step,
+                periods=max(1, math.ceil(REST_S / period - 1e-6)),
+            ),
+            start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
+        ),
     )
 
 
@@ -226,7 +241,9 @@ def rehearsal(
     stand_in = servo.stand_in(clock)
     law = rendered(config, stand_in, program)
     memory = Telemetry.scratch()
-    parts = tick_parts(config, clock, stand_in, memory, ladder.anew(), law, injected)
+    parts = tick_parts(
+        config, clock, stand_in, memory, ladder.anew(), law, injected, engage_at_once=True
+    )
     tick = Tick(parts)
     tick.wall_on()
     return Rehearsal(tick.run, clock, config.period_ns, servo.idle)

@@ -36,3 +36,9 @@ class DelayRing:
         self._last = value
         self._at = (self._at + 1) % size
         return ring[self._at]
+
+    def clear(self) -> None:
+        """Forget what was put in: from now on zeros come out until something new does."""
+        self._ring = [0.0] * (self.steps + 1)
+        self._at = 0
+        self._last = 0.0

@@ -80,3 +80,9 @@ class PassivityControl:
         speed = max(self._speed, self._slowest)
         self.injected = min(-balance / (elapsed * speed * speed), self.cap)
         return self.injected
+
+    def restart(self) -> None:
+        """Forget the balance and the last sample, as after a pause without torque."""
+        self._last = math.nan
+        self._last_penetration = 0.0
+        self._speed = self.balance = self.injected = 0.0

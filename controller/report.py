@@ -39,6 +39,8 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
         "stop_reason": ended.stop_reason,
         "explanation": explanation(ended),
+        "wall_came_on": bool(result.get("wall_came_on")),
+        "waited_for": result.get("waited_for") or None,
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
@@ -60,10 +62,18 @@ def explanation(ended: Ended) -> str | None:
     return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
 
 
-def exit_status(stop_reason: str) -> int:
-    """The exit status that goes with a stop reason."""
+def exit_status(stop_reason: str, waited_for: str | None = None) -> int:
+    """The exit status that goes with a stop reason.
+
+    Args:
+        stop_reason: Why the run ended.
+        waited_for: What a wall that never came on waited for; None: it came on, or the run ended
+            before it could.
+    """
     if stop_reason == f"trip:{Trip.SERVO_LOST}":
         return 4
+    if waited_for:
+        return 3
     return {"duration": 0, "interrupted": 130}.get(stop_reason, 3)
 
 

@@ -45,7 +45,7 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
 
     with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)):
         if plan.config.loop.clock == "simulated":
-            ended = run_inline(plan, telemetry)
+            ended = run_inline(plan, telemetry, tell)
         else:
             with (
                 on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque

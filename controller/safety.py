@@ -16,6 +16,8 @@ class Trip(StrEnum):
     """A position, velocity or torque was NaN or infinite."""
     OVERSPEED = "overspeed"
     """The position moved further than the speed limit allows."""
+    TRAVEL = "travel"
+    """The shaft left the range of positions that it may have."""
     OSCILLATION = "oscillation"
     """The wall oscillates by itself."""
     LOSSES_IN_ROW = "losses_in_row"
@@ -47,6 +49,8 @@ EXPLANATIONS = {
     " or a broken servo: please report it with the log",
     Trip.OVERSPEED: "the position moved faster than safety.max_speed allows; check the encoder"
     " and the wall's stability, or raise safety.max_speed",
+    Trip.TRAVEL: "the shaft left safety.travel; look at the turns that the start-up line shows,"
+    " turn the shaft back by hand, or widen safety.travel",
     Trip.OSCILLATION: "the wall oscillates by itself; ask for less stiffness or damping, let"
     " guard.mode be stable, or correct what model.* believes of the servo",
     Trip.LOSSES_IN_ROW: "all readings failed for longer than safety.max_silence_s allows;"
@@ -90,6 +94,10 @@ class SafetyLimits:
     """Readings in the window"""
     max_silence_ns: int
     """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
+    travel: tuple[float, float] | None = None
+    """Lowest and highest position [rad]; None: any"""
+    travel_from_start: bool = False
+    """They count from the first reading"""
 
 
 class Safety:
@@ -103,8 +111,10 @@ class Safety:
         "_at",
         "_failed",
         "_heard_ns",
+        "_high",
         "_in_row",
         "_limits",
+        "_low",
         "_position",
         "_sampled_ns",
         "_window",
@@ -119,6 +129,7 @@ class Safety:
         self._heard_ns: int | None = None
         self._position = math.nan
         self._sampled_ns = 0
+        self._low, self._high = limits.travel or (-math.inf, math.inf)
 
     def good(self, reading: Reading) -> Trip | None:
         """Judge a good reading: its position, and how far it is from the one before."""
@@ -130,12 +141,17 @@ class Safety:
         if alert:
             return Trip.HARDWARE_ERROR
         limits = self._limits
+        if limits.travel_from_start and math.isnan(self._position):
+            self._low += position
+            self._high += position
         elapsed = (sampled_ns - self._sampled_ns) * 1e-9
         moved = abs(position - self._position)  # NaN the first time: compares false
         self._position = position
         self._sampled_ns = self._heard_ns = sampled_ns
         if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
             return Trip.OVERSPEED
+        if position < self._low or position > self._high:
+            return Trip.TRAVEL
         return None
 
     def failed(self, now_ns: int) -> Trip | None:

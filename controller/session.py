@@ -21,6 +21,7 @@ from controller.session_report import delay_report, guard_report
 from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
+from controller.wall_wait import WallWait
 from hw.clock import Clock, SimulatedClock
 from hw.errors import (
     ServoHealthError,
@@ -33,8 +34,6 @@ from hw.open import open_servo
 from hw.servo import Check, Servo
 from hw.settings import ServoSettings
 
-OUTSIDE_S = 0.05
-"""How often a shaft that is inside the wall before it is on is looked at [s]"""
 _REPLIES = 3.0
 """Replies that the warm-up waits for at least"""
 
@@ -63,6 +62,9 @@ class Result:
     checks: list[Check] = field(default_factory=list)
     setup: list[Found] = field(default_factory=list)
     """The machine's, where the loop has a process of its own"""
+    wall_came_on: bool = False
+    waited_for: str = ""
+    """What a wall that never came on waited for; empty: it came on, or did not get so far"""
 
 
 def run_session(
@@ -135,7 +137,8 @@ def run_session(
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
         telemetry.words[Word.STATE] = State.RUNNING
         began_s = time.monotonic()
-        reason, message = _run(grid, config, servo, duration_s, tell)
+        waiting = WallWait(grid, config, parts, tell)
+        reason, message = _run(grid, config, servo, duration_s, waiting)
         real_s = time.monotonic() - began_s
         torque_off = _stop(servo, clock, telemetry)
     except BaseException as error:
@@ -160,6 +163,8 @@ def run_session(
         timing=None,
         torque_off=torque_off,
         checks=checks,
+        wall_came_on=tick.came_on,
+        waited_for=waiting.lacking(),
     )
     try:
         on_block()
@@ -202,27 +207,12 @@ def _spin_ns(config: Config) -> int | None:
     return None if spin_us is None else round(spin_us * 1000.0)
 
 
-def _wait_outside(grid: Grid, tell: Callable[[str], None]) -> str | None:
-    """Go on without torque while the shaft is inside a one-sided wall; why that ended, or None.
-
-    A wall that is switched on around the shaft would strike it.
-    """
-    told = False
-    while grid.tick.inside_one_sided_wall():
-        if not told:
-            tell("the shaft is inside the wall; the wall goes on when it has left it")
-            told = True
-        if reason := grid.serve(OUTSIDE_S):
-            return reason
-    return None
-
-
 def _run(
     grid: Grid,
     config: Config,
     servo: Servo,
     duration_s: float | None,
-    tell: Callable[[str], None],
+    waiting: WallWait,
 ) -> tuple[str, str]:
     """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
     try:
@@ -230,8 +220,8 @@ def _run(
         if servo.facts.has_bus or config.loop.clock == "monotonic":
             # Where replies take long, until some have come: the age and the place are known then.
             reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * servo.facts.reply_s))
-        if servo.facts.has_bus and reason is None:
-            reason = _wait_outside(grid, tell)
+        if reason is None:
+            reason = waiting(duration_s)
         grid.tick.wall_on()
         grid.begin()
         return reason or grid.serve(duration_s) or "duration", ""

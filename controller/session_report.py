@@ -45,8 +45,8 @@ def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict
         )
     elif stiffness < decision.stiffness:
         reasons.append(
-            f"{decision.stiffness:.4g} N·m/rad are allowed, but K is raised only out of contact or "
-            "at the surface, and the shaft has not been there since"
+            f"{decision.stiffness:.4g} N·m/rad are allowed, but K is raised only where that adds "
+            "no more than safety.engage_torque, and the shaft has not been there since"
         )
     report["reasons"] = reasons
     return report

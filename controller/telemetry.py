@@ -53,11 +53,15 @@ FLAG_CONTACT = 2
 """The position is inside the wall."""
 FLAG_WARM_UP = 4
 """The wall is not on yet: torque is zero while the delay is measured."""
+FLAG_OFF = 8
+"""The wall is off in the middle of a run: the dead man was let go, or the spring is loaded."""
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
 _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size
 _PAGE = 4096
 CAPACITY = 1 << 16
+NO_DEAD_MAN = (1 << 63) - 1
+"""What ``Word.HELD_NS`` holds where nobody has to hold anything [ns]"""
 
 
 class Word(IntEnum):
@@ -85,6 +89,8 @@ class Word(IntEnum):
     """How often it was asked to go back to the full wall (supervisor)."""
     LACKING = 10
     """Rows before ``TAIL`` that the log lacks (recorder)."""
+    HELD_NS = 11
+    """Until when the dead man counts as held [ns]; far ahead where there is none (watcher)."""
 
 
 _HEAD = int(Word.HEAD)  # in every tick: a plain number is twice as quick as a member
@@ -127,7 +133,7 @@ class Telemetry:
         """New, empty shared memory; to be closed."""
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)
-        return cls(descriptor)
+        return cls(descriptor)._without_dead_man()
 
     def close(self) -> None:
         """Let go of the descriptor; what is mapped is there for as long as somebody holds it."""
@@ -136,7 +142,11 @@ class Telemetry:
     @classmethod
     def scratch(cls) -> Telemetry:
         """Memory of this process alone, for a few rows that nobody reads."""
-        return cls(-1, 8)
+        return cls(-1, 8)._without_dead_man()
+
+    def _without_dead_man(self) -> Telemetry:
+        self.words[Word.HELD_NS] = NO_DEAD_MAN
+        return self
 
     def write(self, *row: float) -> None:
         """Append one row: the fields of ``ROW`` after ``seq``, in order. The loop's only."""

@@ -8,10 +8,18 @@ from dataclasses import dataclass
 
 from controller.delay import DelayRing
 from controller.detector.watch import Watch
+from controller.engagement import Engagement
 from controller.guard.ladder import GuardLadder
 from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
+from controller.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    Telemetry,
+    Word,
+)
 from controller.velocity import VelocityEstimator
 from controller.wall import Law
 from hw.clock import Clock
@@ -31,8 +39,7 @@ _OK = Outcome.OK  # members are looked up anew each time: plain names are many t
 _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
-SURFACE = 0.003
-"""Penetration at which a two-sided wall counts as untouched [rad]: two counts of 4096."""
+_HELD_NS = int(Word.HELD_NS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +64,10 @@ class TickParts:
     """Ticks over which a new stiffness is reached [1]"""
     pipelined: bool
     """Requests are sent at the end of the period before"""
+    wall_from_start: bool
+    """The wall's position counts from the first reading"""
+    engagement: Engagement
+    """Decides when the wall may come on"""
 
 
 class Tick:
@@ -66,6 +77,7 @@ class Tick:
         trip: Why the run must end; None while all is well. Once set, no torque was sent.
         done: What was to be rendered is over; the torque of the last period was zero.
         warm_up: While true the torque is zero, and only the delay is measured.
+        came_on: The wall has been on at least once.
         ticks: Periods executed.
         missed: Whole periods skipped.
     """
@@ -98,6 +110,9 @@ class Tick:
         self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
+        self._on = False  # the wall acts
+        self._most_decided = max(decision.stiffness for decision in parts.ladder.decisions)
+        self.came_on = False
         self.trip: Trip | None = None
         self.done = False
         self.warm_up = True
@@ -134,10 +149,18 @@ class Tick:
         wall = self._parts.wall
         return self._target * wall.scale, self._target_damping * wall.damping_scale
 
-    def inside_one_sided_wall(self) -> bool:
-        """Whether the last known position is inside a wall that has an outside."""
-        wall = self._parts.wall
-        return wall.one_sided and wall.in_contact(self._position)
+    @property
+    def position(self) -> float:
+        """The last known position of the shaft [rad]; NaN: none is known yet."""
+        return self._position
+
+    def may_engage(self) -> bool:
+        """Whether the wall would come on with the next reading, if that is like the last one."""
+        return self._parts.engagement.ready and self.held()
+
+    def held(self) -> bool:
+        """Whether the dead man is held, or there is none."""
+        return self._now() <= self._words[_HELD_NS]
 
     def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
         """Serve one deadline.
@@ -157,8 +180,9 @@ class Tick:
         flags = 0
         wall_torque = 0.0
         contact = wall.in_contact(position)
-        if self.warm_up:
-            flags = FLAG_WARM_UP
+        on = (self._on and woke_ns <= self._words[_HELD_NS]) or self._engage(woke_ns, contact)
+        if not on:
+            flags = FLAG_WARM_UP if self.warm_up else FLAG_OFF
         elif self._sampled_ns is not None:
             self._look(position, contact, periods)
             wall_torque = wall.torque(position, velocity)
@@ -186,7 +210,7 @@ class Tick:
         age_ns = 0
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
-            self._follow_guard(age_ns, may_raise=not contact or self._at_surface())
+            self._follow_guard(age_ns, may_raise=not contact or not on or self._may_rise())
         parts.telemetry.write(
             deadline_ns,
             woke_ns - deadline_ns,
@@ -239,6 +263,8 @@ class Tick:
         self._position = position
         last_ns = self._sampled_ns
         self._sampled_ns = sampled_ns
+        if last_ns is None and parts.wall_from_start and self.trip is None:
+            parts.wall.position += position
         # The periods that really passed between the samples, whatever came in between: lost
         # readings, skipped periods, and a tick that was served late, which the grid counts only
         # afterwards. Whole ones, so that jitter of the instants does not reach the velocity.
@@ -272,10 +298,34 @@ class Tick:
             injected = max(injected, DAMPS * self._most_injected)
         wall.injected = injected
 
-    def _at_surface(self) -> bool:
-        """Whether the spring of a two-sided wall, always in contact, is as good as at rest."""
-        wall = self._parts.wall
-        return not wall.one_sided and abs(self._position - wall.position) <= SURFACE
+    def _engage(self, woke_ns: int, contact: bool) -> bool:
+        """Whether the wall comes on with this tick; it is off, or the dead man was let go."""
+        parts = self._parts
+        gate, wall = parts.engagement, parts.wall
+        if self._on:
+            self._on = False
+            gate.restart()
+            parts.ring.clear()
+        if self._outcome is _OK or self._outcome is _WAITING:  # slow replies: the last place counts
+            stiffness = max(wall.stiffness, self._target)
+            if self.warm_up:
+                stiffness = parts.ladder.decision.stiffness
+            gate.sample(stiffness, self._position - wall.position if contact else 0.0)
+        if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
+            return False
+        if self.came_on:  # what was seen before the pause says nothing about the motion now
+            parts.watch.resume()
+            if parts.passivity is not None:
+                parts.passivity.restart()
+        self._on = self.came_on = True
+        return True
+
+    def _may_rise(self) -> bool:
+        """Whether K may rise by whatever it lacks, though the shaft is in contact."""
+        parts = self._parts
+        wall = parts.wall
+        rise = self._most_decided - wall.stiffness
+        return parts.engagement.may_rise(rise, self._position - wall.position)
 
     def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
         """Count the age; move the commanded stiffness and damping together if need be."""

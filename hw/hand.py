@@ -23,7 +23,10 @@ DAMPING = 0.2
 ring."""
 
 LEAD_IN_S = 0.5
-"""From where the servo stands to the first depth of the script [s]."""
+"""From where the servo stands to the first depth of the script [s], or longer where that is far."""
+
+LEAD_IN_SPEED = 2.0
+"""[rad/s] No faster is the servo led there; in ``LEAD_IN_S`` that is 1 rad."""
 
 
 class Stretch(NamedTuple):
@@ -59,7 +62,15 @@ SCRIPTS: dict[HandName, Script] = {
 class ScriptedHand:
     """A hand's reference over time."""
 
-    __slots__ = ("_knots_ns", "_lead_in_ns", "_origin", "_period_ns", "_references", "_slopes")
+    __slots__ = (
+        "_knots_ns",
+        "_lead_in_ns",
+        "_lead_in_slope",
+        "_origin",
+        "_period_ns",
+        "_references",
+        "_slopes",
+    )
 
     def __init__(self, script: Script, position: float, origin: float, direction: int) -> None:
         """Lay the script out at the wall.
@@ -70,11 +81,14 @@ class ScriptedHand:
             origin: Where the wall stands [rad].
             direction: +1: depths count upward; -1: downward.
         """
-        self._lead_in_ns = round(LEAD_IN_S * 1e9)
         self._knots_ns = [round(time * 1e9) for time in script.times_s]
         self._period_ns = self._knots_ns[-1]
         self._origin = position
         self._references = [origin + direction * depth for depth in script.depths]
+        way = self._references[0] - position
+        lead_in_s = max(LEAD_IN_S, abs(way) / LEAD_IN_SPEED)
+        self._lead_in_ns = round(lead_in_s * 1e9)
+        self._lead_in_slope = way / lead_in_s
         self._slopes = [
             (after - before) / ((end - start) * 1e-9)
             for before, after, start, end in zip(
@@ -90,7 +104,7 @@ class ScriptedHand:
         """The reference and its slope at ``elapsed_ns`` [ns since the start], and for how long."""
         since_ns = elapsed_ns - self._lead_in_ns
         if since_ns < 0:
-            slope = (self._references[0] - self._origin) / LEAD_IN_S
+            slope = self._lead_in_slope
             return Stretch(self._origin + slope * elapsed_ns * 1e-9, slope, self._lead_in_ns)
         phase_ns = since_ns % self._period_ns
         index = bisect_right(self._knots_ns, phase_ns) - 1

@@ -59,6 +59,9 @@ class Facts:
     reply_s: float = 0.0
     """How long a reply takes, where it takes several periods [s]; 0: it comes in time for each.
     Known after ``start``."""
+    stall_torque: float = math.inf
+    """The most it can make at its rated supply, whatever it is limited to [N·m]; infinite: not
+    known."""
 
     @property
     def position_step(self) -> float:

@@ -69,6 +69,7 @@ class SimulatedServo:
             torque_limit=true.torque_limit,
             torque_step=true.torque_step,
             has_bus=False,
+            stall_torque=true.torque_limit,
         )
 
     def start(self) -> list[Check]:

@@ -17,7 +17,8 @@ from controller.log.file import read_log
 from hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
-WALL = ("wall.side=both", f"wall.position={pi + 0.3}", "wall.stiffness=2", "wall.damping=0")
+WALL = ("wall.side=both", f"wall.position={pi}", "wall.stiffness=2", "wall.damping=0")
+"""Around the place where the emulated servo stands; its hand moves it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class Soaked:
 def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Path) -> Soaked:
     """Run for so long on a pseudo-terminal; the damage begins when torque is on."""
     record, log = folder / "witness.csv", folder / "run.hwlog"
-    with emulated_bus("--record", record, "--seed", str(seed)) as bus:
+    with emulated_bus("--record", record, "--seed", str(seed), "--set", "servo.hand=push") as bus:
         run = subprocess.Popen(
             [
                 *[*PROGRAM, "run", "xm430-w350", "--json", f"--duration={seconds}"],

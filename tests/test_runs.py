@@ -11,14 +11,16 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from controller.cli import main as cli
 from controller.log.file import read_log
-from controller.telemetry import ROW, Telemetry, Word
+from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
 PATIENT = [
@@ -357,3 +359,79 @@ def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path):
     assert not settings["scheduler"]["ok"]
     assert not settings["memory"]["ok"]
     assert any("rtprio" in text for text in report["warnings"])
+
+
+@contextlib.contextmanager
+def renewed(path):
+    """Have the file renewed every 20 ms until told to stop."""
+    stop = threading.Event()
+
+    def renew():
+        while not stop.wait(0.02):
+            path.write_text(str(time.monotonic_ns()))
+
+    thread = threading.Thread(target=renew)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path):
+    """Held, let go, held again: the log tells what the torque was."""
+    hold = tmp_path / "hold"
+    hold.touch()
+    words = ["--hold", str(hold), "--set", "loop.warm_up_s=0.1", "--set", "servo.hand=none"]
+    words += ["--set", "wall.side=both", "--set", "servo.kick=0.05"]
+    with started(*run_arguments(*words), cwd=tmp_path) as process:
+        path = tmp_path / "run.hwlog"
+        wait_for(lambda: path.exists() and path.stat().st_size > 50_000, "a growing log")
+        control = shared_words(children(process.pid)["loop_process"])
+        assert control[Word.HELD_NS] == 0, "existing is not enough"
+
+        def last_flags():
+            with contextlib.suppress(Exception):  # the last block may be half written
+                return int(read_log(path)[1]["flags"][-1])
+
+        off = FLAG_WARM_UP | FLAG_OFF
+        assert last_flags() & FLAG_WARM_UP
+        for _ in range(2):
+            with renewed(hold):
+                wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")
+            wait_for(lambda: (f := last_flags()) is not None and f & FLAG_OFF, "the wall off")
+            time.sleep(0.6)  # so that the supervisor has looked
+        process.send_signal(signal.SIGINT)
+        out, said = process.communicate()
+    assert process.returncode == 130
+    told = [line for line in said.splitlines() if line.startswith("--hold: ")]
+    assert told[0] == "--hold: let go; the wall is off"
+    assert "--hold: the wall is on again" in told
+    report = json.loads(out)
+    assert (report["wall_came_on"], report["torque_off"]) == (True, True)
+    _, rows = read_log(path)
+    is_off = (rows["flags"] & off) != 0
+    assert not np.any(rows["torque"][is_off])
+    assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
+
+
+def test_a_run_without_its_dead_man_never_comes_on(tmp_path):
+    hold = tmp_path / "hold"
+    hold.touch()
+    arguments = [*run_arguments("--hold", str(hold)), "--duration", "0.5"]
+    with started(*arguments, cwd=tmp_path) as process:
+        out, said = process.communicate()
+    assert process.returncode == 3
+    report = json.loads(out)
+    assert report["wall_came_on"] is False
+    assert report["waited_for"] == "the dead man is not held; the wall goes on when it is"
+    assert report["waited_for"] in said
+
+
+def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path):
+    with started(*run_arguments("--hold", "nowhere"), cwd=tmp_path) as process:
+        _, said = process.communicate()
+    assert process.returncode == 2
+    assert "--hold: nowhere cannot be opened" in said
+    assert "torque is on" not in said

@@ -11,7 +11,9 @@ def config_line(config: Mapping[str, Any]) -> str:
     servo, wall = config.get("servo", {}), config.get("wall", {})
     return (
         f"{servo.get('backend', 'unknown')} servo, wall {wall.get('side', 'unknown')} "
-        f"{wall.get('position', 'unknown')} rad, K {wall.get('stiffness', 'unknown')} N·m/rad, "
+        f"{wall.get('position', 'unknown')} rad"
+        f"{' from the start' if wall.get('reference') == 'start' else ''}, "
+        f"K {wall.get('stiffness', 'unknown')} N·m/rad, "
         f"B {wall.get('damping', 'unknown')} N·m·s/rad asked, "
         f"{config.get('loop', {}).get('rate_hz', 'unknown')} Hz"
     )

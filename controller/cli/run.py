@@ -28,6 +28,7 @@ from controller.settings.load import file_of, load_config
 from controller.signals import on_signals
 
 if TYPE_CHECKING:
+    from controller.tree.hold import Hold
     from controller.tree.stream import Stream
 
 SIMULATED_S = 5.0
@@ -53,6 +54,12 @@ SIMULATED_S = 5.0
 @click.option(
     "--stream-rate", type=float, metavar="HZ", help="How many rows a second (default: 100)."
 )
+@click.option(
+    "--hold",
+    metavar="SOURCE",
+    help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
+    " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
+)
 @json_option
 def command(
     config: str,
@@ -63,6 +70,7 @@ def command(
     witness: Path | None,
     stream: str | None,
     stream_rate: float | None,
+    hold: str | None,
     as_json_wanted: bool,
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
@@ -83,6 +91,7 @@ def command(
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
     streamed = _stream(effective, stream, stream_rate)
+    held = _hold(effective, hold)
     log, plot = _places(log_path, plot_path, witness, loaded.name)
     plan = Plan(
         config=effective,
@@ -95,6 +104,7 @@ def command(
         },
         witness=witness,
         stream=streamed,
+        hold=held,
     )
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     ended = run(plan, say)
@@ -111,7 +121,7 @@ def command(
             None if warning is not None else str(plot),
         )
         answer(as_json(report) if as_json_wanted else report_text(report))
-    sys.exit(reports.exit_status(ended.stop_reason))
+    sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"]))
 
 
 def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:
@@ -128,6 +138,20 @@ def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream 
     from controller.tree.stream import RATE_HZ, stream_to
 
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
+
+
+def _hold(config: Config, source: str | None) -> Hold | None:
+    """The dead man."""
+    if source is None:
+        return None
+    if _in_memory(config):
+        raise UserError(
+            "--hold: on the simulated clock a run is over before anything can be held; leave it"
+            " out, or run with --set loop.clock=monotonic"
+        )
+    from controller.tree.hold import hold_by
+
+    return hold_by(source)
 
 
 def _in_memory(config: Config) -> bool:

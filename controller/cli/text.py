@@ -43,6 +43,8 @@ def _ending(report: Mapping[str, Any]) -> Iterator[str]:
     off = report.get("torque_off")
     if off is not None:
         how += "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
+    if report.get("waited_for"):
+        how = f"THE WALL NEVER CAME ON: {report['waited_for']}; {how}"
     yield from _entry("run", how)
     if report.get("explanation"):
         yield from _entry("", str(report["explanation"]))

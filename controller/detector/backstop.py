@@ -64,6 +64,8 @@ _OWN = 1.3
 """Ratio of the period to that before the alarm that leaves no doubt"""
 _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
+_LEAST_STEPS = 2.0
+"""Encoder counts within which the spring is at rest however stiff it is [1]"""
 CYCLES, LONGEST_S = 6.0, 5.0
 """Time within which a motion must die: cycles of the slowest motion, and at most this long [s]"""
 _HURRY = 0.9
@@ -202,7 +204,8 @@ class Backstop:
                 self._stopped()
         elif phase == Phase.RETURNING:
             missing = (1.0 - self.stiffness_scale) * stiffness * elongation
-            if abs(missing) <= self._settings.rest_torque:
+            least = _LEAST_STEPS * self._settings.position_step
+            if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
                 self.stiffness_scale = self.damping_scale = 1.0
                 self.phase = Phase.WATCHING
         elif self.alarm and self._motion.elapsed > _STOPPED * self._motion.interval:
@@ -215,6 +218,13 @@ class Backstop:
         self.alarm = self.small_cycle = False
         self._stopped_s = self._moved_s = -math.inf
         self._streak = 0
+
+    def resume(self) -> None:
+        """Begin to watch anew after a pause; what an alarm took stays taken."""
+        self._streak = self._count = 0
+        self.alarm = False
+        if self.phase == Phase.PROBING:
+            self.phase = Phase.RETURNING
 
     def ended(self) -> None:
         """Take notice that a half-cycle, or a contact, has ended."""

@@ -90,6 +90,14 @@ class OwnMotion:
             self._bounces.raise_again()
         self.scale = self.damping_scale = 1.0
 
+    def resume(self) -> None:
+        """Begin to watch anew after a pause; what an alarm took stays taken."""
+        self._half_cycles.forget()
+        self._contacts.known = 0
+        self._backstop.resume()
+        if self._bounces is not None:
+            self._bounces.resume()
+
     @property
     def alarm(self) -> bool:
         """Whether the wall feeds the motion."""

@@ -240,6 +240,18 @@ class Watch:
         self._wait = 0
         self._detector.restart()
 
+    def resume(self) -> None:
+        """Begin to watch anew after a pause without torque; what an alarm took stays taken."""
+        self._detector.restart()
+        if self.own is not None:
+            self.own.resume()
+        self._entered = None
+        self.damps = False
+        self.current = State.QUIET
+        self._position = self._size = math.nan
+        self._last_move = self._mean = 0.0
+        self._periods = 0
+
     @property
     def _acts(self) -> bool:
         return self._settings.answer != "report"

@@ -5,8 +5,9 @@ are computed before the start for a ladder of sample ages, and the tick only pic
 
 The rule: over a window, the percentile of the ages picks the rung. A run of ages above the rung
 lowers at once, without waiting for the window; a single hiccup does neither. Going back to a
-stiffer rung takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact or at
-the surface, because raising K at a penetration x puts the energy ΔK x²/2 into the spring.
+stiffer rung takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact or so
+near the surface that ΔK x is a small torque: raising K at a penetration x puts the energy ΔK x²/2
+into the spring.
 """
 
 from __future__ import annotations

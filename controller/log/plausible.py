@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.detector.oscillation import State
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, ROW
+from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP, ROW
 from hw.servo import Outcome
 
 _COLUMNS: Final = frozenset(ROW.names or ())
@@ -16,7 +16,7 @@ _GROW: Final = ("seq", "deadline_ns")
 _MOST: Final = {
     "outcome": max(Outcome),
     "oscillation": max(State),
-    "flags": FLAG_SATURATED | FLAG_CONTACT | FLAG_WARM_UP,
+    "flags": FLAG_SATURATED | FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF,
     "phase": 1 << 20,
     "missed": 1 << 40,
 }

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,9 +71,11 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
             f"LOG {path}: its configuration is not one this program knows"
             f" ({error.error_count()} differences); read it with the haptic-wall that wrote it"
         ) from error
+    # An experiment's program has walls of its own, one after the other.
+    surface = math.nan if "phases" in log.metadata else config.surface(rows.started_at())
     of = -(-count // WINDOW)
     for window in windows(_with_wall_on(rows)):
-        yield replace(_of_rows(window, origin_ns, config, log.metadata), of=of)
+        yield replace(_of_rows(window, origin_ns, config, surface), of=of)
 
 
 def _with_wall_on(rows: LogRows) -> Iterator[NDArray[np.void]]:
@@ -84,7 +85,7 @@ def _with_wall_on(rows: LogRows) -> Iterator[NDArray[np.void]]:
             yield on
 
 
-def _of_rows(window: Window, origin_ns: int, config: Config, metadata: dict[str, Any]) -> Recording:
+def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> Recording:
     rows = window.rows
     good = rows["outcome"] == Outcome.OK
     belief = config.belief()
@@ -106,9 +107,8 @@ def _of_rows(window: Window, origin_ns: int, config: Config, metadata: dict[str,
         lag=age + belief.delay.value,
         position_step=position_count(whole.positions),
         virtual_damping=float(np.median(rows["damping"])),
-        # An experiment's program has walls of its own, one after the other.
-        surface=math.nan if "phases" in metadata else config.wall.position,
-        side=0 if "phases" in metadata else SIGNS[config.wall.side],
+        surface=surface,
+        side=0 if math.isnan(surface) else SIGNS[config.wall.side],
     )
     since_s = float(whole.times[window.seen]) if window.seen else -math.inf
     parts = parted(whole, config.period_s, notes)

@@ -44,6 +44,15 @@ class LogRows:
                 return cls(log, int(piece["deadline_ns"][0]), stretch)
         return cls(log, 0, stretch)
 
+    def started_at(self) -> float:
+        """The first position of the run [rad]; NaN: the log's begin is cut off or damaged."""
+        for piece in self.log.pieces():
+            if not isinstance(piece, np.ndarray):
+                break
+            if len(piece) and (known := piece["position"][np.isfinite(piece["position"])]).size:
+                return float(known[0]) if "cut" not in self.log.metadata else math.nan
+        return math.nan
+
     def blocks(self) -> Iterator[NDArray[np.void]]:
         """Blocks of rows, shape (n,), n > 0."""
         return (piece for piece in self.pieces() if isinstance(piece, np.ndarray))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,13 @@ class DrawnRun:
     config: Config
 
     @property
+    def surface(self) -> float:
+        """Where the wall is [rad]; NaN: not known."""
+        position = self.rows["position"][np.isfinite(self.rows["position"])]
+        begins = self.rows["seq"][0] == 0 and position.size
+        return self.config.surface(float(position[0]) if begins else math.nan)
+
+    @property
     def rows(self) -> NDArray[np.void]:
         """Those that are drawn."""
         return self.sketch.rows
@@ -50,17 +58,20 @@ def position(ax: Axes, run: DrawnRun) -> None:
     wall, rows = run.config.wall, run.rows
     _line(ax, run.time, rows["position"], _INK, "position", 1.3)
     ax.set_ylabel("position [rad]")
-    ax.axhline(wall.position, color=_WALL, linewidth=1.2, label="wall's surface")
+    surface = run.surface
+    if math.isnan(surface):
+        return
+    ax.axhline(surface, color=_WALL, linewidth=1.2, label="wall's surface")
     if wall.side == "both":
         return  # always in contact: it has no inside to shade
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
     if wall.side == "above":
-        high = max(high, wall.position + margin)
-        inside = (wall.position, high)
+        high = max(high, surface + margin)
+        inside = (surface, high)
     else:
-        low = min(low, wall.position - margin)
-        inside = (low, wall.position)
+        low = min(low, surface - margin)
+        inside = (low, surface)
     ax.axhspan(
         *inside,
         facecolor="none",

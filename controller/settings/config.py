@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationInfo, model_validator
@@ -20,6 +21,7 @@ from controller.settings.model import (
 )
 from controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
 from controller.settings.servo import EMULATED, Servo
+from controller.wall import SIGNS
 from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
 if TYPE_CHECKING:
@@ -27,6 +29,11 @@ if TYPE_CHECKING:
 
 APPROACH = 0.1
 """How far outside a one-sided wall a simulated servo starts unless told [rad]."""
+MOST_KICK = math.tau / 4.0
+"""Largest displacement of a simulated or emulated servo around which the wall comes on at once
+[rad]"""
+MOVED_BY_START = math.radians(1.0)
+"""How far the proof of the torque's sign may move an emulated servo [rad]"""
 _FAR = 1e6
 """The far end of a wall [rad]: beyond what a servo's position register can hold."""
 
@@ -97,6 +104,35 @@ class Config(Section):
         outside = {"above": -APPROACH, "below": APPROACH, "both": 0.0}
         return self.wall.position + outside[self.wall.side]
 
+    @property
+    def start_room(self) -> float:
+        """Penetration up to which the wall comes on at the start though its spring is loaded [rad].
+
+        0 on a real servo; infinite where the wall is to come on at once. A ``servo.kick`` into the
+        spring says itself that a blow is meant, up to a quarter turn.
+        """
+        servo, inward = self.servo, SIGNS[self.wall.side]
+        if self.safety.engage == "at-once":
+            return math.inf
+        if servo.kind == "hardware" or self.wall.reference == "start":
+            return 0.0
+        if servo.kick is not None and abs(servo.kick) > MOST_KICK:
+            return 0.0
+        if servo.kind == "simulated" and self.loop.clock == "simulated":
+            return math.inf  # no warm-up, so it is where it was put: there, or outside
+        if servo.kick is None:
+            return MOVED_BY_START if inward == 0 else 0.0
+        return MOST_KICK if inward == 0 or inward * servo.kick > 0.0 else 0.0
+
+    def surface(self, started_at: float) -> float:
+        """Where the wall is, in the servo's own count [rad].
+
+        Args:
+            started_at: The first position of the run [rad].
+        """
+        counted_from = started_at if self.wall.reference == "start" else 0.0
+        return counted_from + self.wall.position
+
     def true_servo(self) -> TrueServo:
         """What the simulated or emulated servo is.
 
@@ -120,7 +156,7 @@ class Config(Section):
             ambient=servo.ambient,
             position=self.start_position,
             hand=servo.hand,
-            hand_origin=self.wall.position,
+            hand_origin=self.surface(self.start_position),
             hand_direction=-1 if self.wall.side == "below" else 1,
         )
 
@@ -159,7 +195,9 @@ class Config(Section):
         )
 
     def _inside(self) -> tuple[float, float] | None:
-        """Positions inside a one-sided wall [rad]; a two-sided one has no inside."""
+        """Positions inside a one-sided wall [rad]; None: there are none, or nobody knows yet."""
+        if self.wall.reference == "start":
+            return None
         if self.wall.side == "above":
             return self.wall.position, _FAR
         return (-_FAR, self.wall.position) if self.wall.side == "below" else None

@@ -76,8 +76,17 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(map(str, get_args(annotation)))
     if get_origin(annotation) is tuple:
-        return "a list of texts"
+        return (
+            "a list of two numbers, low and high"
+            if float in map(_bare, get_args(annotation))
+            else "a list of texts"
+        )
     return _bounds(annotation, info.metadata)
+
+
+def _bare(annotation: Any) -> Any:  # noqa: ANN401
+    """A type without what is annotated to it."""
+    return getattr(annotation, "__origin__", annotation)
 
 
 def _bounds(annotation: Any, metadata: list[Any]) -> str:  # noqa: ANN401

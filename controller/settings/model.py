@@ -21,6 +21,14 @@ Lag = Annotated[float, Field(ge=0, le=1)]
 Gain = Annotated[float, Field(gt=0, le=10)]
 
 
+def pair(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Let a list be what pydantic calls a tuple."""
+    return tuple(found) if isinstance(found, list) else found
+
+
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
 class Section(BaseModel):
     """A part of the configuration: cannot be changed, knows its fields, takes no other."""
 
@@ -98,8 +106,13 @@ class Wall(Section):
         0.0,
         ge=-1000,
         le=1000,
-        description="Where the surface is",
+        description="Where the surface is, counted over turns as wall.reference says",
         json_schema_extra={"unit": "rad"},
+    )
+    reference: Literal["absolute", "start"] = Field(
+        "absolute",
+        description="What wall.position and safety.travel count from: absolute: the servo's own "
+        "zero, start: where the shaft stands when the run begins",
     )
     side: Side = Field(
         "above",
@@ -231,6 +244,26 @@ class Safety(Section):
         le=1e6,
         description="Faster than this trips",
         json_schema_extra={"unit": "rad/s"},
+    )
+    engage: Literal["wait", "at-once"] = Field(
+        "wait",
+        description="wait: the wall comes on only where its spring is unloaded, and until then the "
+        "run goes on without torque; at-once: wherever the shaft is (simulated and emulated "
+        "servos only)",
+    )
+    engage_torque: float | None = Field(
+        None,
+        gt=0,
+        le=1e3,
+        description="Elastic torque up to which a spring counts as unloaded, but never less than "
+        "two encoder counts of it; null: 5 % of the servo's stall torque, at most 0.1",
+        json_schema_extra={"unit": "N·m"},
+    )
+    travel: Annotated[tuple[Place, Place] | None, BeforeValidator(pair)] = Field(
+        None,
+        description="Lowest and highest position that the shaft may have, counted over turns as "
+        "wall.reference says; beyond it trips; null: any",
+        json_schema_extra={"unit": "rad"},
     )
     max_loss: float = Field(
         0.05, gt=0, le=1, description="Share of lost readings within the window that trips"

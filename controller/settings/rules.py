@@ -147,16 +147,44 @@ def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.kick", "wall.side")
+@_reads(*_KIND, "servo.kick", "wall.side", "wall.reference")
 def _emulated_starts_outside(config: Config) -> Iterator[Problem]:
     inward = SIGNS[config.wall.side]
     kick = config.servo.kick
+    if config.wall.reference == "start":
+        return  # then the kick says on which turn it stands, and not how far from the wall
     if config.servo.kind == "emulated" and kick is not None and inward * kick > 0:
         yield Problem(
             "servo.kick",
             f"found {kick:g}, which is inside the wall ({config.wall.side}): the driver starts no "
             f"servo there; wanted {'at most' if inward > 0 else 'at least'} 0, or servo.backend "
             "simulated",
+        )
+
+
+@_reads(*_KIND, "safety.engage")
+def _real_walls_wait(config: Config) -> Iterator[Problem]:
+    if _is_real(config) and config.safety.engage == "at-once":
+        yield Problem(
+            "safety.engage",
+            f"found at-once, wanted wait: the servo at {config.servo.port} is real, and a wall "
+            "that comes on around its shaft strikes whoever holds it",
+        )
+
+
+@_reads("safety.travel", "wall.position", "wall.reference")
+def _travel_reaches_the_wall(config: Config) -> Iterator[Problem]:
+    if config.safety.travel is None:
+        return
+    low, high = config.safety.travel
+    found = f"found [{low:g}, {high:g}], wanted "
+    if low >= high:
+        yield Problem("safety.travel", f"{found}[low, high] with low below high")
+    elif not low <= config.wall.position <= high:
+        yield Problem(
+            "safety.travel",
+            f"{found}a range with wall.position {config.wall.position:g} in it: the run would end "
+            "before the shaft is at the wall",
         )
 
 

@@ -142,8 +142,9 @@ class Servo(Section):
         None,
         ge=-100,
         le=100,
-        description="Displacement from the wall at the start, positive toward positive "
-        "positions; null: 0.1 rad outside a one-sided wall, on a two-sided one",
+        description="Displacement from wall.position at the start, positive toward positive "
+        "positions; up to a quarter turn the wall comes on around it at once; null: 0.1 rad "
+        "outside a one-sided wall, on a two-sided one",
         json_schema_extra=_facts("rad", _TRUTH),
     )
     torque_limit: Positive | None = Field(

@@ -9,17 +9,18 @@ from controller.log.file import LogWriter
 from controller.session import run_session
 from controller.statistics import RunStatistics
 from controller.telemetry import ROW, Telemetry
-from controller.tree.plan import Ended, Plan
+from controller.tree.plan import Ended, Plan, Tell
 from controller.tree.recorder import Recorder, rows_lacking
 from hw.clock import SimulatedClock
 
 
-def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
+def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None) -> Ended:
     """Run a plan in this process, on the simulated clock.
 
     Args:
         plan: What to run.
         telemetry: Where a stop is asked for.
+        tell: Called with what a person should know meanwhile.
 
     Raises:
         ServoError: The servo could not be started.
@@ -48,7 +49,13 @@ def run_inline(plan: Plan, telemetry: Telemetry) -> Ended:
     clock = SimulatedClock()
     try:
         result = run_session(
-            plan.config, clock, telemetry, plan.duration_s, program=plan.program, on_block=on_block
+            plan.config,
+            clock,
+            telemetry,
+            plan.duration_s,
+            program=plan.program,
+            on_block=on_block,
+            tell=tell,
         )
     finally:
         if log is not None:

@@ -10,6 +10,7 @@ from typing import Any
 from controller.program import Phase
 from controller.settings.config import Config
 from controller.statistics import RunStatistics
+from controller.tree.hold import Hold
 from controller.tree.stream import Stream
 
 Tell = Callable[[str], None]
@@ -59,3 +60,5 @@ class Plan:
     """What is rendered in place of the wall; the run ends with it. Empty: the wall"""
     stream: Stream | None = None
     """Who watches live; None: nobody"""
+    hold: Hold | None = None
+    """The dead man; None: there is none"""

@@ -22,6 +22,7 @@ from controller.safety import Trip
 from controller.telemetry import State, Telemetry, Word
 from controller.tree.children import Child, first_line
 from controller.tree.emulator import emulator_arguments
+from controller.tree.hold_keeper import HoldKeeper, start_hold
 from controller.tree.log_keeper import LogKeeper
 from controller.tree.loop_process import Orders
 from controller.tree.loop_watch import END_S, START_S, LoopWatch
@@ -81,8 +82,11 @@ class Supervisor:
             log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
             children.callback(log.close)
             self._start_streamer(children)
+            hold = start_hold(self._plan, self._telemetry, self._others)
+            if hold is not None:
+                children.callback(hold.close)
             loop = self._start_loop(children)
-            reason, found = self._outside.verdict(self._watch(loop, emulator, log))
+            reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
             self._cause = "; ".join(filter(None, (found, self._cause)))
             self._warnings += [*log.end(), *self._outside.notes()]
         self._rows.end()
@@ -189,7 +193,9 @@ class Supervisor:
         children.callback(self._leave, loop)
         return loop
 
-    def _watch(self, loop: Child, emulator: Child | None, log: LogKeeper) -> str:
+    def _watch(
+        self, loop: Child, emulator: Child | None, log: LogKeeper, hold: HoldKeeper | None
+    ) -> str:
         """Until the loop has ended, by itself or by force; why."""
         looked = time.monotonic()
         watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
@@ -210,6 +216,8 @@ class Supervisor:
             if now >= looked + LOOK_S:
                 self._rows.look()
                 self._hear_streamer()
+                if hold is not None:
+                    hold.look(self._tell)
                 looked = now
             if emulator is not None and emulator.ended():
                 watch.asked()

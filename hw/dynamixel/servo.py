@@ -341,4 +341,5 @@ class DynamixelServo:
             torque_step=self._law.step,
             has_bus=True,
             reply_s=self._reply_ns * 1e-9,
+            stall_torque=self._model.stall_torque or self._law.torque(self._model.current_limit),
         )

@@ -105,3 +105,22 @@ def test_loss_rate_over_the_window():
 
 def test_every_trip_is_explained():
     assert set(EXPLANATIONS) == set(Trip)
+
+
+def test_travel_counts_turns_and_trips_at_once_beyond_its_ends():
+    for low, high, ends in ((-1.0, 20.0, True), (-1.0, 6.0, False)):
+        safety = Safety(replace(LIMITS, travel=(low, high), max_speed=1e6))
+        assert safety.good(reading(0.0, 1)) is None
+        found = safety.good(reading(3 * math.tau, 2))
+        assert found is (None if ends else Trip.TRAVEL)
+    safety = Safety(replace(LIMITS, travel=(-1.0, 1.0)))
+    assert safety.good(reading(-1.001, 1)) is Trip.TRAVEL, "at the first reading too"
+
+
+def test_travel_from_the_start_counts_from_the_first_good_reading():
+    safety = Safety(replace(LIMITS, travel=(-0.1, 0.1), travel_from_start=True))
+    safety.failed()
+    assert safety.good(reading(50.0, 1)) is None
+    assert safety.good(reading(50.05, 7)) is None
+    assert safety.good(reading(50.099, 13)) is None
+    assert safety.good(reading(50.101, 19)) is Trip.TRAVEL

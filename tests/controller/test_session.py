@@ -10,7 +10,7 @@ import pytest
 
 from controller.session import run_session
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_WARM_UP, Telemetry, Word
+from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, NO_DEAD_MAN, Telemetry, Word
 from controller.theory import critical_stiffness
 from hw.clock import SimulatedClock
 
@@ -213,7 +213,7 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
 
 
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
-    """A lean during the warm-up: the wall must not strike a shaft that it is switched on around."""
+    """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
     told = []
 
@@ -225,11 +225,154 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
     sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
     config = load_config("emulated-xm430", sets).config
     result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=tell)
-    assert "the wall goes on when it has left it" in told[-1]
+    assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     rows, _ = telemetry.read(0)
     assert rows["position"][-1] > 0.0
     assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("turns", [3, -3])
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
+    told = []
+    sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
+    config = load_config(preset, [*sets, "servo.hand=none"]).config
+    telemetry = Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, 1.0, tell=told.append)
+    rows, _ = telemetry.read(0)
+    assert len(rows) >= 1000
+    assert not np.any(rows["torque"])
+    assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
+    assert "turned to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
+    assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
+    told = []
+    sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
+    config = load_config(preset, sets).config
+    telemetry = Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, 5.0, tell=told.append)
+    rows, _ = telemetry.read(0)
+    assert result.wall_came_on
+    surface = rows["position"][0] + 0.3
+    pushed = rows[rows["torque"] < 0.0]
+    assert pushed["position"].min() > surface - 0.002
+    assert rows["position"].max() > surface + 0.1, "the hand found it there"
+    assert "(3.09 turns), the shaft at" in told[-1] and "(3.04 turns): 17." in told[-1]
+
+
+@pytest.mark.parametrize("reference", ["absolute", "start"])
+def test_travel_trips(reference):
+    position = 0.0 if reference == "absolute" else 0.1
+    sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
+    result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
+    assert result.stop_reason == "duration"
+    result, rows = session(
+        "simulated", *sets, f"safety.travel=[-1.5, {position + 0.02}]", duration=5.0
+    )
+    assert result.stop_reason == "trip:travel"
+    assert rows["torque"][-1] == 0.0
+    assert result.torque_off
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
+    result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
+    assert result.wall_came_on
+    assert rows["torque"][0] == pytest.approx(-4.1, abs=0.01)
+    result, rows = session(preset, *sets, "servo.kick=1.6", duration=0.5)
+    assert not result.wall_came_on
+    result, rows = session(preset, *sets, "servo.kick=1.6", "safety.engage=at-once", duration=0.5)
+    assert result.wall_came_on
+
+
+def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it():
+    """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
+    sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
+    result, rows = session("emulated-xm430", *sets, "safety.engage_torque=0.2", duration=6.0)
+    assert result.wall_came_on
+    assert result.ticks == 6000, "time counts from when the wall comes on"
+    assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.09])
+def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(friction):
+    """The push that proves the torque's sign moves it by some counts."""
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
+    result, rows = session("emulated-xm430", *sets, f"servo.coulomb={friction}", duration=0.5)
+    assert result.wall_came_on
+    assert 0.001 < abs(rows["position"][0]) < 0.0175
+
+
+def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkeypatch):
+    from hw.dynamixel.servo import DynamixelServo
+
+    plain, seen = DynamixelServo.collect, []
+
+    def leaving(self, deadline_ns):
+        seen.append(0)
+        reading = plain(self, deadline_ns)
+        return reading._replace(position=0.4) if len(seen) > 500 else reading
+
+    monkeypatch.setattr(DynamixelServo, "collect", leaving)
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "safety.max_speed=1000"]
+    result, rows = session("emulated-xm430", *sets, duration=0.5)
+    assert result.ticks == 500, "the warm-up ended well"
+    assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+    assert "turned to within" in result.waited_for
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
+def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
+    """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
+    from controller.tick import Tick
+
+    plain, telemetry = Tick.run, Telemetry.create()
+
+    def run(self, deadline_ns, woke_ns, missed):
+        depth = self.position
+        if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
+            let_go.append(self.ticks)
+            telemetry.words[Word.HELD_NS] = 0
+        elif let_go and self.ticks > let_go[0] + 20:
+            telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
+        plain(self, deadline_ns, woke_ns, missed)
+
+    let_go = []
+    monkeypatch.setattr(Tick, "run", run)
+    sets = ("loop.clock=simulated", *more)
+    result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
+    assert result.stop_reason == "duration"
+    off = (rows["flags"] & FLAG_OFF) != 0
+    at = let_go[0]
+    assert off[at], "in the very tick"
+    assert not np.any(rows["torque"][off])
+    back = at + int(np.argmin(off[at:]))
+    assert back > at + 300, "held again 20 ms later, but inside"
+    rest = rows[back - 49 : back + 1]
+    assert np.all(rest["stiffness"] * rest["position"] <= 0.1), "for 50 ticks, that one counted"
+    assert not np.any(off[back:])
+    assert rows["torque"][back:].min() < -0.5, "and it pushes again"
+    assert result.oscillation["state"] == "quiet"
+
+
+def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path):
+    arguments = ["emulated-xm430", "--set", "wall.side=both", "--set", "servo.kick=18.8"]
+    arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
+    done = run_command(tmp_path, *arguments)
+    assert done.returncode == 3
+    assert done.stdout.startswith("run         THE WALL NEVER CAME ON: the shaft is away from")
+    assert "2.99 turns" in done.stderr
+    done = run_command(tmp_path, *arguments, "--json")
+    assert done.returncode == 3
+    assert json.loads(done.stdout)["wall_came_on"] is False
 
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger():

@@ -7,10 +7,18 @@ import pytest
 from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Watch, WatchSettings
+from controller.engagement import EngageLimits, Engagement
 from controller.guard.ladder import GuardLadder
 from controller.loop import next_deadline
 from controller.safety import Safety, SafetyLimits, Trip
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
+from controller.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    NO_DEAD_MAN,
+    Telemetry,
+    Word,
+)
 from controller.tick import Tick, TickParts
 from controller.velocity import BackwardDifference
 from controller.wall import Wall
@@ -85,6 +93,10 @@ class Rig:
                 period_ns=PERIOD_NS,
                 ramp_ticks=50,
                 pipelined=wall.get("pipelined", False),
+                wall_from_start=wall.get("from_start", False),
+                engagement=Engagement(
+                    EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
+                ),
             )
         )
         self.deadline = self.clock.now_ns()
@@ -249,14 +261,18 @@ def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
 @pytest.mark.parametrize(
     ("side", "position", "raised"),
     [
-        ("above", 0.002, False),
-        ("above", -0.002, True),
-        ("below", -0.002, False),
-        ("both", 0.002, True),
-        ("both", 0.01, False),
+        ("above", 0.02, False),
+        ("above", 0.002, True),
+        ("above", -0.02, True),
+        ("below", -0.02, False),
+        ("both", 0.009, True),
+        ("both", 0.011, False),
     ],
 )
-def test_stiffer_again_only_out_of_contact_or_at_a_two_sided_walls_surface(side, position, raised):
+def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_small_torque(
+    side, position, raised
+):
+    """10 N·m/rad more, and 0.1 N·m is small."""
     rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
     rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
     rig.servo.age_ns = 400_000
@@ -378,3 +394,74 @@ def test_a_loss_after_waiting_has_no_velocity():
 def test_waiting_before_the_first_reading_makes_no_torque():
     rig = on(Rig([WAITING, WAITING, 0.1], stiffness=10.0)).run(3)
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+
+
+def lets_go(rig):
+    """The dead man's limit has passed."""
+    rig.telemetry.words[Word.HELD_NS] = rig.clock.now_ns()
+    return rig
+
+
+def holds(rig):
+    rig.telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
+    return rig
+
+
+def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before():
+    positions = [0.5, 0.5, 0.5, 0.005, 0.5, 0.005, 0.005, 0.005, 0.1]
+    rig = on(Rig(positions, stiffness=10.0, start_room=0.0)).run(9)
+    assert rig.servo.sent == pytest.approx([0.0] * 7 + [-0.05, -1.0])
+    assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [True] * 7 + [False] * 2
+    assert rig.tick.came_on
+
+
+def test_a_tick_without_a_reading_is_no_rest():
+    rig = on(Rig([0.0, LOST, LOST, 0.0, 0.0, 0.1], stiffness=10.0, start_room=0.0)).run(6)
+    assert rig.servo.sent == pytest.approx([0.0] * 5 + [-1.0])
+
+
+def test_torque_is_out_in_the_tick_after_the_dead_man_is_let_go():
+    rig = on(Rig([0.1] * 10, stiffness=10.0)).run(2)
+    lets_go(rig).run(3)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.0, 0.0, 0.0, 0.0])
+    assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 3
+
+
+def test_nothing_that_was_delayed_comes_out_after_the_dead_man_was_let_go():
+    rig = on(Rig([0.1] * 5 + [0.0] * 10, stiffness=10.0, steps=6)).run(5)
+    holds(lets_go(rig).run(1)).run(9)
+    assert not any(rig.servo.sent)
+
+
+def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_blow():
+    positions = [0.1] * 3 + [0.1] * 5 + [0.009] * 4 + [0.1]
+    rig = on(Rig(positions, stiffness=10.0)).run(1)
+    lets_go(rig).run(1)
+    holds(rig).run(11)
+    assert rig.servo.sent == pytest.approx([-1.0] + [0.0] * 9 + [-0.09, -0.09, -1.0])
+
+
+def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew():
+    rig = on(Rig([0.0] * 20, stiffness=10.0)).run(1)
+    lets_go(rig).run(10)
+    assert all(rig.rows["flags"][1:] & FLAG_OFF), "at rest all the time, and not held"
+    holds(rig).run(1)
+    assert not rig.rows["flags"][-1] & FLAG_OFF, "at rest for long: it comes on with the hold"
+
+
+def test_what_an_alarm_took_stays_taken_over_a_pause():
+    rig = on(Rig([0.0] * 200, rungs=[Rung(20.0, 0.02, 0.0)]))
+    watch = rig.tick._parts.watch
+    watch.share = 0.25
+    rig.run(20)
+    lets_go(rig).run(20)
+    holds(rig).run(20)
+    assert rig.rows["stiffness"][-1] == 5.0
+    assert not rig.rows["flags"][-1] & FLAG_OFF
+
+
+def test_a_wall_from_the_start_is_where_the_first_good_reading_says():
+    rig = Rig([LOST, 18.8, 18.8, 18.9], stiffness=10.0, from_start=True)
+    rig.wall.position = 0.05
+    assert on(rig).run(4).wall.position == pytest.approx(18.85)
+    assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])

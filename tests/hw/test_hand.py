@@ -40,6 +40,14 @@ def test_it_starts_where_the_servo_stands_and_never_jumps(name):
 
 
 @pytest.mark.parametrize("name", HANDS)
+def test_from_turns_away_it_comes_no_faster_than_a_hand_turns_a_horn(name):
+    stretch = hand_of(servo(name, position=18.8)).pull(0)
+    assert stretch.slope == pytest.approx(-2.0)
+    reached = stretch.reference + stretch.slope * stretch.until_ns * 1e-9
+    assert reached == pytest.approx(SCRIPTS[name].depths[0])
+
+
+@pytest.mark.parametrize("name", HANDS)
 def test_it_repeats_after_its_lead_in(name):
     hand = hand_of(servo(name))
     period = round(SCRIPTS[name].times_s[-1] * 1e9)

@@ -1,5 +1,7 @@
 """The configuration means to the rest of the program what its fields say."""
 
+import math
+
 import pytest
 
 from controller.errors import ConfigError
@@ -145,3 +147,37 @@ def test_the_driver_knows_the_loops_period_and_the_speed_limit():
     settings = loaded("xm430-w350", "loop.rate_hz=500", "safety.max_speed=7").servo_settings()
     assert isinstance(settings, DynamixelSettings)
     assert (settings.period_s, settings.max_speed) == (0.002, 7.0)
+
+
+def test_travel_survives_the_way_to_the_loops_process():
+    config = loaded("simulated", "safety.travel=[-1, 2]")
+    assert config.safety.travel == (-1.0, 2.0)
+    assert type(config).model_validate_json(config.model_dump_json()) == config
+    assert type(config).model_validate(config.model_dump(mode="json")) == config
+
+
+def test_nobody_knows_before_the_start_where_a_wall_from_the_start_is():
+    settings = loaded("xm430-w350", "wall.reference=start", "wall.position=1").servo_settings()
+    assert isinstance(settings, DynamixelSettings)
+    assert settings.keep_out is None
+
+
+@pytest.mark.parametrize(
+    ("preset", "sets", "room"),
+    [
+        ("xm430-w350", [], 0.0),
+        ("xm430-w350", ["wall.side=both"], 0.0),
+        ("emulated-xm430", [], 0.0),
+        ("emulated-xm430", ["wall.side=both"], math.radians(1.0)),
+        ("emulated-xm430", ["wall.side=both", "servo.kick=0.3"], math.tau / 4),
+        ("emulated-xm430", ["wall.side=both", "servo.kick=1.6"], 0.0),
+        ("emulated-xm430", ["wall.side=both", "servo.kick=1.6", "safety.engage=at-once"], math.inf),
+        ("emulated-xm430", ["servo.kick=-0.3"], 0.0),
+        ("simulated", ["servo.kick=0.3"], math.tau / 4),
+        ("simulated", ["servo.kick=0.3", "loop.clock=simulated"], math.inf),
+        ("simulated", ["servo.kick=18.8", "loop.clock=simulated"], 0.0),
+        ("simulated", ["wall.reference=start", "loop.clock=simulated"], 0.0),
+    ],
+)
+def test_around_what_the_wall_comes_on_at_once(preset, sets, room):
+    assert loaded(preset, *sets).start_room == room

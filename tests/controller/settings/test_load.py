@@ -276,6 +276,10 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         ("xm430-w350", ["servo.watchdog_s=0.02"], "safety.max_silence_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
         ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
+        (HARDWARE, ["safety.engage=at-once"], "safety.engage"),
+        ("simulated", ["safety.travel=[1, -1]"], "safety.travel"),
+        ("simulated", ["safety.travel=[1, 2]"], "safety.travel"),
+        ("simulated", ["safety.travel=[-1]"], "safety.travel"),
         ("simulated", ["loop.rate_hz=2000", "realtime.spin_us=301"], "realtime.spin_us"),
     ],
 )
@@ -288,6 +292,9 @@ def test_fields_that_do_not_go_together(preset, changes, blamed):
     [
         ("simulated", ["servo.kick=0.01"]),
         ("emulated-xm430", ["servo.kick=-0.01"]),
+        ("emulated-xm430", ["servo.kick=18.8", "wall.reference=start"]),
+        ("simulated", ["safety.travel=[-1, 2]"]),
+        ("simulated", ["safety.engage=at-once"]),
         ("emulated-xm430", ["wall.side=both", "servo.kick=0.01"]),
         ("emulated-xm430", ["loop.rate_hz=50"]),
         ("emulated-xm430", ["servo.backend=simulated"]),
