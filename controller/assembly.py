@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.guard.guard import Situation, decide
 from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.guard.limits import Plants
+from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
 from controller.rehearsal import Rehearsal, StandInClock
@@ -27,6 +29,8 @@ from hw.servo import Servo
 
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+MEANT_KICK = 0.25 * math.tau
+"""Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
 SLOWEST = 0.05
 """Speed below which passivity control takes energy back no faster [rad/s]"""
 
@@ -77,7 +81,7 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
                 damping=belief.damping.value / gain,
                 coulomb=belief.coulomb.value / gain,
                 position_step=servo.facts.position_step,
-                torque_limit=servo.facts.torque_limit,
+                torque_limit=min(servo.facts.torque_limit, law.clip),
             ),
             answer=answer if law.guarded else "report",
             lag=belief.delay.value,
@@ -85,6 +89,21 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
             patient=law.guarded and config.wall.passivity_control,
             side=SIGNS[config.wall.side],
         )
+    )
+
+
+def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
+    """Limits of a motion that the wall drives at ``speed`` [rad/s]."""
+    belief, kick = config.belief(), config.servo.kick
+    gain = belief.torque_gain.high
+    return DrivenLimits(
+        speed=speed,
+        position_step=servo.facts.position_step,
+        torque_limit=servo.facts.torque_limit,
+        inertia=belief.inertia.low / gain,
+        damping=belief.damping.low / gain,
+        coulomb=belief.coulomb.low / gain,
+        kicked=kick is not None and abs(kick) <= MEANT_KICK,
     )
 
 
@@ -118,7 +137,9 @@ def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
     """The wall, which the guard will set, or what an experiment wants in its place."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    return Wall(0.0, 0.0, config.wall.position, config.wall.side)
+    wall = config.wall
+    clip = math.inf if wall.torque_clip is None else wall.torque_clip
+    return Wall(0.0, 0.0, wall.position, wall.side, clip)
 
 
 def tick_parts(
@@ -144,6 +165,9 @@ def tick_parts(
     period_ns = config.period_ns
     period = period_ns * 1e-9
     wall, safety = config.wall, config.safety
+    fastest, driven = speed_limits(
+        safety.max_speed, servo.facts, real=config.servo.kind == "hardware"
+    )
     return TickParts(
         clock=clock,
         servo=servo,
@@ -153,13 +177,14 @@ def tick_parts(
         ladder=ladder,
         safety=Safety(
             SafetyLimits(
-                max_speed=safety.max_speed,
+                max_speed=fastest,
                 position_step=servo.facts.position_step,
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
                 max_losses_in_row=safety.max_losses_in_row,
             )
         ),
+        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         watch=_watch(config, servo, law),
         passivity=(
             PassivityControl(period, SLOWEST)

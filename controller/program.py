@@ -88,6 +88,7 @@ class Program:
         "_ticks",
         "_wall",
         "_wave_phase",
+        "clip",
         "damping",
         "done",
         "guarded",
@@ -111,6 +112,7 @@ class Program:
         self.phase = -1
         self.guarded = self.one_sided = self.done = False
         self.stiffness = self.damping = self.injected = self.position = 0.0
+        self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
         """Always: a program has no outside."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from controller.delay import DelayRing
 from controller.detector.watch import Watch
 from controller.guard.ladder import GuardLadder
+from controller.overspeed import DrivenSpeed
 from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, Telemetry, Word
@@ -46,6 +47,7 @@ class TickParts:
     ring: DelayRing
     ladder: GuardLadder
     safety: Safety
+    driven: DrivenSpeed
     watch: Watch
     passivity: PassivityControl | None
     """Puts damping in where the wall gives energy; None: it does not"""
@@ -167,7 +169,7 @@ class Tick:
             self.trip = Trip.NOT_A_NUMBER
         if self.trip is not None:
             torque = 0.0
-        if abs(torque) > self._limit:
+        if abs(torque) > self._limit or abs(torque) >= wall.clip:
             flags |= FLAG_SATURATED
         words = self._words
         if words[_CUT]:
@@ -253,6 +255,8 @@ class Tick:
         if self._outcome is not _OK:
             return
         watch.sample(position, wall, self._measured_torque)
+        if parts.driven.too_fast(position, self._sampled_ns or 0, watch.commanded, wall):
+            self.trip = self.trip or Trip.OVERSPEED
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
         injected = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
@@ -17,6 +18,7 @@ class Law(Protocol):
         damping: [N·m·s/rad]
         injected: Damping added to it by passivity control [N·m·s/rad]
         position: What the stiffness counts from [rad]
+        clip: Largest torque it commands [N·m]; inf: any.
         phase: Of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
     """
@@ -28,6 +30,7 @@ class Law(Protocol):
     damping: float
     injected: float
     position: float
+    clip: float
     phase: int
     done: bool
 
@@ -51,11 +54,13 @@ class Wall:
         damping: [N·m·s/rad]
         injected: Damping added to it by passivity control [N·m·s/rad]
         position: Where the wall's surface is [rad].
+        clip: Largest torque of spring and damper together [N·m]; inf: any.
         one_sided: It never pulls, and so has an outside.
     """
 
     __slots__ = (
         "_sign",
+        "clip",
         "damping",
         "done",
         "guarded",
@@ -66,11 +71,19 @@ class Wall:
         "stiffness",
     )
 
-    def __init__(self, stiffness: float, damping: float, position: float, side: Side) -> None:
+    def __init__(
+        self,
+        stiffness: float,
+        damping: float,
+        position: float,
+        side: Side,
+        clip: float = math.inf,
+    ) -> None:
         self.stiffness = stiffness
         self.damping = damping
         self.injected = 0.0
         self.position = position
+        self.clip = clip
         self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
         self.guarded, self.phase, self.done = True, 0, False
@@ -83,6 +96,11 @@ class Wall:
         """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
         damping = self.damping + self.injected
         torque = -self.stiffness * (position - self.position) - damping * velocity
+        clip = self.clip
+        if torque > clip:
+            torque = clip
+        elif torque < -clip:
+            torque = -clip
         sign = self._sign
         if sign == 0:
             return torque

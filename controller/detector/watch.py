@@ -63,6 +63,7 @@ class Watch:
         first_alarm_s: When the first alarm came, from when the wall went on [s]; NaN: none has.
         current: What the motion does now.
         acted: Mean torque that acted between the last two samples [N·m].
+        commanded: The same by what was commanded, where ``acted`` was measured [N·m].
         spanned: Periods between them.
     """
 
@@ -84,6 +85,7 @@ class Watch:
         "_wait",
         "acted",
         "amplitude",
+        "commanded",
         "current",
         "damping_share",
         "damps",
@@ -113,7 +115,7 @@ class Watch:
         self._turned_at = 0.0
         self._size = math.nan
         self._stiffness = math.nan
-        self.acted = 0.0
+        self.acted = self.commanded = 0.0
         self.spanned = 1
         self.share = self.damping_share = 1.0
         self.damps = False
@@ -149,7 +151,8 @@ class Watch:
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
-        self.acted = torque = self._mean / periods if isnan(measured) else measured
+        self.commanded = commanded = self._mean / periods
+        self.acted = torque = commanded if isnan(measured) else measured
         self._mean = 0.0
         self._periods = 0
         detector = self._detector

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationInfo, model_validator
 
 from controller.guard.belief import Belief, Bounded
+from controller.overspeed import DRIVEN_SHARE
 from controller.settings.model import (
     Delay,
     Estimate,
@@ -20,6 +21,7 @@ from controller.settings.model import (
 )
 from controller.settings.rules import BrokenRulesError, broken_rules
 from controller.settings.servo import EMULATED, Servo
+from hw.servo import JUMP_SPEED
 from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
 if TYPE_CHECKING:
@@ -74,6 +76,18 @@ class Config(Section):
         return round(1e9 / self.loop.rate_hz)
 
     @property
+    def planned_speed(self) -> float:
+        """Speed that trips at the nominal supply, which experiments stay below [rad/s]."""
+        most, servo = self.safety.max_speed, self.servo
+        if most is not None:
+            return most
+        if servo.model is None or servo.kind == "simulated":
+            return JUMP_SPEED
+        from hw.open import no_load_speeds  # not at the top: most configurations have no bus
+
+        return DRIVEN_SHARE * no_load_speeds()[servo.model]
+
+    @property
     def start_position(self) -> float:
         """Where a simulated or emulated servo starts, at rest [rad]."""
         if self.servo.kick is not None:
@@ -121,7 +135,7 @@ class Config(Section):
         if servo.kind == "simulated":
             return SimulatedSettings(self.true_servo())
         assert servo.port is not None and servo.baud is not None and servo.model is not None
-        emulated = servo.kind == "emulated"
+        emulated, most = servo.kind == "emulated", self.safety.max_speed
         in_memory = emulated and self.loop.clock == "simulated"
         return DynamixelSettings(
             port="" if in_memory else port or servo.port,
@@ -136,7 +150,7 @@ class Config(Section):
             probe_direction=1 if self.wall.side == "below" else -1,
             keep_out=self._inside(),
             period_s=self.period_s,
-            max_speed=self.safety.max_speed,
+            max_speed=JUMP_SPEED if emulated and most is None else most,
             emulated=self.true_servo() if in_memory else None,
             faults=servo.faults if emulated else (),
             fault_seed=servo.fault_seed,

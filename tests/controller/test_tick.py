@@ -9,6 +9,7 @@ from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Watch, WatchSettings
 from controller.guard.ladder import GuardLadder
 from controller.loop import next_deadline
+from controller.overspeed import DrivenLimits, DrivenSpeed
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, Telemetry, Word
 from controller.tick import Tick, TickParts
@@ -68,7 +69,7 @@ class Rig:
         self.telemetry = Telemetry.create()
         rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
         self.ladder = GuardLadder(rungs, list(ages), 90.0, 100)
-        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"))
+        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
@@ -78,6 +79,7 @@ class Rig:
                 ring=DelayRing(steps),
                 ladder=self.ladder,
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3)),
+                driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
                 watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
                 most_injected=[0.0] * len(rungs),
@@ -378,3 +380,22 @@ def test_a_loss_after_waiting_has_no_velocity():
 def test_waiting_before_the_first_reading_makes_no_torque():
     rig = on(Rig([WAITING, WAITING, 0.1], stiffness=10.0)).run(3)
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+
+
+def test_what_the_wall_drives_near_the_no_load_speed_trips():
+    """The spring came on around the shaft; 5 rad/s, where 4 are allowed."""
+    positions = [0.5 - 0.005 * k for k in range(30)]
+    rig = on(Rig(positions, stiffness=10.0, driven=4.0))
+    ran = next(k for k in range(1, 30) if rig.run(1).tick.trip)
+    assert rig.tick.trip is Trip.OVERSPEED
+    assert rig.servo.sent[-1] == 0.0
+    assert ran in (11, 12), "the first sample, and 10 ms of torque that acted"
+    allowed = on(Rig(positions, stiffness=10.0, driven=6.0))
+    assert not any(allowed.run(1).tick.trip for _ in range(30))
+
+
+def test_the_clip_limits_the_wall_and_is_told_as_saturation():
+    rig = on(Rig([0.1, 0.5, -0.5], steps=1, stiffness=10.0, clip=2.0)).run(3)
+    assert list(rig.rows["wall_torque"]) == pytest.approx([-1.0, -2.0, 2.0])
+    assert rig.servo.sent == pytest.approx([0.0, -1.0, -2.0])
+    assert [bool(flags & FLAG_SATURATED) for flags in rig.rows["flags"]] == [False, False, True]

@@ -55,6 +55,7 @@ def test_a_servo_fresh_from_the_factory_is_set_up_and_checked_in_order() -> None
         ("goal pwm", "885"),
         ("bus watchdog", "0, set to 2"),
         ("current limit", "1193 (5.72 N·m)"),
+        ("no-load speed", "4.82 rad/s at 12 V"),
         ("torque per current", "1.78 N·m/A, stall torque over current"),
         ("position", f"{-196 * COUNT:.3f} rad"),
         ("adapter reply", "0.1 ms, longest 0.1 ms"),

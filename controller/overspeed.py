@@ -1,0 +1,170 @@
+"""Notices that the wall drives the shaft faster than a servo should drive itself.
+
+A servo by itself comes to its no-load speed at most, and near it only where its torque goes with
+the motion for long. Speed alone does not tell that from a hand: one that jerks the shaft out of
+the wall, or lets it go, gets back the energy that it has put in. So the energy decides too: the
+shaft moves with more than the wall had taken before.
+
+Source: energy count after Hannaford and Ryu, IEEE T-RA 18(1), 2002.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from math import isnan
+from typing import Final
+
+from controller.wall import Law
+from hw.servo import JUMP_SPEED, Facts
+
+DRIVEN_SHARE: Final = 0.8
+"""Of the no-load speed: a motion that the torque drives must stay below it"""
+WINDOW_S: Final = 0.01
+"""Time over which that speed is measured [s]. One count a tick is 1.53 rad/s at 4096 counts and
+1 kHz; the two counts of slack are 0.31 rad/s over this time."""
+SLACK_COUNTS: Final = 2.0
+OWN_SHARE: Final = 0.5
+"""Part of the shaft's kinetic energy that is the wall's own, from which it trips"""
+_KEPT: Final = 128
+"""Samples kept: the window's at the highest rate, 10 kHz, and some more"""
+
+
+def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[float, float]:
+    """Largest speed of any motion, and of one that the torque drives [rad/s].
+
+    Args:
+        max_speed: ``safety.max_speed`` [rad/s], which is both; None: from the no-load speed.
+        facts: The servo's.
+        real: It may be a real servo. One of our own has no back-EMF that holds it back: a kick
+            makes it faster than any real one.
+
+    Returns:
+        The second is inf where there is no limit: the no-load speed is not known.
+    """
+    if max_speed is not None:
+        return max_speed, max_speed
+    return facts.fastest if real else JUMP_SPEED, DRIVEN_SHARE * facts.no_load_speed or math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenLimits:
+    """What the servo may do, and the least that is believed of its body, in commanded units."""
+
+    speed: float
+    """[rad/s]; inf: any"""
+    position_step: float = 0.0
+    """Encoder count [rad]; 0: not quantised"""
+    torque_limit: float = math.inf
+    """[N·m]"""
+    inertia: float = 0.0
+    """[kg·m²]"""
+    damping: float = 0.0
+    """Viscous friction [N·m·s/rad]"""
+    coulomb: float = 0.0
+    """Coulomb friction [N·m]"""
+    kicked: bool = False
+    """The energy in the spring when the wall comes on is meant: a kick"""
+
+
+class DrivenSpeed:
+    """Mean speed over 10 ms in which the torque went with the motion, and who paid for it.
+
+    The mean over several samples makes the slack for the encoder's steps small. A sample in which
+    the torque is zero, or goes against the motion, begins a new window.
+
+    The wall may give back what it has taken: at most what its spring holds. What it gives beyond
+    that and beyond friction is its own. Outside of a one-sided wall the count begins anew. A
+    program of an experiment drives the shaft on purpose; there speed alone decides.
+    """
+
+    __slots__ = (
+        "_at",
+        "_count",
+        "_given",
+        "_instants_ns",
+        "_limits",
+        "_own",
+        "_positions",
+        "_slack",
+        "_speed",
+        "_window_ns",
+    )
+
+    def __init__(self, limits: DrivenLimits) -> None:
+        self._limits = limits
+        self._speed = limits.speed * 1e-9
+        self._slack = SLACK_COUNTS * limits.position_step
+        self._own = 0.5 * OWN_SHARE * limits.inertia
+        self._window_ns = round(WINDOW_S * 1e9)
+        self._positions = [math.nan] * _KEPT
+        self._instants_ns = [0] * _KEPT
+        self._at = 0
+        """Of the last sample"""
+        self._count = 0
+        """Intervals in the window"""
+        self._given = math.nan
+        """Work of the torque less friction's, not below what the spring holds [J]"""
+
+    def too_fast(self, position: float, sampled_ns: int, torque: float, law: Law) -> bool:
+        """Take a sample; whether the torque has driven the shaft too fast for the whole window.
+
+        Args:
+            position: [rad]
+            sampled_ns: Its instant [ns].
+            torque: Commanded torque that acted since the sample before [N·m].
+            law: What is rendered.
+        """
+        positions, instants_ns = self._positions, self._instants_ns
+        at = self._at
+        moved = position - positions[at]  # NaN the first time: compares false
+        last_ns = instants_ns[at]
+        self._at = at = (at + 1) % _KEPT
+        positions[at] = position
+        instants_ns[at] = sampled_ns
+        work = moved * torque
+        if law.guarded:
+            self._count_energy(position, moved, work, sampled_ns - last_ns, law)
+        if torque == 0.0 or not work >= 0.0:
+            self._count = 0
+            return False
+        count = min(self._count + 1, _KEPT - 1)
+        # The shortest window that is long enough.
+        enough_ns = sampled_ns - self._window_ns
+        while count > 1 and instants_ns[at - count + 1] <= enough_ns:
+            count -= 1
+        self._count = count
+        elapsed_ns = sampled_ns - instants_ns[at - count]
+        if elapsed_ns < self._window_ns:
+            return False
+        way = abs(position - positions[at - count])
+        if not way > self._speed * elapsed_ns + self._slack:
+            return False
+        speed = way * 1e9 / elapsed_ns
+        return not law.guarded or self._given > self._own * speed * speed
+
+    def _count_energy(
+        self, position: float, moved: float, work: float, elapsed_ns: int, law: Law
+    ) -> None:
+        limits = self._limits
+        held = 0.0
+        if law.in_contact(position):
+            depth = abs(position - law.position)
+            stiffness, limit = law.stiffness, min(limits.torque_limit, law.clip)
+            if stiffness * depth > limit:
+                held = limit * (depth - 0.5 * limit / stiffness)
+            else:
+                held = 0.5 * stiffness * depth * depth
+        elif work == 0.0:
+            self._given = 0.0
+            return
+        given = self._given
+        if isnan(given):  # the first sample
+            self._given = -held if limits.kicked else 0.0
+            return
+        way = abs(moved)
+        eaten = limits.coulomb * way
+        if elapsed_ns > 0:
+            eaten += limits.damping * way * way * 1e9 / elapsed_ns
+        given += work - eaten
+        self._given = given if given > -held else -held
