@@ -76,16 +76,27 @@ class Config(Section):
         return round(1e9 / self.loop.rate_hz)
 
     @property
-    def planned_speed(self) -> float:
-        """Speed that trips at the nominal supply, which experiments stay below [rad/s]."""
+    def driven_speed(self) -> float:
+        """Speed at the nominal supply that trips where an experiment drives the shaft [rad/s]."""
         most, servo = self.safety.max_speed, self.servo
         if most is not None:
             return most
-        if servo.model is None or servo.kind == "simulated":
+        if servo.kind != "hardware" or servo.model is None:
             return JUMP_SPEED
         from hw.open import no_load_speeds  # not at the top: most configurations have no bus
 
         return DRIVEN_SHARE * no_load_speeds()[servo.model]
+
+    @property
+    def planned_speed(self) -> float:
+        """Speed of which an experiment aims at a share of 0.4 at most [rad/s].
+
+        Where the limit is of the model's making that is 0.8 of ``driven_speed``: the aim is not
+        exceeded within the bounds of the belief.
+        """
+        if self.safety.max_speed is None and self.servo.kind == "hardware":
+            return 2.0 * self.driven_speed
+        return self.driven_speed
 
     @property
     def start_position(self) -> float:
