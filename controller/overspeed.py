@@ -23,6 +23,7 @@ DRIVEN_SHARE: Final = 0.8
 WINDOW_S: Final = 0.01
 """Time over which that speed is measured [s]. One count a tick is 1.53 rad/s at 4096 counts and
 1 kHz; the two counts of slack are 0.31 rad/s over this time."""
+_WINDOW_NS: Final = round(WINDOW_S * 1e9)
 SLACK_COUNTS: Final = 2.0
 OWN_SHARE: Final = 0.5
 """Part of the shaft's kinetic energy that is the wall's own, from which it trips"""
@@ -80,91 +81,108 @@ class DrivenSpeed:
 
     __slots__ = (
         "_at",
+        "_coulomb",
         "_count",
+        "_damping",
         "_given",
         "_instants_ns",
-        "_limits",
+        "_kicked",
         "_own",
+        "_position",
         "_positions",
+        "_sampled_ns",
         "_slack",
         "_speed",
-        "_window_ns",
+        "_torque_limit",
     )
 
     def __init__(self, limits: DrivenLimits) -> None:
-        self._limits = limits
         self._speed = limits.speed * 1e-9
         self._slack = SLACK_COUNTS * limits.position_step
         self._own = 0.5 * OWN_SHARE * limits.inertia
-        self._window_ns = round(WINDOW_S * 1e9)
-        self._positions = [math.nan] * _KEPT
+        self._torque_limit = limits.torque_limit
+        self._damping = limits.damping * 1e9
+        self._coulomb = limits.coulomb
+        self._kicked = limits.kicked
+        self._position = math.nan
+        self._sampled_ns = 0
+        self._positions = [0.0] * _KEPT
         self._instants_ns = [0] * _KEPT
         self._at = 0
-        """Of the last sample"""
+        """Of the last sample in the window"""
         self._count = 0
         """Intervals in the window"""
         self._given = math.nan
         """Work of the torque less friction's, not below what the spring holds [J]"""
 
-    def too_fast(self, position: float, sampled_ns: int, torque: float, law: Law) -> bool:
+    def too_fast(
+        self, position: float, sampled_ns: int, torque: float, contact: bool, law: Law
+    ) -> bool:
         """Take a sample; whether the torque has driven the shaft too fast for the whole window.
 
         Args:
             position: [rad]
             sampled_ns: Its instant [ns].
             torque: Commanded torque that acted since the sample before [N·m].
+            contact: Whether the law acts at this position.
             law: What is rendered.
         """
-        positions, instants_ns = self._positions, self._instants_ns
-        at = self._at
-        moved = position - positions[at]  # NaN the first time: compares false
-        last_ns = instants_ns[at]
-        self._at = at = (at + 1) % _KEPT
-        positions[at] = position
-        instants_ns[at] = sampled_ns
-        work = moved * torque
-        if law.guarded:
-            self._count_energy(position, moved, work, sampled_ns - last_ns, law)
-        if torque == 0.0 or not work >= 0.0:
+        before, before_ns = self._position, self._sampled_ns
+        moved = position - before
+        self._position = position
+        self._sampled_ns = sampled_ns
+        if moved == 0.0:
+            if self._count == 0:
+                return False
+        elif law.guarded:
+            if isnan(moved):  # the first sample
+                self._given = -self._held(position, law) if contact and self._kicked else 0.0
+                return False
+            if contact or torque != 0.0:
+                way = moved if moved > 0.0 else -moved
+                eaten = (self._coulomb + self._damping * way / (sampled_ns - before_ns or 1)) * way
+                given = self._given + moved * torque - eaten
+                if given < 0.0:
+                    held = self._held(position, law) if contact else 0.0
+                    given = max(given, -held)
+                self._given = given
+            else:
+                self._given = 0.0
+        if torque == 0.0 or not moved * torque >= 0.0:
             self._count = 0
             return False
-        count = min(self._count + 1, _KEPT - 1)
+        return self._fast_over_the_window(before, before_ns, law.guarded)
+
+    def _fast_over_the_window(self, before: float, before_ns: int, guarded: bool) -> bool:
+        positions, instants_ns = self._positions, self._instants_ns
+        position, sampled_ns = self._position, self._sampled_ns
+        at, count = self._at, self._count
+        if count == 0:
+            positions[at], instants_ns[at] = before, before_ns
+        self._at = at = (at + 1) % _KEPT
+        positions[at], instants_ns[at] = position, sampled_ns
+        count = count + 1 if count < _KEPT - 1 else count
         # The shortest window that is long enough.
-        enough_ns = sampled_ns - self._window_ns
+        enough_ns = sampled_ns - _WINDOW_NS
         while count > 1 and instants_ns[at - count + 1] <= enough_ns:
             count -= 1
         self._count = count
         elapsed_ns = sampled_ns - instants_ns[at - count]
-        if elapsed_ns < self._window_ns:
+        if elapsed_ns < _WINDOW_NS:
             return False
         way = abs(position - positions[at - count])
         if not way > self._speed * elapsed_ns + self._slack:
             return False
         speed = way * 1e9 / elapsed_ns
-        return not law.guarded or self._given > self._own * speed * speed
+        return not guarded or self._given > self._own * speed * speed
 
-    def _count_energy(
-        self, position: float, moved: float, work: float, elapsed_ns: int, law: Law
-    ) -> None:
-        limits = self._limits
-        held = 0.0
-        if law.in_contact(position):
-            depth = abs(position - law.position)
-            stiffness, limit = law.stiffness, min(limits.torque_limit, law.clip)
-            if stiffness * depth > limit:
-                held = limit * (depth - 0.5 * limit / stiffness)
-            else:
-                held = 0.5 * stiffness * depth * depth
-        elif work == 0.0:
-            self._given = 0.0
-            return
-        given = self._given
-        if isnan(given):  # the first sample
-            self._given = -held if limits.kicked else 0.0
-            return
-        way = abs(moved)
-        eaten = limits.coulomb * way
-        if elapsed_ns > 0:
-            eaten += limits.damping * way * way * 1e9 / elapsed_ns
-        given += work - eaten
-        self._given = given if given > -held else -held
+    def _held(self, position: float, law: Law) -> float:
+        """Energy in the spring, its torque limited [J]."""
+        depth = position - law.position
+        if depth < 0.0:
+            depth = -depth
+        stiffness, limit = law.stiffness, law.clip
+        limit = min(limit, self._torque_limit)
+        if stiffness * depth > limit:
+            return limit * (depth - 0.5 * limit / stiffness)
+        return 0.5 * stiffness * depth * depth

@@ -255,7 +255,7 @@ class Tick:
         if self._outcome is not _OK:
             return
         watch.sample(position, wall, self._measured_torque)
-        if parts.driven.too_fast(position, self._sampled_ns or 0, watch.commanded, wall):
+        if parts.driven.too_fast(position, self._sampled_ns or 0, watch.commanded, contact, wall):
             self.trip = self.trip or Trip.OVERSPEED
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION

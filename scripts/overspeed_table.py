@@ -173,11 +173,11 @@ def played(case: Case) -> Outcome:
     for k in range(round(RUN_S / PERIOD)):
         now_ns = k * 1_000_000
         position = round(state.position / STEP) * STEP
-        acted = believed.acted(1)
-        if math.isnan(fast_s) and alone.too_fast(position, now_ns, acted, program):
+        acted, contact = believed.acted(1), wall.in_contact(position)
+        if math.isnan(fast_s) and alone.too_fast(position, now_ns, acted, contact, program):
             fast_s = k * PERIOD
         jumped = abs(position - last) > fastest * PERIOD + SLACK_COUNTS * STEP
-        if driven.too_fast(position, now_ns, acted, wall) or jumped:
+        if driven.too_fast(position, now_ns, acted, contact, wall) or jumped:
             trip_s = k * PERIOD
             break
         torque = case.sign * wall.torque(position, (position - last) / PERIOD)

@@ -17,11 +17,13 @@ SERVO = DrivenLimits(LIMIT, COUNT, torque_limit=4.1, inertia=0.006, damping=0.00
 def fed(driven, speeds, torque, wall, start=0.0, period=1e-3):
     """Instant of the trip [s], from mean speeds over each period; None: it does not."""
     x, t = start, 0.0
-    driven.too_fast(x, 0, 0.0, wall)
+    driven.too_fast(x, 0, 0.0, wall.in_contact(x), wall)
     for speed in speeds:
         x, t = x + speed * period, t + period
         counted = round(x / COUNT) * COUNT
-        if driven.too_fast(counted, round(t * 1e9), torque(x, speed), wall):
+        if driven.too_fast(
+            counted, round(t * 1e9), torque(x, speed), wall.in_contact(counted), wall
+        ):
             return t
     return None
 
