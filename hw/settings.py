@@ -79,6 +79,9 @@ class DynamixelSettings:
     max_speed: float | None = 0.0
     """Positions that it could reach only faster are refused [rad/s]; 0: none are; None: faster
     than ``Facts.fastest``"""
+    speed_asked: bool = False
+    """``max_speed`` is what somebody has asked for: the start-up says where it is above the servo's
+    no-load speed"""
     emulated: TrueServo | None = None
     """Truth of the emulated servo where the bus is in memory"""
     faults: tuple[str, ...] = ()

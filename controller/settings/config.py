@@ -162,6 +162,7 @@ class Config(Section):
             keep_out=self._inside(),
             period_s=self.period_s,
             max_speed=JUMP_SPEED if emulated and most is None else most,
+            speed_asked=most is not None,
             emulated=self.true_servo() if in_memory else None,
             faults=servo.faults if emulated else (),
             fault_seed=servo.fault_seed,

@@ -205,7 +205,7 @@ class Startup:
         """What it reaches by itself, and whether the speed that trips is below that."""
         alone, most = self._model.no_load_at(self.volts), self._settings.max_speed
         found = f"{alone:.3g} rad/s at {self.volts:g} V"
-        if most is not None and most > alone:
+        if self._settings.speed_asked and most is not None and most > alone:
             found += (
                 f", below safety.max_speed {most:g}: a wall that drives it does not trip, which "
                 "null would change"

@@ -306,3 +306,10 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
     assert rows["torque"][-1] == 0.0
     unlimited, _ = session("emulated-xm430", *sets, "safety.max_speed=1000")
     assert unlimited.stop_reason == "duration"
+
+
+def test_an_encoder_that_jumps_trips_without_a_number():
+    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
+    result, rows = session("emulated-xm430", *sets)
+    assert result.stop_reason == "trip:overspeed"
+    assert rows["torque"][-1] == 0.0
