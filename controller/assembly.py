@@ -15,6 +15,7 @@ from controller.engagement import REST_S, EngageLimits, Engagement, engage_torqu
 from controller.guard.guard import Situation, decide
 from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
 from controller.guard.limits import Plants
+from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
 from controller.rehearsal import Rehearsal, StandInClock
@@ -35,6 +36,8 @@ PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
 which steady motion is, in counts [1]"""
 LIGHTER, HEAVIER = 0.8, 1.6
 """Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
+MEANT_KICK = 0.25 * math.tau
+"""Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
 SLOWEST = 0.05
 """Speed below which passivity control takes energy back no faster [rad/s]"""
 
@@ -85,22 +88,24 @@ def _watch(config: Config, servo: Servo, law: Law) -> Watch:
                 damping=belief.damping.value / gain,
                 coulomb=belief.coulomb.value / gain,
                 position_step=servo.facts.position_step,
-                torque_limit=servo.facts.torque_limit,
+                torque_limit=min(servo.facts.torque_limit, law.clip),
             ),
             answer=answer if law.guarded else "report",
             lag=belief.delay.value,
             inserted=config.delay.steps * config.period_ns * 1e-9,
             patient=law.guarded and config.wall.passivity_control,
             side=SIGNS[config.wall.side],
-            backstop=_backstop(config, servo, bounces=False) if law.guarded else None,
-            bounces=_backstop(config, servo, bounces=True),
+            backstop=_backstop(config, servo, law.clip, bounces=False) if law.guarded else None,
+            bounces=_backstop(config, servo, law.clip, bounces=True),
             damping_high=belief.damping.high / belief.torque_gain.low,
             heavy=belief.inertia.high / belief.torque_gain.low,
         )
     )
 
 
-def _backstop(config: Config, servo: Servo, *, bounces: bool) -> BackstopSettings | None:
+def _backstop(
+    config: Config, servo: Servo, clip: float, *, bounces: bool
+) -> BackstopSettings | None:
     """When the wall is probed for motion of its own; ``bounces``: by its contacts."""
     if bounces and config.wall.side == "both":
         return None
@@ -114,9 +119,24 @@ def _backstop(config: Config, servo: Servo, *, bounces: bool) -> BackstopSetting
         light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
         heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
         rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
-        torque_limit=facts.torque_limit,
+        torque_limit=min(facts.torque_limit, clip),
         acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
         bounces=bounces,
+    )
+
+
+def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
+    """Limits of a motion that the wall drives at ``speed`` [rad/s]."""
+    belief, kick = config.belief(), config.servo.kick
+    gain = belief.torque_gain.high
+    return DrivenLimits(
+        speed=speed,
+        position_step=servo.facts.position_step,
+        torque_limit=servo.facts.torque_limit,
+        inertia=belief.inertia.low / gain,
+        damping=belief.damping.low / gain,
+        coulomb=belief.coulomb.low / gain,
+        kicked=kick is not None and abs(kick) <= MEANT_KICK,
     )
 
 
@@ -150,7 +170,9 @@ def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
     """The wall, which the guard will set, or what an experiment wants in its place."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    return Wall(0.0, 0.0, config.wall.position, config.wall.side)
+    wall = config.wall
+    clip = math.inf if wall.torque_clip is None else wall.torque_clip
+    return Wall(0.0, 0.0, wall.position, wall.side, clip)
 
 
 def tick_parts(
@@ -180,6 +202,10 @@ def tick_parts(
     period_ns = config.period_ns
     period = period_ns * 1e-9
     wall, safety = config.wall, config.safety
+    real = config.servo.kind == "hardware"
+    fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
+    if not (law.guarded or real):
+        driven = math.inf  # a program drives the shaft on purpose, and nothing can be hurt
     return TickParts(
         clock=clock,
         servo=servo,
@@ -189,7 +215,7 @@ def tick_parts(
         ladder=ladder,
         safety=Safety(
             SafetyLimits(
-                max_speed=safety.max_speed,
+                max_speed=fastest,
                 position_step=servo.facts.position_step,
                 max_loss=safety.max_loss,
                 loss_window=max(1, round(safety.loss_window_s / period)),
@@ -198,6 +224,7 @@ def tick_parts(
                 travel_from_start=wall.reference == "start",
             )
         ),
+        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         watch=_watch(config, servo, law),
         passivity=(
             PassivityControl(period, SLOWEST)

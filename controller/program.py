@@ -88,6 +88,7 @@ class Program:
         "_ticks",
         "_wall",
         "_wave_phase",
+        "clip",
         "damping",
         "damping_scale",
         "done",
@@ -116,6 +117,7 @@ class Program:
         self.stiffness = self.damping = self.injected = self.position = 0.0
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
+        self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
         """Always: a program has no outside."""

@@ -15,7 +15,7 @@ class Trip(StrEnum):
     NOT_A_NUMBER = "not_a_number"
     """A position, velocity or torque was NaN or infinite."""
     OVERSPEED = "overspeed"
-    """The position moved further than the speed limit allows."""
+    """The position moved further than the speed limit allows, or the torque drove it too fast."""
     TRAVEL = "travel"
     """The shaft left the range of positions that it may have."""
     OSCILLATION = "oscillation"
@@ -47,8 +47,9 @@ class Trip(StrEnum):
 EXPLANATIONS = {
     Trip.NOT_A_NUMBER: "a position, velocity or torque was not a finite number; this is a defect"
     " or a broken servo: please report it with the log",
-    Trip.OVERSPEED: "the position moved faster than safety.max_speed allows; check the encoder"
-    " and the wall's stability, or raise safety.max_speed",
+    Trip.OVERSPEED: "the position moved faster than safety.max_speed allows, or the torque drove"
+    " it to nearly the servo's no-load speed; check the wall's stability and the encoder, or set"
+    " safety.max_speed",
     Trip.TRAVEL: "the shaft left safety.travel; look at the turns that the start-up line shows,"
     " turn the shaft back by hand, or widen safety.travel",
     Trip.OSCILLATION: "the wall oscillates by itself; ask for less stiffness or damping, let"

@@ -10,6 +10,7 @@ from controller.delay import DelayRing
 from controller.detector.watch import Watch
 from controller.engagement import Engagement
 from controller.guard.ladder import GuardLadder
+from controller.overspeed import DrivenSpeed
 from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
 from controller.telemetry import (
@@ -53,6 +54,7 @@ class TickParts:
     ring: DelayRing
     ladder: GuardLadder
     safety: Safety
+    driven: DrivenSpeed
     watch: Watch
     passivity: PassivityControl | None
     """Puts damping in where the wall gives energy; None: it does not"""
@@ -193,7 +195,7 @@ class Tick:
             self.trip = Trip.NOT_A_NUMBER
         if self.trip is not None:
             torque = 0.0
-        if abs(torque) > self._limit:
+        if abs(torque) > self._limit or abs(torque) >= wall.clip:
             flags |= FLAG_SATURATED
         words = self._words
         if words[_CUT]:
@@ -281,12 +283,14 @@ class Tick:
         if self._outcome is not _OK:
             return
         watch.sample(position, wall, self._measured_torque)
+        if parts.driven.too_fast(position, self._sampled_ns or 0, watch.commanded, contact, wall):
+            self.trip = self.trip or Trip.OVERSPEED
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
         scale = watch.scale
         if wall.guarded and scale * watch.share != self._elastic_scale:
             self._elastic_scale = scale * watch.share
-            wall.elastic_limit = self._elastic_scale * self._limit
+            wall.elastic_limit = self._elastic_scale * min(self._limit, wall.clip)
         wall.scale, wall.damping_scale = scale, watch.damping_scale
         injected = 0.0
         if parts.passivity is not None:

@@ -18,6 +18,7 @@ class Law(Protocol):
         damping: [N·m·s/rad]
         injected: Damping added to it by passivity control [N·m·s/rad]
         position: What the stiffness counts from [rad]
+        clip: Largest torque it commands [N·m]; inf: any.
         phase: Of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
         scale: Of the stiffness, while an oscillation is answered [1].
@@ -32,6 +33,7 @@ class Law(Protocol):
     damping: float
     injected: float
     position: float
+    clip: float
     phase: int
     done: bool
     scale: float
@@ -58,6 +60,7 @@ class Wall:
         damping: [N·m·s/rad]
         injected: Damping added to it by passivity control [N·m·s/rad]
         position: Where the wall's surface is [rad].
+        clip: Largest torque of spring and damper together [N·m]; inf: any.
         one_sided: It never pulls, and so has an outside.
         scale: Of the stiffness, while an oscillation is answered [1].
         damping_scale: Of the damping, with what is injected [1].
@@ -67,6 +70,7 @@ class Wall:
 
     __slots__ = (
         "_sign",
+        "clip",
         "damping",
         "damping_scale",
         "done",
@@ -80,11 +84,19 @@ class Wall:
         "stiffness",
     )
 
-    def __init__(self, stiffness: float, damping: float, position: float, side: Side) -> None:
+    def __init__(
+        self,
+        stiffness: float,
+        damping: float,
+        position: float,
+        side: Side,
+        clip: float = math.inf,
+    ) -> None:
         self.stiffness = stiffness
         self.damping = damping
         self.injected = 0.0
         self.position = position
+        self.clip = clip
         self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
         self.guarded, self.phase, self.done = True, 0, False
@@ -104,6 +116,11 @@ class Wall:
         elif torque < -limit:
             torque = -limit
         torque -= (self.damping + self.injected) * self.damping_scale * velocity
+        clip = self.clip
+        if torque > clip:
+            torque = clip
+        elif torque < -clip:
+            torque = -clip
         sign = self._sign
         if sign == 0:
             return torque

@@ -36,6 +36,16 @@ def torque_models() -> dict[str, bool]:
     }
 
 
+def no_load_speeds() -> dict[str, float]:
+    """No-load speed [rad/s] of the models that can be commanded in torque.
+
+    At the supply that their figures hold for.
+    """
+    from hw.dynamixel.tables import MODELS
+
+    return {model.name: model.no_load_speed for model in MODELS.values() if model.current_mode}
+
+
 def check_fault(spec: str, servo_id: int) -> None:
     """Whether an emulated bus with this servo would take a fault of ``DynamixelSettings.faults``.
 

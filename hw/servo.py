@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from hw.clock import Clock
+
+JUMP_SHARE: Final = 3.0
+"""Of the no-load speed: no shaft is turned faster than this"""
+JUMP_SPEED: Final = 30.0
+"""The same where the no-load speed is not known [rad/s]"""
 
 
 class Outcome(IntEnum):
@@ -62,11 +67,23 @@ class Facts:
     stall_torque: float = math.inf
     """The most it can make at its rated supply, whatever it is limited to [N·m]; infinite: not
     known."""
+    no_load_speed: float = 0.0
+    """Speed that it reaches by itself without a load [rad/s]; 0: not known, or it has none. At the
+    supply that ``start`` found; before, at the one its figures hold for."""
 
     @property
     def position_step(self) -> float:
         """One count of the encoder [rad]; 0: the position is not quantised."""
         return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
+
+    @property
+    def fastest(self) -> float:
+        """Speed above which a change of position is a jump of the encoder [rad/s].
+
+        At three times its no-load speed a shaft that is turned by hand makes three times the
+        supply's voltage.
+        """
+        return JUMP_SHARE * self.no_load_speed or JUMP_SPEED
 
 
 @dataclass(slots=True)

@@ -76,8 +76,12 @@ class DynamixelSettings:
     """Positions the servo must not be in at the start (inside the wall) [rad]; None: anywhere"""
     period_s: float = 1e-3
     """Of the loop that will drive it [s]: what fits on the bus beside a sample"""
-    max_speed: float = 0.0
-    """Positions that it could reach only faster are refused [rad/s]; 0: none are"""
+    max_speed: float | None = 0.0
+    """Positions that it could reach only faster are refused [rad/s]; 0: none are; None: faster
+    than ``Facts.fastest``"""
+    speed_asked: bool = False
+    """``max_speed`` is what somebody has asked for: the start-up says where it is above the servo's
+    no-load speed"""
     emulated: TrueServo | None = None
     """Truth of the emulated servo where the bus is in memory"""
     faults: tuple[str, ...] = ()

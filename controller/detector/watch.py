@@ -76,6 +76,7 @@ class Watch:
         first_alarm_s: When the first alarm came, from when the wall went on [s]; NaN: none has.
         current: What the motion does now.
         acted: Mean torque that acted between the last two samples [N·m].
+        commanded: The same by what was commanded, where ``acted`` was measured [N·m].
         spanned: Periods between them.
         own: What the backstop has seen; None: there is none.
     """
@@ -100,6 +101,7 @@ class Watch:
         "_wait",
         "acted",
         "amplitude",
+        "commanded",
         "current",
         "damping_share",
         "damps",
@@ -135,7 +137,7 @@ class Watch:
         self.own: OwnMotion | None = None
         if settings.backstop is not None:
             self.own = OwnMotion(settings.backstop, settings.bounces, settings.side)
-        self.acted = 0.0
+        self.acted = self.commanded = 0.0
         self.spanned = 1
         self.share = self.damping_share = 1.0
         self.damps = False
@@ -172,7 +174,8 @@ class Watch:
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
-        self.acted = torque = self._mean / periods if isnan(measured) else measured
+        self.commanded = commanded = self._mean / periods
+        self.acted = torque = commanded if isnan(measured) else measured
         self._mean = 0.0
         self._periods = 0
         detector = self._detector

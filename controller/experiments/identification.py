@@ -96,7 +96,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
     return Bounds(
         reach=reach,
         torque=4.1 if limit is None else limit,
-        speed=_SPEED * config.safety.max_speed,
+        speed=_SPEED * config.planned_speed,
         step=step,
         period=config.period_s,
     )

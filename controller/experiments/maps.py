@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,7 +59,11 @@ class Setting:
                 " servo.backend=simulated and the servo's identified values"
             )
         one_sided = config.wall.side != "both"
-        return cls(config.true_servo(), config.period_ns, one_sided, config.wall.velocity_samples)
+        servo = config.true_servo()
+        clip = config.wall.torque_clip
+        if clip is not None:  # to a wall it is the same as the servo's own limit
+            servo = replace(servo, torque_limit=min(clip, servo.torque_limit))
+        return cls(servo, config.period_ns, one_sided, config.wall.velocity_samples)
 
     @property
     def period(self) -> float:

@@ -124,7 +124,7 @@ def measure_rendering(
         phases = push_phases(push, shaking.hold, direction)
         static = static_stiffness(bed.play("rendered-static", phases).rows, phases, push, step)
     tell("3 of 4: the free shaft is moved at several speeds")
-    phases = drag_phases(shaking.hold, config.safety.max_speed)
+    phases = drag_phases(shaking.hold, config.planned_speed)
     moved = drag(bed.play("rendered-drag", phases).rows, phases, fit)
 
     one_sided = wall
@@ -135,7 +135,7 @@ def measure_rendering(
         one_sided.damping,
         1.0 / fit.acceleration,
         limit,
-        config.safety.max_speed,
+        config.planned_speed,
         lag,
     )
     struck: list[Contact] = []

@@ -66,7 +66,7 @@ class Device:
             period=config.period_s,
             velocity_samples=config.wall.velocity_samples,
             torque_limit=limit,
-            max_speed=config.safety.max_speed,
+            max_speed=config.driven_speed,
             position_step=2.0 * np.pi / counts if counts else 0.0,
             worst=(
                 belief.inertia.low / gain.high,

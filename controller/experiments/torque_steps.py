@@ -74,9 +74,7 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
     belief, period = config.belief(), config.period_s
     shortest = SHORTEST * period
     inertia = belief.inertia.low / belief.torque_gain.high
-    fastest = min(
-        4.0 * TRAVEL / shortest**2, 2.0 * SPEED_SHARE * config.safety.max_speed / shortest
-    )
+    fastest = min(4.0 * TRAVEL / shortest**2, 2.0 * SPEED_SHARE * config.planned_speed / shortest)
     torque = min(SHARE * torque_limit, inertia * fastest + belief.coulomb.high)
     friction = belief.coulomb.high / belief.torque_gain.low
     if torque < FRICTION * friction:
@@ -88,8 +86,8 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
     acceleration = torque / inertia
     seconds = max(shortest, math.sqrt(4.0 * TRAVEL / acceleration))
     speed = acceleration * seconds / 2.0
-    if speed > SPEED_SHARE * config.safety.max_speed:
-        seconds *= SPEED_SHARE * config.safety.max_speed / speed
+    if speed > SPEED_SHARE * config.planned_speed:
+        seconds *= SPEED_SHARE * config.planned_speed / speed
         speed = acceleration * seconds / 2.0
     travel = speed * seconds / 2.0
     return StepPlan(torque, seconds, travel, speed, 3.0 * travel + hold.stays_off)

@@ -110,8 +110,12 @@ def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
     """The torque limit as far as the log tells [N·m]."""
     if saturated.any():
         return float(np.abs(run.rows["torque"][saturated]).max())
-    servo = run.config.servo
-    return servo.torque_limit if servo.kind == "hardware" else run.config.true_servo().torque_limit
+    config = run.config
+    limit = config.servo.torque_limit
+    if config.servo.kind != "hardware":
+        limit = config.true_servo().torque_limit
+    known = [torque for torque in (limit, config.wall.torque_clip) if torque is not None]
+    return min(known, default=None)
 
 
 def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:

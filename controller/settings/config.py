@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationInfo, model_validator
 
 from controller.guard.belief import Belief, Bounded
+from controller.overspeed import DRIVEN_SHARE
 from controller.settings.model import (
     Delay,
     Estimate,
@@ -22,6 +23,7 @@ from controller.settings.model import (
 from controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
 from controller.settings.servo import EMULATED, Servo
 from controller.wall import SIGNS
+from hw.servo import JUMP_SPEED
 from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
 if TYPE_CHECKING:
@@ -95,6 +97,29 @@ class Config(Section):
     def period_ns(self) -> int:
         """The sampling period of the grid [ns]."""
         return round(1e9 / self.loop.rate_hz)
+
+    @property
+    def driven_speed(self) -> float:
+        """Speed at the nominal supply that trips where an experiment drives the shaft [rad/s]."""
+        most, servo = self.safety.max_speed, self.servo
+        if most is not None:
+            return most
+        if servo.kind != "hardware" or servo.model is None:
+            return JUMP_SPEED
+        from hw.open import no_load_speeds  # not at the top: most configurations have no bus
+
+        return DRIVEN_SHARE * no_load_speeds()[servo.model]
+
+    @property
+    def planned_speed(self) -> float:
+        """Speed of which an experiment aims at a share of 0.4 at most [rad/s].
+
+        Where the limit is of the model's making that is 0.8 of ``driven_speed``: the aim is not
+        exceeded within the bounds of the belief.
+        """
+        if self.safety.max_speed is None and self.servo.kind == "hardware":
+            return 2.0 * self.driven_speed
+        return self.driven_speed
 
     @property
     def start_position(self) -> float:
@@ -173,7 +198,7 @@ class Config(Section):
         if servo.kind == "simulated":
             return SimulatedSettings(self.true_servo())
         assert servo.port is not None and servo.baud is not None and servo.model is not None
-        emulated = servo.kind == "emulated"
+        emulated, most = servo.kind == "emulated", self.safety.max_speed
         in_memory = emulated and self.loop.clock == "simulated"
         return DynamixelSettings(
             port="" if in_memory else port or servo.port,
@@ -188,7 +213,8 @@ class Config(Section):
             probe_direction=1 if self.wall.side == "below" else -1,
             keep_out=self._inside(),
             period_s=self.period_s,
-            max_speed=self.safety.max_speed,
+            max_speed=JUMP_SPEED if emulated and most is None else most,
+            speed_asked=most is not None,
             emulated=self.true_servo() if in_memory else None,
             faults=servo.faults if emulated else (),
             fault_seed=servo.fault_seed,

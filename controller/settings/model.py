@@ -119,6 +119,12 @@ class Wall(Section):
         description="above: fills the positions above and pushes down; below: fills those below "
         "and pushes up; both: two-sided, always in contact",
     )
+    torque_clip: Positive | None = Field(
+        None,
+        description="Largest torque that the wall commands, spring and damper together; null: "
+        "only servo.torque_limit limits it. It is no part of the quantisation limit",
+        json_schema_extra={"unit": "N·m"},
+    )
     velocity_samples: Whole = Field(
         1,
         ge=1,
@@ -238,11 +244,11 @@ class Model(Section):
 class Safety(Section):
     """What ends a run with torque off."""
 
-    max_speed: float = Field(
-        30.0,
-        gt=0,
-        le=1e6,
-        description="Faster than this trips",
+    max_speed: Positive | None = Field(
+        None,
+        description="Faster than this trips, whoever moves the shaft; null: 0.8 of the model's "
+        "no-load speed where the wall drives it, 3 times that speed for any motion (30 rad/s for "
+        "emulated and simulated servos)",
         json_schema_extra={"unit": "rad/s"},
     )
     engage: Literal["wait", "at-once"] = Field(

@@ -73,7 +73,6 @@ class DynamixelServo:
         self._goal = 0
         self._reply_ns = 0
         """How long replies take, where that is several periods [ns]; 0: they come in time"""
-        self._reach = Reach(settings.max_speed)
         self._alert = False
         self._running = False
         self._known = False
@@ -82,7 +81,8 @@ class DynamixelServo:
         self.waited_ns = 0
         self.trouble = ""
         self.counts = self._link.counts
-        self.facts = self._facts(model.current_limit)
+        self.facts = self._facts(model.current_limit, model.voltage)
+        self._reach = self._new_reach()
 
     def start(self) -> list[Check]:
         """Run the checked start-up; then torque is on, at zero torque.
@@ -132,7 +132,8 @@ class DynamixelServo:
         if ready.reply_ns:
             jitter_ns = 2e9 * self._settings.period_s
             self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
-        self.facts = self._facts(ready.current_limit)
+        self.facts = self._facts(ready.current_limit, ready.volts)
+        self._reach = self._new_reach()
         self._most = self.facts.torque_limit
         self.counts = self._link.counts = BusCounts()
         self._vigil.begin()
@@ -329,7 +330,11 @@ class DynamixelServo:
             )
         )
 
-    def _facts(self, current_limit: int) -> Facts:
+    def _new_reach(self) -> Reach:
+        most = self._settings.max_speed
+        return Reach(self.facts.fastest if most is None else most)
+
+    def _facts(self, current_limit: int, volts: float) -> Facts:
         """The facts, with the torque limit a whole number of steps within every limit."""
         steps = current_limit
         if self._settings.torque_limit > 0.0:
@@ -342,4 +347,5 @@ class DynamixelServo:
             has_bus=True,
             reply_s=self._reply_ns * 1e-9,
             stall_torque=self._model.stall_torque or self._law.torque(self._model.current_limit),
+            no_load_speed=self._model.no_load_at(volts),
         )

@@ -56,6 +56,8 @@ class Ready:
     """Within which it may be driven"""
     law: TorqueLaw
     """Between torque and goal current, at the supply that was found"""
+    volts: float
+    """That supply [V]"""
     reply_ns: int
     """How long a reply takes, if longer than the schedules have for it [ns]; 0: it does not"""
 
@@ -87,6 +89,7 @@ class Startup:
         self._link = link
         self._clock = line.clock
         self._constant = constant
+        self.volts = model.voltage
         self.law = torque_law(model, constant, model.voltage)
         self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
         self._name = f"servo with id {settings.id} on {where}"
@@ -126,7 +129,7 @@ class Startup:
         self.torque_on()
         self.prove_the_sign()
         self.list.refuse_if_unfit()
-        return Ready(self.list.checks, self.current_limit, bounds, self.law, reply_ns)
+        return Ready(self.list.checks, self.current_limit, bounds, self.law, self.volts, reply_ns)
 
     def report_adapter(self) -> None:
         """How long the adapter keeps short replies; what it means shows in the samples' age."""
@@ -152,9 +155,9 @@ class Startup:
     def judge_limits_and_position(self) -> None:
         """The servo's own limit on torque, and where it stands."""
         self.current_limit = self.table.read("current_limit")
+        self.volts = self.table.read("present_input_voltage") / 10
         if self._model.senses_supply_current:
-            volts = self.table.read("present_input_voltage") / 10
-            self.law = torque_law(self._model, self._constant, volts)
+            self.law = torque_law(self._model, self._constant, self.volts)
         most = self._model.current_limit
         self.list.add(
             "current limit",
@@ -167,6 +170,7 @@ class Startup:
             else "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
             "Dynamixel Wizard.",
         )
+        self._report_speed()
         asked = self._settings.torque_limit
         origin = "configured" if self._settings.torque_constant else "stall torque over current"
         if self._model.senses_supply_current:
@@ -196,6 +200,17 @@ class Startup:
             f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad: turn it out by "
             "hand, or move the wall with wall.position.",
         )
+
+    def _report_speed(self) -> None:
+        """What it reaches by itself, and whether the speed that trips is below that."""
+        alone, most = self._model.no_load_at(self.volts), self._settings.max_speed
+        found = f"{alone:.3g} rad/s at {self.volts:g} V"
+        if self._settings.speed_asked and most is not None and most > alone:
+            found += (
+                f", below safety.max_speed {most:g}: a wall that drives it does not trip, which "
+                "null would change"
+            )
+        self.list.add("no-load speed", True, found, "above the speed that trips")
 
     def measure_reply(self) -> int:
         """How long a reply takes, if longer than the schedules have for it [ns]; else 0.

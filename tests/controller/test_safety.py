@@ -119,7 +119,7 @@ def test_travel_counts_turns_and_trips_at_once_beyond_its_ends():
 
 def test_travel_from_the_start_counts_from_the_first_good_reading():
     safety = Safety(replace(LIMITS, travel=(-0.1, 0.1), travel_from_start=True))
-    safety.failed()
+    safety.failed(0)
     assert safety.good(reading(50.0, 1)) is None
     assert safety.good(reading(50.05, 7)) is None
     assert safety.good(reading(50.099, 13)) is None

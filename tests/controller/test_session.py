@@ -10,7 +10,14 @@ import pytest
 
 from controller.session import run_session
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, NO_DEAD_MAN, Telemetry, Word
+from controller.telemetry import (
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    NO_DEAD_MAN,
+    Telemetry,
+    Word,
+)
 from controller.theory import critical_stiffness
 from hw.clock import SimulatedClock
 
@@ -412,4 +419,47 @@ def test_a_position_that_is_not_a_number_trips(monkeypatch):
     result, rows = session("emulated-xm430", "loop.clock=simulated")
     assert result.stop_reason == "trip:not_a_number"
     assert result.torque_off
+    assert rows["torque"][-1] == 0.0
+
+
+FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
+
+
+def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness():
+    """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
+    result, rows = session("emulated-xm430", *FIRST, "wall.torque_clip=0.2", duration=4.0)
+    assert result.stop_reason == "duration"
+    assert result.guard["commanded"]["stiffness"] == 7.0
+    assert np.abs(rows["wall_torque"]).max() == 0.2
+    assert np.abs(rows["torque"]).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
+    assert np.any(rows["flags"] & FLAG_SATURATED)
+    result, _ = session("emulated-xm430", *FIRST, "servo.torque_limit=0.2", duration=0.1)
+    assert result.guard["commanded"]["stiffness"] == 0.0
+    assert result.guard["binding"] == "quantisation"
+
+
+def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo():
+    result, rows = session("emulated-xm430", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
+    assert result.stop_reason == "duration"
+    assert np.abs(np.diff(rows["position"][::10])).max() > 0.01 * 4.82
+
+
+def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
+    """Damping below zero, and friction believed so large that the detector sees nothing."""
+    sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
+    sets += ("wall.damping=-0.1", "servo.kick=0.05", "servo.coulomb=0.02")
+    sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
+    sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
+    result, rows = session("emulated-xm430", *sets)
+    assert result.stop_reason == "trip:overspeed"
+    assert np.abs(np.diff(rows["position"])).max() < 1e-3 * 6.0
+    assert rows["torque"][-1] == 0.0
+    unlimited, _ = session("emulated-xm430", *sets, "safety.max_speed=1000")
+    assert unlimited.stop_reason == "duration"
+
+
+def test_an_encoder_that_jumps_trips_without_a_number():
+    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
+    result, rows = session("emulated-xm430", *sets)
+    assert result.stop_reason == "trip:overspeed"
     assert rows["torque"][-1] == 0.0

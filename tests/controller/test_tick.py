@@ -10,6 +10,7 @@ from controller.detector.watch import Watch, WatchSettings
 from controller.engagement import EngageLimits, Engagement
 from controller.guard.ladder import GuardLadder
 from controller.loop import next_deadline
+from controller.overspeed import DrivenLimits, DrivenSpeed
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import (
     FLAG_CONTACT,
@@ -76,7 +77,7 @@ class Rig:
         self.telemetry = Telemetry.create()
         rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
         self.ladder = GuardLadder(rungs, list(ages), 90.0, 100)
-        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"))
+        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
@@ -86,6 +87,7 @@ class Rig:
                 ring=DelayRing(steps),
                 ladder=self.ladder,
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
+                driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
                 watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
                 most_injected=[0.0] * len(rungs),
@@ -465,3 +467,22 @@ def test_a_wall_from_the_start_is_where_the_first_good_reading_says():
     rig.wall.position = 0.05
     assert on(rig).run(4).wall.position == pytest.approx(18.85)
     assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
+
+
+def test_what_the_wall_drives_near_the_no_load_speed_trips():
+    """The spring came on around the shaft; 5 rad/s, where 4 are allowed."""
+    positions = [0.5 - 0.005 * k for k in range(30)]
+    rig = on(Rig(positions, stiffness=10.0, driven=4.0))
+    ran = next(k for k in range(1, 30) if rig.run(1).tick.trip)
+    assert rig.tick.trip is Trip.OVERSPEED
+    assert rig.servo.sent[-1] == 0.0
+    assert ran in (11, 12), "the first sample, and 10 ms of torque that acted"
+    allowed = on(Rig(positions, stiffness=10.0, driven=6.0))
+    assert not any(allowed.run(1).tick.trip for _ in range(30))
+
+
+def test_the_clip_limits_the_wall_and_is_told_as_saturation():
+    rig = on(Rig([0.1, 0.5, -0.5], steps=1, stiffness=10.0, clip=2.0)).run(3)
+    assert list(rig.rows["wall_torque"]) == pytest.approx([-1.0, -2.0, 2.0])
+    assert rig.servo.sent == pytest.approx([0.0, -1.0, -2.0])
+    assert [bool(flags & FLAG_SATURATED) for flags in rig.rows["flags"]] == [False, False, True]

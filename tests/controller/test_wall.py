@@ -26,6 +26,14 @@ def test_a_one_sided_wall_never_pulls(position, velocity, stiffness, damping):
     assert Wall(stiffness, damping, 0.3, "below").torque(position, velocity) >= 0.0
 
 
+@given(number, number, st.floats(0.01, 5))
+def test_no_torque_is_above_the_clip(position, velocity, clip):
+    for side in ("above", "below", "both"):
+        whole = Wall(10.0, 0.5, 0.3, side).torque(position, velocity)
+        clipped = Wall(10.0, 0.5, 0.3, side, clip).torque(position, velocity)
+        assert clipped == max(-clip, min(clip, whole))
+
+
 @given(number, number)
 def test_below_is_above_in_the_mirror(position, velocity):
     above = Wall(7.0, 0.2, 0.5, "above").torque(position, velocity)
@@ -37,6 +45,7 @@ def test_below_is_above_in_the_mirror(position, velocity):
 def test_nan_comes_out_as_nan(side):
     wall = Wall(10.0, 0.1, 0.0, side)
     assert math.isnan(wall.torque(math.nan, 0.0))
+    assert math.isnan(Wall(10.0, 0.1, 0.0, side, 1.0).torque(math.nan, 0.0))
     inside = {"above": 1.0, "below": -1.0, "both": 1.0}[side]
     assert math.isnan(wall.torque(inside, math.nan))
 

@@ -15,13 +15,10 @@ Source: ROBOTIS e-Manual, specification and "Goal Current" of each model.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from hw.dynamixel.tables import VELOCITY_UNIT, Model
+from hw.dynamixel.tables import Model
 from hw.dynamixel.torque_law import motor_current, resistance, supply_current
-
-_RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +69,13 @@ class Motor:
 def motor_of(model: Model, torque_constant: float) -> Motor:
     """The motor of this model.
 
-    Models without a published no-load speed have one of their factory Velocity Limit: an
-    assumption. Where one is published, it is within 14 % of it.
-
     Args:
         model: Whose figures.
         torque_constant: k_t, which counts instead of the model's [N·m/A].
     """
-    rpm = model.no_load_rpm
-    speed = (
-        model.registers["velocity_limit"].default * VELOCITY_UNIT
-        if rpm is None
-        else rpm * _RAD_S_PER_RPM
-    )
     return Motor(
-        torque_constant, resistance(model), model.voltage / speed, model.senses_supply_current
+        torque_constant,
+        resistance(model),
+        model.voltage / model.no_load_speed,
+        model.senses_supply_current,
     )

@@ -10,6 +10,7 @@ which it could not be talked to as the page describes; 2 is taken.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -19,7 +20,7 @@ from typing import Final
 from hw.dynamixel.tables.factory import FACTORY
 from hw.dynamixel.tables.layout import control_table, fast_read_firmware
 from hw.dynamixel.tables.register import Register
-from hw.dynamixel.tables.units import Family
+from hw.dynamixel.tables.units import VELOCITY_UNIT, Family
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,21 @@ class Model:
         if self.stall_torque is None or self.stall_current is None:
             return None
         return self.stall_torque / self.stall_current
+
+    @property
+    def no_load_speed(self) -> float:
+        """Speed without a load at ``voltage`` [rad/s].
+
+        Where it is not published, the factory's Velocity Limit: an assumption. Where both are
+        known they agree within 14 %.
+        """
+        if self.no_load_rpm is None:
+            return self.registers["velocity_limit"].default * VELOCITY_UNIT
+        return self.no_load_rpm * math.tau / 60.0
+
+    def no_load_at(self, volts: float) -> float:
+        """Speed without a load at this supply [rad/s], in proportion to it."""
+        return self.no_load_speed * volts / self.voltage
 
     @property
     def senses_supply_current(self) -> bool:

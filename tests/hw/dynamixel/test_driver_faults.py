@@ -31,7 +31,7 @@ EVERYTHING_NS = 5 * WATCHED_NS
 """Within which what is watched is noticed"""
 
 
-def moving(*, max_speed: float = MAX_SPEED, **settings: object) -> Bench:
+def moving(*, max_speed: float | None = MAX_SPEED, **settings: object) -> Bench:
     """A started servo that has been brought to ``SPEED`` and is left alone."""
     bench = Bench(FREE, max_speed=max_speed, **settings)  # type: ignore[arg-type]
     bench.servo.start()
@@ -144,6 +144,15 @@ def test_motion_at_the_speed_limit_is_never_refused_even_after_losses() -> None:
         cycle(bench)
     assert set(counts(bench)) == {"lost"}
     assert bench.state.velocity == pytest.approx(SPEED, rel=0.02)
+
+
+def test_the_models_speed_refuses_a_jump_where_no_limit_is_given() -> None:
+    """50 counts in 1 ms are 77 rad/s; three times the no-load speed of an XM430 is 14.5 rad/s."""
+    bench = moving(max_speed=None)
+    fresh(bench)
+    bench.bus.inject("jump:counts=50,for=0.002", bench.clock.now_ns() + 200_000)
+    assert [cycle(bench).outcome for _ in range(10)].count(Outcome.REFUSED) == 2
+    assert counts(bench) == {"refused": 2}
 
 
 def test_without_a_speed_limit_nothing_is_refused() -> None:
