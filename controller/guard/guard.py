@@ -80,6 +80,7 @@ def decide(
             Decision(
                 request=request,
                 delay=delay,
+                period=situation.period,
                 stiffness=settings.margin * least if bound else request.stiffness,
                 damping=float(found.damping[i]),
                 limits=limits,

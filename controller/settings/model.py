@@ -245,6 +245,13 @@ class Safety(Section):
     max_losses_in_row: Whole = Field(
         5, ge=1, le=1000, description="More readings than this lost one after the other trip"
     )
+    max_missed: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="Fraction of the periods of half a second that may be missed; above it "
+        "realtime.profile=strict trips, the others lower stiffness and damping and report it",
+    )
     on_oscillation: Literal["reduce", "trip", "report"] = Field(
         "reduce",
         description="What is done when the wall oscillates by itself: reduce stiffness and damping "
