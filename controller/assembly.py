@@ -10,7 +10,7 @@ import numpy as np
 from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
-from controller.guard.guard import Situation, decide
+from controller.guard.guard import Decision, Situation, decide
 from controller.guard.limits import Plants
 from controller.guard.schedule import (
     RUN,
@@ -59,12 +59,23 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
                 replace(situation, period=interval),
                 [inserted + age * 1e-9 for age in ages_ns],
                 inserted,
+                explained=False,
             )
         )
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
     percentile = config.guard.delay_percentile
     return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
+
+
+def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> Decision:
+    """The schedule's present decision, with the reasons that the schedule leaves out."""
+    decision = schedule.decision
+    situation = replace(_situation(config, servo), period=decision.period)
+    inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
+    delays = [inserted + schedule.age_ns * 1e-9]
+    (again,) = decide(config.request(), config.guard_settings(), situation, delays, inserted)
+    return replace(decision, reasons=again.reasons)
 
 
 def _situation(config: Config, servo: Servo) -> Situation:

@@ -7,7 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from controller.assembly import guard_schedule, most_injected, rehearsal, rendered, tick_parts
+from controller.assembly import (
+    decision_in_force,
+    guard_schedule,
+    most_injected,
+    rehearsal,
+    rendered,
+    tick_parts,
+)
 from controller.defect import defect_text
 from controller.detector.watch import oscillation_report
 from controller.grid import Grid
@@ -167,7 +174,7 @@ def run_session(
         on_block()
         if rehearsed is not None and rehearsed.fault:
             tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
-        decision = schedule.decision
+        decision = decision_in_force(config, servo, schedule)
         return replace(
             result,
             guard=guard_report(config, decision, tick, law, watch),

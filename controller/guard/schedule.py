@@ -38,7 +38,7 @@ RAISE_WINDOWS = 5
 """Windows in a row that must allow a lower bin before it is taken."""
 RUN_BLOCKS = 2
 """Blocks in a row above the bin that lower at once: one stall lies in one block."""
-INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0)
+INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
 """Served intervals that decisions are computed for [periods]."""
 WITHIN = 1.03
 """A bin also takes intervals up to this factor longer: jitter of 17 % of a period adds 3 %."""

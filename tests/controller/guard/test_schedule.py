@@ -210,7 +210,7 @@ def shown(subject, pattern, periods, may_raise=True):
         ([1.0] * 22 + [3.0], 1.25),
         ([1.0] * 34 + [16.0], 6.0),
         ([0.5, 1.5], 1.25),
-        ([1000.0], 64.0),
+        ([1000.0], 60.0),
     ],
 )
 def test_the_interval_that_counts_is_weighted_by_its_time(pattern, counted):
