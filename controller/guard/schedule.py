@@ -40,6 +40,9 @@ RUN_BLOCKS = 2
 """Blocks in a row above the bin that lower at once: one stall lies in one block."""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
 """Served intervals that decisions are computed for [periods]."""
+LONGEST_NS = 60_000_000
+"""Longer intervals than this are left out, but for the first ``_LEAST`` [ns]."""
+_LEAST = 7
 WITHIN = 1.03
 """A bin also takes intervals up to this factor longer: jitter of 17 % of a period adds 3 %."""
 
@@ -61,8 +64,13 @@ def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
 
 
 def interval_bins_ns(period_ns: int) -> list[int]:
-    """Served intervals of the bins [ns], the period first."""
-    return [round(each * period_ns) for each in INTERVAL_BINS]
+    """Served intervals of the bins [ns], the period first.
+
+    Args:
+        period_ns: The sampling period [ns].
+    """
+    intervals = [round(each * period_ns) for each in INTERVAL_BINS]
+    return [ns for k, ns in enumerate(intervals) if k < _LEAST or ns <= LONGEST_NS]
 
 
 def inserted_delay(steps: int, period: float, interval: float) -> float:
