@@ -10,9 +10,10 @@ import numpy as np
 from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
-from controller.guard.guard import Decision, Situation, decide
+from controller.guard.guard import Decision, GuardSettings, Situation, decide
 from controller.guard.limits import Plants
 from controller.guard.schedule import (
+    IRREGULAR_CAP,
     RUN,
     RUN_S,
     GainSchedule,
@@ -55,7 +56,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
         decisions.append(
             decide(
                 config.request(),
-                config.guard_settings(),
+                settings_at(config, interval),
                 replace(situation, period=interval),
                 [inserted + age * 1e-9 for age in ages_ns],
                 inserted,
@@ -74,8 +75,17 @@ def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> D
     situation = replace(_situation(config, servo), period=decision.period)
     inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
     delays = [inserted + schedule.age_ns * 1e-9]
-    (again,) = decide(config.request(), config.guard_settings(), situation, delays, inserted)
+    settings = settings_at(config, decision.period)
+    (again,) = decide(config.request(), settings, situation, delays, inserted)
     return replace(decision, reasons=again.reasons)
+
+
+def settings_at(config: Config, interval: float) -> GuardSettings:
+    """How cautious the guard is where a tick happens once in ``interval`` [s]."""
+    settings = config.guard_settings()
+    if interval <= config.period_ns * 1e-9:
+        return settings
+    return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
 def _situation(config: Config, servo: Servo) -> Situation:

@@ -87,7 +87,7 @@ class Tick:
         self._words = parts.telemetry.words
         self._position = math.nan
         self._sampled_ns: int | None = None
-        self._woke_ns = 0  # when the tick before began; 0: there was none
+        self._woke_ns = 0  # when the last tick began whose reading did not fail; 0: none
         self._limit = parts.servo.facts.torque_limit
         self._work_ns = 0
         self._bus_ns = 0
@@ -196,8 +196,12 @@ class Tick:
 
         sampled_ns = self._sampled_ns
         age_ns = 0
-        interval_ns = woke_ns - self._woke_ns if self._woke_ns else parts.period_ns
-        self._woke_ns = woke_ns
+        interval_ns = 0
+        outcome = self._outcome
+        if outcome is _OK or outcome is _WAITING:
+            # To the next tick with a sample: one that lost its reading is part of the interval.
+            interval_ns = woke_ns - self._woke_ns if self._woke_ns else parts.period_ns
+            self._woke_ns = woke_ns
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
             may_raise = not contact or self._at_surface()

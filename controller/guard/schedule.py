@@ -5,9 +5,10 @@ are computed before the start, for bins of the sample age and bins of the interv
 ticks that really happen, and the tick only picks the pair of bins.
 
 The interval counts as the sampling period of the theory. Over a block of ``RUN_S`` it is
-``sum(D²) / sum(D)``, where D is the time from one executed tick to the next. With an age a the mean
-age of the torque that acts is then ``a + sum(D²) / (2 sum(D))``. Skipped periods and late ticks
-lengthen D. Ticks without a new sample (lost, or no reply yet) do not: they raise the age.
+``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With an age a
+the mean age of the torque that acts is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
+ticks and ticks whose reading failed lengthen D. Ticks in which no reply is due yet do not: they
+raise the age.
 
 Each of the two is smoothed by the same rule. Over a window, a high percentile picks the bin. A run
 above the bin lowers the gains at once, without waiting for the window; a single hiccup does
@@ -40,11 +41,16 @@ RUN_BLOCKS = 2
 """Blocks in a row above the bin that lower at once: one stall lies in one block."""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
 """Served intervals that decisions are computed for [periods]."""
+IRREGULAR_CAP = 0.5
+"""Factor on ``guard.damping_cap`` in all bins but the first: damping near the ceiling of the
+weighted interval is above the ceiling of the longest ones, and some repeated patterns then grow at
+0.8 of the limit."""
 LONGEST_NS = 60_000_000
 """Longer intervals than this are left out, but for the first ``_LEAST`` [ns]."""
 _LEAST = 7
-WITHIN = 1.03
-"""A bin also takes intervals up to this factor longer: jitter of 17 % of a period adds 3 %."""
+WITHIN = 1.05
+"""A bin also takes intervals up to this factor longer: jitter of 22 % of a period adds 5 %, one
+lost reading in fifty 4 %."""
 
 
 def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
@@ -250,7 +256,8 @@ class GainSchedule:
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
-            interval_ns: From the tick before to this one [ns].
+            interval_ns: From the last tick whose reading did not fail to this one [ns]; 0: the
+                reading of this one failed, and the interval goes on.
             may_raise: The wall's spring is at rest, so the stiffness may go up.
         """
         age, interval = self._age, self._interval

@@ -267,8 +267,8 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed):
     shown(subject, pattern, 5000)
     true = (pattern**2).sum() / pattern.sum()
     counted = subject.interval_ns / PERIOD
-    assert counted * 1.06 >= true, "3 % within a bin, 3 % for where blocks begin in the pattern"
-    above = [each for each in INTERVAL_BINS if each >= 1.06 * true]
+    assert counted * 1.08 >= true, "5 % within a bin, 3 % for where blocks begin in the pattern"
+    above = [each for each in INTERVAL_BINS if each >= 1.03 * true]
     assert counted <= above[0], "and no further than the next bin"
 
 
