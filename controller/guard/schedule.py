@@ -101,6 +101,7 @@ class BinFilter:
         window: Observations in a window.
         run: Observations in a row above the bin that lower at once.
         settle: Observations that are enough for ``settle`` to take a lower bin.
+        spare: Observations that a window, however short, always leaves uncovered.
     """
 
     __slots__ = (
@@ -113,16 +114,20 @@ class BinFilter:
         "_run_length",
         "_seen",
         "_settle",
+        "_spare",
         "_window",
         "bin",
     )
 
-    def __init__(self, bins: int, percentile: float, window: int, run: int, settle: int) -> None:
+    def __init__(
+        self, bins: int, percentile: float, window: int, run: int, settle: int, spare: int = 0
+    ) -> None:
         self._counts = [0] * bins
         self._percent_above = 100.0 - percentile
         self._window = window
         self._run_length = run
         self._settle = settle
+        self._spare = spare
         self._seen = 0
         self._run = 0
         self._run_bin = 0
@@ -164,7 +169,7 @@ class BinFilter:
         self._run = self._raise_windows = 0
 
     def _percentile_bin(self) -> int:
-        allowed = self._seen * self._percent_above / 100.0
+        allowed = max(self._seen * self._percent_above / 100.0, self._spare)
         above = 0
         for found in range(len(self._counts) - 1, -1, -1):
             above += self._counts[found]
@@ -219,7 +224,7 @@ class GainSchedule:
         self._edges = [WITHIN * each for each in intervals_ns]
         self._age = BinFilter(len(ages_ns), percentile, window, run, SETTLE)
         blocks = max(RUN_BLOCKS, window // run)
-        self._interval = BinFilter(len(intervals_ns), percentile, blocks, RUN_BLOCKS, 1)
+        self._interval = BinFilter(len(intervals_ns), percentile, blocks, RUN_BLOCKS, 1, spare=1)
         self._block_ns = run * intervals_ns[0]
         self._span_ns = 0
         self._squares = 0.0

@@ -241,6 +241,15 @@ def test_one_stall_a_second_changes_nothing(stall):
     assert shown(subject, [1.0] * 1000 + [stall], 20_000) == []
 
 
+@pytest.mark.parametrize("before", [0, 20, 300])
+def test_one_stall_in_the_warm_up_changes_nothing(before):
+    """It makes its block longer, so that the half second holds fewer than ten of them."""
+    subject = intervals()
+    shown(subject, [1.0] * before + [30.0] + [1.0] * (500 - before), 530)
+    subject.settle()
+    assert subject.interval_ns == PERIOD
+
+
 def test_stalls_that_come_again_and_again_do():
     subject = intervals()
     shown(subject, [1.0] * 100 + [8.0], 5000)
