@@ -245,7 +245,7 @@ def test_one_stall_a_second_changes_nothing(stall):
 def test_one_stall_in_the_warm_up_changes_nothing(before):
     """It makes its block longer, so that the half second holds fewer than ten of them."""
     subject = intervals()
-    shown(subject, [1.0] * before + [30.0] + [1.0] * (500 - before), 530)
+    shown(subject, [1.0] * before + [30.0] + [1.0] * (470 - before), 500)
     subject.settle()
     assert subject.interval_ns == PERIOD
 
