@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,9 +13,18 @@ from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
-from controller.guard.guard import Situation, decide
-from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
+from controller.guard.guard import Decision, GuardSettings, Situation, decide
 from controller.guard.limits import Plants
+from controller.guard.schedule import (
+    IRREGULAR_CAP,
+    RUN,
+    RUN_S,
+    GainSchedule,
+    age_bins_ns,
+    inserted_delay,
+    interval_bins_ns,
+)
+from controller.missed import MissedPeriods
 from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
@@ -42,25 +52,51 @@ SLOWEST = 0.05
 """Speed below which passivity control takes energy back no faster [rad/s]"""
 
 
-def guard_ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
-    """The guard's decisions for every sample age that may come."""
+def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+    """The guard's decisions for every sample age and every served interval that may come."""
     situation = _situation(config, servo)
     period = situation.period
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
-    inserted = config.delay.steps * period
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    decisions = decide(
-        config.request(),
-        config.guard_settings(),
-        situation,
-        [inserted + age * 1e-9 for age in ages_ns],
-        inserted,
-    )
+    intervals_ns = interval_bins_ns(config.period_ns)
+    decisions = []
+    for interval in (each * 1e-9 for each in intervals_ns):
+        inserted = inserted_delay(config.delay.steps, period, interval)
+        decisions.append(
+            decide(
+                config.request(),
+                settings_at(config, interval),
+                replace(situation, period=interval),
+                [inserted + age * 1e-9 for age in ages_ns],
+                inserted,
+                explained=False,
+            )
+        )
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
-    return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window, run)
+    percentile = config.guard.delay_percentile
+    return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
+
+
+def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> Decision:
+    """The schedule's present decision, with the reasons that the schedule leaves out."""
+    decision = schedule.decision
+    situation = replace(_situation(config, servo), period=decision.period)
+    inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
+    delays = [inserted + schedule.age_ns * 1e-9]
+    settings = settings_at(config, decision.period)
+    (again,) = decide(config.request(), settings, situation, delays, inserted)
+    return replace(decision, reasons=again.reasons)
+
+
+def settings_at(config: Config, interval: float) -> GuardSettings:
+    """How cautious the guard is where a tick happens once in ``interval`` [s]."""
+    settings = config.guard_settings()
+    if interval <= config.period_ns * 1e-9:
+        return settings
+    return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
 def _situation(config: Config, servo: Servo) -> Situation:
@@ -140,30 +176,32 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
     )
 
 
-def most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[float]:
+def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[float]:
     """Damping that may be added to each decision's [N·m·s/rad].
 
     Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
     what one encoder count may command. None where the wall is to be passive: any damping that is
     added lowers the stiffness up to which it is.
     """
+    decisions = schedule.decisions
     if config.guard.mode == "passive":
-        return [0.0] * len(ladder.decisions)
+        return [0.0] * len(decisions)
     situation = _situation(config, servo)
-    delays = np.array([decision.delay for decision in ladder.decisions])
+    delays = np.array([decision.delay for decision in decisions])
+    periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
     samples = config.wall.velocity_samples
-    best = peak(at.inertia, at.damping, at.period, at.delay, samples).virtual_damping / at.gain
+    best = peak(at.inertia, at.damping, periods, at.delay, samples).virtual_damping / at.gain
     if step := situation.position_step:
         share = config.guard.quantisation_share * situation.torque_limit
-        best = np.minimum(best, share * samples * situation.period / step)
-    asked = np.array([decision.damping for decision in ladder.decisions])
+        best = np.minimum(best, share * samples * periods / step)
+    asked = np.array([decision.damping for decision in decisions])
     most: list[float] = np.maximum(best - asked, 0.0).tolist()
     return most
 
 
 def _ages_ns(config: Config, servo: Servo) -> list[int]:
-    return rung_ages_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
+    return age_bins_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
 
 
 def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
@@ -180,7 +218,7 @@ def tick_parts(
     clock: Clock,
     servo: Servo,
     telemetry: Telemetry,
-    ladder: GuardLadder,
+    schedule: GainSchedule,
     law: Law,
     injected: Sequence[float],
     *,
@@ -193,9 +231,9 @@ def tick_parts(
         clock: What the loop runs on.
         servo: Opened, and started if it is to have found out its limits.
         telemetry: Where rows go.
-        ladder: The guard's decisions.
+        schedule: The guard's decisions.
         law: What is rendered.
-        injected: ``most_injected`` of the ladder.
+        injected: ``most_injected`` of the schedule.
         engage_at_once: The wall comes on wherever the shaft is, as it does where the configuration
             says so. A program always does: it starts where the shaft is.
     """
@@ -212,7 +250,7 @@ def tick_parts(
         wall=law,
         velocity=velocity_estimator(period, wall.velocity_samples),
         ring=DelayRing(config.delay.steps),
-        ladder=ladder,
+        schedule=schedule,
         safety=Safety(
             SafetyLimits(
                 max_speed=fastest,
@@ -225,6 +263,8 @@ def tick_parts(
             )
         ),
         driven=DrivenSpeed(_driven_limits(config, servo, driven)),
+        missed=MissedPeriods(period_ns, safety.max_missed),
+        trips_on_missed=config.realtime.profile == "strict",
         watch=_watch(config, servo, law),
         passivity=(
             PassivityControl(period, SLOWEST)
@@ -251,7 +291,7 @@ def tick_parts(
 def rehearsal(
     config: Config,
     servo: Servo,
-    ladder: GuardLadder,
+    schedule: GainSchedule,
     injected: Sequence[float],
     program: Sequence[Phase],
 ) -> Rehearsal:
@@ -260,8 +300,8 @@ def rehearsal(
     Args:
         config: The effective configuration.
         servo: The one that a stand-in is wanted of; nothing is asked of it.
-        ladder: The guard's decisions.
-        injected: ``most_injected`` of the ladder.
+        schedule: The guard's decisions.
+        injected: ``most_injected`` of the schedule.
         program: What is rendered in place of the wall.
     """
     clock = StandInClock()
@@ -269,7 +309,7 @@ def rehearsal(
     law = rendered(config, stand_in, program)
     memory = Telemetry.scratch()
     parts = tick_parts(
-        config, clock, stand_in, memory, ladder.anew(), law, injected, engage_at_once=True
+        config, clock, stand_in, memory, schedule.anew(), law, injected, engage_at_once=True
     )
     tick = Tick(parts)
     tick.wall_on()

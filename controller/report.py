@@ -91,7 +91,7 @@ def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
 
 
 def _warnings(ended: Ended) -> list[str]:
-    warnings = list(ended.warnings)
+    warnings = [*ended.warnings, *(ended.result or {}).get("warnings", [])]
     for setting in ended.realtime:
         if not setting["ok"]:
             warnings.append(

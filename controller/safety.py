@@ -24,6 +24,8 @@ class Trip(StrEnum):
     """No reading was good for too long; older versions counted the readings, hence the name."""
     LOSS_RATE = "loss_rate"
     """Too large a share of the readings in the window failed."""
+    MISSED_PERIODS = "missed_periods"
+    """Too large a fraction of the periods had no tick."""
     HARDWARE_ERROR = "hardware_error"
     """The servo has latched a hardware error."""
     TORQUE_LOST = "torque_lost"
@@ -58,6 +60,9 @@ EXPLANATIONS = {
     " check cable, power, baud rate and adapter",
     Trip.LOSS_RATE: "a larger share of the readings failed than safety.max_loss allows; check"
     " cable, power, baud rate and adapter, or lower loop.rate_hz",
+    Trip.MISSED_PERIODS: "the loop missed a larger fraction of its periods than safety.max_missed"
+    " allows; find what holds its core (report key timing), lower loop.rate_hz, or let"
+    " realtime.profile be best-effort, which makes the wall softer instead",
     Trip.HARDWARE_ERROR: "the servo has latched a hardware error (overload, overheating, voltage,"
     " encoder or shock); let it cool, check its supply, then reboot it",
     Trip.TORQUE_LOST: "the servo answers, but its torque is gone: its Bus Watchdog after a stall,"

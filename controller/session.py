@@ -7,7 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from controller.assembly import guard_ladder, most_injected, rehearsal, rendered, tick_parts
+from controller.assembly import (
+    decision_in_force,
+    guard_schedule,
+    most_injected,
+    rehearsal,
+    rendered,
+    tick_parts,
+)
 from controller.defect import defect_text
 from controller.detector.watch import oscillation_report
 from controller.grid import Grid
@@ -17,7 +24,7 @@ from controller.loop import waiter_for
 from controller.program import Phase
 from controller.realtime import freeze_garbage, reserve_memory
 from controller.safety import Trip
-from controller.session_report import delay_report, guard_report
+from controller.session_report import delay_report, guard_report, missed_warnings
 from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
@@ -65,6 +72,8 @@ class Result:
     wall_came_on: bool = False
     waited_for: str = ""
     """What a wall that never came on waited for; empty: it came on, or did not get so far"""
+    warnings: list[str] = field(default_factory=list)
+    """What the loop itself warns of"""
 
 
 def run_session(
@@ -110,11 +119,11 @@ def run_session(
         # within every period of its Bus Watchdog.
         limit = servo.facts.torque_limit
         simulated = isinstance(clock, SimulatedClock)
-        ladder = guard_ladder(config, servo, simulated)
-        injected = most_injected(config, servo, ladder)
+        schedule = guard_schedule(config, servo, simulated)
+        injected = most_injected(config, servo, schedule)
         rehearsed = None
         if config.realtime.rehearse and not simulated:
-            rehearsed = rehearsal(config, servo, ladder, injected, program)
+            rehearsed = rehearsal(config, servo, schedule, injected, program)
         freeze_garbage()
         reserve_memory()
         late = prepare()
@@ -125,12 +134,12 @@ def run_session(
             checks = servo.start()
             # The servo's own Current Limit is another, or replies come later than was thought.
             if servo.facts.torque_limit != limit or servo.facts.reply_s:
-                ladder = guard_ladder(config, servo, simulated)
-                injected = most_injected(config, servo, ladder)
+                schedule = guard_schedule(config, servo, simulated)
+                injected = most_injected(config, servo, schedule)
             passed = f", {len(checks)} start-up checks passed" if checks else ""
             tell(f"{servo.facts.name}: torque is on{passed}")
         law = rendered(config, servo, program)
-        parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
+        parts = tick_parts(config, clock, servo, telemetry, schedule, law, injected)
         watch = parts.watch
         tick = Tick(parts)
         grid = Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
@@ -170,13 +179,14 @@ def run_session(
         on_block()
         if rehearsed is not None and rehearsed.fault:
             tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
-        decision = ladder.decision
+        decision = decision_in_force(config, servo, schedule)
         return replace(
             result,
-            guard=guard_report(decision, tick, law, watch),
+            guard=guard_report(config, decision, tick, law, watch),
             oscillation=oscillation_report(watch),
-            delay=delay_report(config, decision, ladder.age_ns),
+            delay=delay_report(config, decision, schedule.age_ns),
             timing=None if late is None else late.report(),
+            warnings=missed_warnings(config, parts.missed),
         )
     except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
         return _with_defect(result, error)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from controller.detector.watch import Watch
+from controller.guard.delay_parts import ms
 from controller.guard.guard import Decision, decision_report
+from controller.guard.schedule import inserted_delay
+from controller.missed import MissedPeriods
 from controller.settings.config import Config
 from controller.tick import Tick
 from controller.wall import Law
@@ -13,7 +16,8 @@ from controller.wall import Law
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
     """The parts of the delay that the guard counted with, and their sum [s]."""
-    inserted = config.delay.steps * config.period_ns * 1e-9
+    period = config.period_ns * 1e-9
+    inserted = inserted_delay(config.delay.steps, period, decision.period)
     return {
         "inserted": inserted,
         "device": config.belief().delay.high,
@@ -26,7 +30,9 @@ def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole else 100.0
 
 
-def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict[str, Any]:
+def guard_report(
+    config: Config, decision: Decision, tick: Tick, law: Law, watch: Watch
+) -> dict[str, Any]:
     """The guard's decision, with what is really commanded at the end, and why that differs."""
     report = decision_report(decision)
     if not law.guarded:
@@ -34,6 +40,12 @@ def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict
     stiffness, damping = tick.commanded
     report["commanded"] = {"stiffness": stiffness, "damping": damping}
     reasons = list(decision.reasons)
+    period = config.period_ns * 1e-9
+    if decision.period > period:
+        reasons.append(
+            f"a tick is executed every {ms(decision.period)} instead of every {ms(period)}, which "
+            "counts as the period; report key timing says what makes ticks late"
+        )
     if watch.share < 1.0:
         left = _percent(stiffness, decision.stiffness)
         damping_left = _percent(damping, decision.damping)
@@ -50,3 +62,14 @@ def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict
         )
     report["reasons"] = reasons
     return report
+
+
+def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:
+    """One warning where more periods were missed than ``safety.max_missed`` allows."""
+    if not missed.exceeded:
+        return []
+    return [
+        f"in the worst half second the loop missed {missed.worst:.0%} of its periods, more than "
+        f"safety.max_missed ({config.safety.max_missed:.0%}); stiffness and damping follow the "
+        "interval that is really served (guard.interval_s)"
+    ]

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from controller.delay import DelayRing
 from controller.detector.watch import Watch
 from controller.engagement import Engagement
-from controller.guard.ladder import GuardLadder
+from controller.guard.schedule import GainSchedule
+from controller.missed import MissedPeriods
 from controller.overspeed import DrivenSpeed
 from controller.passivity_control import PassivityControl
 from controller.safety import Safety, Trip
@@ -41,6 +42,13 @@ _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
 _HELD_NS = int(Word.HELD_NS)
+JITTER = 0.1
+"""An interval between samples that is this near to whole periods counts as whole [periods]. A
+loop that serves a tick every 1.5 periods is far from it: divided by 2, its velocity would leave
+a quarter of the damping out."""
+SHORTEST = 0.5
+"""The shortest interval that a velocity is taken over [periods]: over a very short one, which
+follows a late tick, one encoder count would be a high speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +60,17 @@ class TickParts:
     wall: Law
     velocity: VelocityEstimator
     ring: DelayRing
-    ladder: GuardLadder
+    schedule: GainSchedule
     safety: Safety
     driven: DrivenSpeed
+    missed: MissedPeriods
+    trips_on_missed: bool
+    """Too many missed periods end the run; else they only lower stiffness and damping"""
     watch: Watch
     passivity: PassivityControl | None
     """Puts damping in where the wall gives energy; None: it does not"""
     most_injected: Sequence[float]
-    """Damping that may be put in, for each rung of the ladder [N·m·s/rad]"""
+    """Damping that may be put in, for each decision of the schedule [N·m·s/rad]"""
     telemetry: Telemetry
     period_ns: int
     ramp_ticks: int
@@ -90,6 +101,7 @@ class Tick:
         self._words = parts.telemetry.words
         self._position = math.nan
         self._sampled_ns: int | None = None
+        self._woke_ns = 0  # when the last tick began whose reading did not fail; 0: none
         self._limit = parts.servo.facts.torque_limit
         self._work_ns = 0
         self._bus_ns = 0
@@ -113,7 +125,7 @@ class Tick:
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
         self._on = False  # the wall acts
-        self._most_decided = max(decision.stiffness for decision in parts.ladder.decisions)
+        self._most_decided = max(decision.stiffness for decision in parts.schedule.decisions)
         self.came_on = False
         self.trip: Trip | None = None
         self.done = False
@@ -126,8 +138,8 @@ class Tick:
     def wall_on(self) -> None:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
         parts = self._parts
-        parts.ladder.settle()
-        decision = parts.ladder.decision
+        parts.schedule.settle()
+        decision = parts.schedule.decision
         if parts.wall.guarded:
             parts.wall.stiffness = decision.stiffness
             parts.wall.damping = decision.damping
@@ -137,11 +149,11 @@ class Tick:
         self.warm_up = False
 
     def _take_delay(self) -> None:
-        """Count with the delay that the ladder has found."""
+        """Count with the delay that the schedule has found."""
         parts = self._parts
-        self._delay_s = parts.ladder.decision.delay
-        parts.watch.set_age(parts.ladder.age_ns * 1e-9)
-        self._most_injected = parts.most_injected[parts.ladder.rung]
+        self._delay_s = parts.schedule.decision.delay
+        parts.watch.set_age(parts.schedule.age_ns * 1e-9)
+        self._most_injected = parts.most_injected[parts.schedule.index]
         if parts.passivity is not None:
             parts.passivity.cap = self._most_injected
 
@@ -182,6 +194,8 @@ class Tick:
         flags = 0
         wall_torque = 0.0
         contact = wall.in_contact(position)
+        if missed:
+            self._count_missed(deadline_ns, missed)
         on = (self._on and woke_ns <= self._words[_HELD_NS]) or self._engage(woke_ns, contact)
         if not on:
             flags = FLAG_WARM_UP if self.warm_up else FLAG_OFF
@@ -191,10 +205,7 @@ class Tick:
         if contact:
             flags |= FLAG_CONTACT
         torque = parts.ring.push(wall_torque, periods)
-        if self.trip is None and not math.isfinite(torque):
-            self.trip = Trip.NOT_A_NUMBER
-        if self.trip is not None:
-            torque = 0.0
+        torque = self._checked(torque)
         if abs(torque) > self._limit or abs(torque) >= wall.clip:
             flags |= FLAG_SATURATED
         words = self._words
@@ -210,9 +221,16 @@ class Tick:
 
         sampled_ns = self._sampled_ns
         age_ns = 0
+        interval_ns = 0
+        outcome = self._outcome
+        if outcome is _OK or outcome is _WAITING:
+            # To the next tick with a sample: one that lost its reading is part of the interval.
+            interval_ns = woke_ns - self._woke_ns if self._woke_ns else parts.period_ns
+            self._woke_ns = woke_ns
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
-            self._follow_guard(age_ns, may_raise=not contact or not on or self._may_rise())
+            may_raise = not contact or not on or self._may_rise()
+            self._follow_guard(age_ns, interval_ns, may_raise)
         parts.telemetry.write(
             deadline_ns,
             woke_ns - deadline_ns,
@@ -267,12 +285,17 @@ class Tick:
         self._sampled_ns = sampled_ns
         if last_ns is None and parts.wall_from_start and self.trip is None:
             parts.wall.position += position
-        # The periods that really passed between the samples, whatever came in between: lost
+        # The time that really passed between the samples, whatever came in between: lost
         # readings, skipped periods, and a tick that was served late, which the grid counts only
-        # afterwards. Whole ones, so that jitter of the instants does not reach the velocity.
-        period_ns = parts.period_ns
-        periods = 1 if last_ns is None else (sampled_ns - last_ns + period_ns // 2) // period_ns
-        self._velocity = velocity = parts.velocity.update(position, periods if periods > 1 else 1)
+        # afterwards. Whole periods where that is nearly so: jitter does not reach the velocity.
+        periods = 1.0
+        if last_ns is not None:
+            periods = (sampled_ns - last_ns) / parts.period_ns
+            whole = round(periods)
+            if abs(periods - whole) <= JITTER and whole:
+                periods = whole
+            periods = max(periods, SHORTEST)
+        self._velocity = velocity = parts.velocity.update(position, periods)
         return velocity
 
     def _look(self, position: float, contact: bool, periods: int) -> None:
@@ -313,7 +336,7 @@ class Tick:
         if self._outcome is _OK or self._outcome is _WAITING:  # slow replies: the last place counts
             stiffness = max(wall.stiffness, self._target)
             if self.warm_up:
-                stiffness = parts.ladder.decision.stiffness
+                stiffness = parts.schedule.decision.stiffness
             gate.sample(stiffness, self._position - wall.position if contact else 0.0)
         if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
             return False
@@ -331,15 +354,29 @@ class Tick:
         rise = self._most_decided - wall.stiffness
         return parts.engagement.may_rise(rise, self._position - wall.position)
 
-    def _follow_guard(self, age_ns: int, may_raise: bool) -> None:
-        """Count the age; move the commanded stiffness and damping together if need be."""
+    def _checked(self, torque: float) -> float:
+        """The torque that may be sent [N·m]: none once a trip has come."""
+        if self.trip is None and not math.isfinite(torque):
+            self.trip = Trip.NOT_A_NUMBER
+        return torque if self.trip is None else 0.0
+
+    def _count_missed(self, deadline_ns: int, missed: int) -> None:
+        """Count periods that had no tick; too many may end the run."""
+        parts = self._parts
+        if self.warm_up or self.trip is not None:
+            return
+        if parts.missed.count(deadline_ns, missed) and parts.trips_on_missed:
+            self.trip = Trip.MISSED_PERIODS
+
+    def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> None:
+        """Count age and interval; move the commanded stiffness and damping together if need be."""
         parts = self._parts
         wall, watch = parts.wall, parts.watch
         if self._words[_RAISE] != self._raises:
             self._raises = self._words[_RAISE]
             watch.raise_again()
         share = watch.share
-        changed = parts.ladder.observe(age_ns, may_raise)
+        changed = parts.schedule.observe(age_ns, interval_ns, may_raise)
         if (changed or share != self._share) and not self.warm_up:
             if changed:
                 self._take_delay()
@@ -360,7 +397,7 @@ class Tick:
 
     def _allowed(self) -> tuple[float, float]:
         """The decision in force, or the share that an oscillation has left."""
-        decision = self._parts.ladder.decision
+        decision = self._parts.schedule.decision
         return (
             min(decision.stiffness, self._most_stiffness) * self._share,
             min(decision.damping, self._most_damping) * self._damping_share,

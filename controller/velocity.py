@@ -8,10 +8,11 @@ from typing import Protocol
 class VelocityEstimator(Protocol):
     """Estimates velocity from positions that arrive one a period, some of them missing."""
 
-    def update(self, position: float, periods: int) -> float:
+    def update(self, position: float, periods: float) -> float:
         """Velocity [rad/s] from a new position [rad], ``periods`` after the last good one.
 
-        The first call has no history and returns 0.
+        ``periods`` is greater than 0 and need not be whole: a tick may be late. The first call has
+        no history and returns 0.
         """
         ...
 
@@ -31,7 +32,7 @@ class BackwardDifference:
         self._period = period
         self._last: float | None = None
 
-    def update(self, position: float, periods: int) -> float:
+    def update(self, position: float, periods: float) -> float:
         """See ``VelocityEstimator``."""
         last, self._last = self._last, position
         return 0.0 if last is None else (position - last) / (periods * self._period)
@@ -52,10 +53,10 @@ class SampleDifference:
     def __init__(self, period: float, samples: int) -> None:
         self._period = period
         self._samples = samples
-        self._index = 0
-        self._history: list[tuple[int, float]] = []
+        self._index = 0.0
+        self._history: list[tuple[float, float]] = []
 
-    def update(self, position: float, periods: int) -> float:
+    def update(self, position: float, periods: float) -> float:
         """See ``VelocityEstimator``."""
         self._index += periods
         history = self._history

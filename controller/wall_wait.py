@@ -95,7 +95,7 @@ class WallWait:
             return "reading", "the wall waits for the first reading"
         if not tick.held():
             return "dead man", "the dead man is not held; the wall goes on when it is"
-        stiffness = parts.ladder.decision.stiffness
+        stiffness = parts.schedule.decision.stiffness
         room = parts.engagement.limits.room(stiffness)
         text = waiting_text(
             parts.wall,

@@ -14,9 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
+from controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from controller.experiments.onset import simulated_critical_stiffness
-from controller.guard.ladder import GuardLadder
+from controller.guard.schedule import GainSchedule
 from controller.guard.types import Decision
 from controller.settings.config import Config
 from controller.settings.load import load_config
@@ -196,11 +196,11 @@ def _play(config: Config, case: Case) -> Outcome:
     clock, telemetry = SimulatedClock(), Telemetry.create()
     servo = open_servo(config.servo_settings(), clock, None)
     servo.start()
-    allowed = guard_ladder(config, servo, simulated=True)
+    allowed = guard_schedule(config, servo, simulated=True)
     decision: Decision = _as_asked(allowed.decision, case)
-    ladder = GuardLadder([decision], [0], 90.0, 1000)
-    law, injected = rendered(config, servo, ()), most_injected(config, servo, ladder)
-    parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
+    schedule = GainSchedule([[decision]], [0], [1_000_000], 90.0, 1000)
+    law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
+    parts = tick_parts(config, clock, servo, telemetry, schedule, law, injected)
     tick = Tick(parts)
     tick.wall_on()
     cycle = math.tau * math.sqrt(case.inertia / case.stiffness) / PERIOD

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from controller.delay import DelayRing
 from controller.detector.watch import Watch
-from controller.guard.ladder import GuardLadder
+from controller.guard.schedule import GainSchedule
 from controller.passivity_control import PassivityControl
 from controller.rehearsal import Rehearsal
 from controller.telemetry import Telemetry
@@ -47,7 +47,7 @@ _PARTS: Final[tuple[tuple[type, str, str], ...]] = (
     (PassivityControl, "update", WATCH),
     (Wall, "torque", WALL),
     (DelayRing, "push", WALL),
-    (GuardLadder, "observe", GUARD),
+    (GainSchedule, "observe", GUARD),
     (Telemetry, "write", TELEMETRY),
 )
 

@@ -27,6 +27,7 @@ def report_text(report: Mapping[str, Any]) -> str:
             *_ending(report),
             *_timing(report),
             *_delay(report.get("delay_s")),
+            *_interval(report),
             *_guard(report.get("guard")),
             *_motion(report),
             *_realtime(report.get("realtime") or []),
@@ -115,6 +116,17 @@ def _delay(delay: Mapping[str, Any] | None) -> Iterator[str]:
             f"{name} {_milli(delay[name])}" for name in ("inserted", "device", "measured")
         )
         yield from _entry("delay", f"{_milli(delay['total'])} ms = {parts} ms")
+
+
+def _interval(report: Mapping[str, Any]) -> Iterator[str]:
+    """The interval that the guard counted as the period, where it is not the grid's."""
+    interval = (report.get("guard") or {}).get("interval_s")
+    grid = report.get("grid_hz")
+    if interval and grid and interval * grid > 1.001:
+        yield from _entry(
+            "interval",
+            f"{_milli(interval)} ms counted as the period: ticks that were missed or late",
+        )
 
 
 def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:

@@ -13,8 +13,8 @@ import numpy as np
 from controller.experiments.holding import sample_age, torque_limit_of
 from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from controller.guard.guard import Situation, decide
-from controller.guard.ladder import rung_ages_ns
 from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate
+from controller.guard.schedule import age_bins_ns
 from controller.guard.types import Decision, GuardSettings, Request, decision_report
 from controller.settings.config import Config
 from controller.theory.checks import FloatArray
@@ -45,9 +45,9 @@ class Question:
         step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
         age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
         if config.servo.kind != "simulated" or config.loop.clock != "simulated":
-            # A run counts with the next age of its ladder.
-            rungs = rung_ages_ns(config.period_ns)
-            age = rungs[min(bisect_left(rungs, age * 1e9), len(rungs) - 1)] * 1e-9
+            # A run counts with the next age of its gain schedule.
+            bins = age_bins_ns(config.period_ns)
+            age = bins[min(bisect_left(bins, age * 1e9), len(bins) - 1)] * 1e-9
         situation = Situation(
             belief=config.belief(),
             period=config.period_ns * 1e-9,

@@ -47,6 +47,7 @@ def decide(
     situation: Situation,
     delays: Sequence[float],
     inserted: float = 0.0,
+    explained: bool = True,
 ) -> list[Decision]:
     """What may be commanded, for each of several delays at once.
 
@@ -56,6 +57,7 @@ def decide(
         situation: The belief about the servo, the period, and its limits.
         delays: Inserted delay plus age of the sample, without the device's own lag, each >= 0 [s].
         inserted: The inserted part of each of them [s]; only the reasons tell them apart.
+        explained: Give the reasons too, which takes several times as long.
 
     Returns:
         One decision per delay, in order.
@@ -80,6 +82,7 @@ def decide(
             Decision(
                 request=request,
                 delay=delay,
+                period=situation.period,
                 stiffness=settings.margin * least if bound else request.stiffness,
                 damping=float(found.damping[i]),
                 limits=limits,
@@ -90,6 +93,8 @@ def decide(
                 only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
             )
         )
+    if not explained:
+        return decisions
     return _explained(decisions, settings, situation, before_device, inserted, found)
 
 

@@ -104,6 +104,8 @@ class Decision:
     request: Request
     delay: float
     """Total t_d that was counted, the device's own lag at its highest included [s]"""
+    period: float
+    """The sampling period that was counted: the interval that is really served [s]"""
     stiffness: float
     """Commanded K [N·m/rad]"""
     damping: float
@@ -133,4 +135,5 @@ def decision_report(decision: Decision) -> dict[str, object]:
         "binding": decision.binding,
         "reasons": list(decision.reasons),
         "only_friction": decision.only_friction,
+        "interval_s": decision.period,
     }

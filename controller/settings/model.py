@@ -289,6 +289,13 @@ class Safety(Section):
         "most half of servo.watchdog_s",
         json_schema_extra={"unit": "s"},
     )
+    max_missed: float = Field(
+        0.2,
+        gt=0,
+        le=1,
+        description="Fraction of the periods of half a second that may be missed; above it "
+        "realtime.profile=strict trips, the others lower stiffness and damping and report it",
+    )
     on_oscillation: Literal["reduce", "trip", "report"] = Field(
         "reduce",
         description="What is done when the wall oscillates by itself: reduce stiffness and damping "

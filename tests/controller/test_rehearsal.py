@@ -3,7 +3,7 @@
 import pytest
 
 from controller import loop, rehearsal
-from controller.assembly import guard_ladder, most_injected
+from controller.assembly import guard_schedule, most_injected
 from controller.assembly import rehearsal as rehearsal_of
 from controller.loop import SpinWaiter, waiter_for
 from controller.rehearsal import Rehearsal, StandInClock
@@ -59,8 +59,8 @@ def rows_of(preset, *sets, rehearsed):
         servo = open_servo(settings, clock, port)
         if not rehearsed:
             return servo
-        ladder = guard_ladder(config, servo, True)
-        made = rehearsal_of(config, servo, ladder, most_injected(config, servo, ladder), ())
+        schedule = guard_schedule(config, servo, True)
+        made = rehearsal_of(config, servo, schedule, most_injected(config, servo, schedule), ())
         tick = made._run
         made._run = lambda *deadline: ran.append(tick(*deadline))
         made.need_ns = made._most_ns = 0  # whatever time it takes: nobody waits for it

@@ -133,7 +133,7 @@ def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(session, "guard_ladder", broken)
+    monkeypatch.setattr(session, "guard_schedule", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
     assert scene.words[Word.STATE] == State.STARTING

@@ -8,8 +8,9 @@ from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Watch, WatchSettings
 from controller.engagement import EngageLimits, Engagement
-from controller.guard.ladder import GuardLadder
+from controller.guard.schedule import GainSchedule
 from controller.loop import next_deadline
+from controller.missed import MissedPeriods
 from controller.overspeed import DrivenLimits, DrivenSpeed
 from controller.safety import Safety, SafetyLimits, Trip
 from controller.telemetry import (
@@ -76,7 +77,7 @@ class Rig:
         self.servo = ScriptedServo(self.clock, positions, age_ns)
         self.telemetry = Telemetry.create()
         rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
-        self.ladder = GuardLadder(rungs, list(ages), 90.0, 100)
+        self.schedule = GainSchedule([rungs], list(ages), [PERIOD_NS], 90.0, 100)
         self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
         self.tick = Tick(
             TickParts(
@@ -85,9 +86,11 @@ class Rig:
                 wall=self.wall,
                 velocity=BackwardDifference(1e-3),
                 ring=DelayRing(steps),
-                ladder=self.ladder,
+                schedule=self.schedule,
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
                 driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
+                missed=MissedPeriods(PERIOD_NS, 0.2),
+                trips_on_missed=wall.get("strict", False),
                 watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
                 most_injected=[0.0] * len(rungs),

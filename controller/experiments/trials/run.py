@@ -10,12 +10,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.assembly import guard_ladder, most_injected, rendered, tick_parts
+from controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from controller.detector.watch import oscillation_report
 from controller.experiments.trials.operators import NOBODY, Operator
 from controller.experiments.trials.servo import TrialServo
 from controller.experiments.trials.truth import Truth
-from controller.guard.ladder import GuardLadder
+from controller.guard.schedule import GainSchedule
 from controller.guard.types import Decision
 from controller.safety import Trip
 from controller.settings.config import Config
@@ -100,7 +100,7 @@ def guard_decision(truth: Truth, sets: Sequence[str], wall: WallAsked) -> Decisi
     """What the guard commands for this wall, and its limits; the truth gives only the facts."""
     config = _with_wall(trial_config(tuple(sets)), wall)
     servo = TrialServo(truth, SimulatedClock())
-    return guard_ladder(config, servo, simulated=True).decision
+    return guard_schedule(config, servo, simulated=True).decision
 
 
 def run_trial(
@@ -130,9 +130,11 @@ def run_trial(
     clock = SimulatedClock()
     servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, step_s=step_s)
     telemetry = Telemetry(-1, _CHUNK + 8)
-    ladder = _ladder(config, servo, tuple(sets), wall)
-    law, injected = rendered(config, servo, ()), most_injected(config, servo, ladder)
-    parts = tick_parts(config, clock, servo, telemetry, ladder, law, injected)
+    schedule = _schedule(config, servo, tuple(sets), wall)
+    law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
+    parts = tick_parts(
+        config, clock, servo, telemetry, schedule, law, injected, engage_at_once=True
+    )
     tick = Tick(parts)
     tick.wall_on()
     blocks: list[NDArray[np.void]] = []
@@ -178,15 +180,15 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
     return config.model_copy(update={"wall": config.wall.model_copy(update=changed)})
 
 
-def _ladder(
+def _schedule(
     config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
-) -> GuardLadder:
+) -> GainSchedule:
     """The guard's decisions, or the wall as asked at the delay that the guard counts."""
     if not wall.forced:
-        return guard_ladder(config, servo, simulated=True)
+        return guard_schedule(config, servo, simulated=True)
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
     asked = replace(decision, stiffness=wall.stiffness, damping=wall.damping)
-    return GuardLadder([asked], [0], 90.0, 1000)
+    return GainSchedule([[asked]], [0], [config.period_ns], 90.0, 1000)
 
 
 @lru_cache(maxsize=64)
@@ -194,4 +196,4 @@ def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -
     """Any decision with this belief: its delay, reasons and limits are not asked for."""
     facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
     servo = TrialServo(facts, SimulatedClock())
-    return guard_ladder(trial_config(sets), servo, simulated=True).decision
+    return guard_schedule(trial_config(sets), servo, simulated=True).decision

@@ -255,7 +255,7 @@ def test_the_report_is_plain_json(mode: Mode, damping: float) -> None:
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert set(report) == {
         "requested", "commanded", "limit", "damping_ceiling", "margin", "binding", "reasons",
-        "only_friction",
+        "only_friction", "interval_s",
     }  # fmt: skip
 
 

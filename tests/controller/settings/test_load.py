@@ -232,6 +232,7 @@ def test_every_field_says_what_it_means(field):
         "servo.fault_seed",
         "model.torque_gain",
         "safety.max_loss",
+        "safety.max_missed",
     }
     assert (
         bool(field.unit) == (numeric and field.path not in dimensionless) or field.unit == "bit/s"

@@ -1,0 +1,293 @@
+"""The guard's gain schedule: decisions by sample age and by served interval, picked in the tick.
+
+The guard's mathematics takes milliseconds to seconds, a tick has microseconds. So the decisions
+are computed before the start, for bins of the sample age and bins of the interval between the
+ticks that really happen, and the tick only picks the pair of bins.
+
+The interval counts as the sampling period of the theory. Over a block of ``RUN_S`` it is
+``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With an age a
+the mean age of the torque that acts is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
+ticks and ticks whose reading failed lengthen D. Ticks in which no reply is due yet do not: they
+raise the age.
+
+Each of the two is smoothed by the same rule. Over a window, a high percentile picks the bin. A run
+above the bin lowers the gains at once, without waiting for the window; a single hiccup does
+neither. Going back takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact
+or at the surface, because raising K at a penetration x puts the energy ΔK x²/2 into the spring.
+
+See docs/decisions/served-interval.md.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from controller.guard.guard import Decision
+
+RUN = 10
+"""The least number of ages in a row above the bin that lower at once."""
+RUN_S = 0.05
+"""How long such a run is at high rates [s]: shorter ones are hiccups, in which not even a wall at
+twice its limit gets going (its oscillation grows by some per cent)."""
+SETTLE = 50
+"""Ages that are enough to begin with."""
+RAISE_WINDOWS = 5
+"""Windows in a row that must allow a lower bin before it is taken."""
+RUN_BLOCKS = 2
+"""Blocks in a row above the bin that lower at once: one stall lies in one block."""
+INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
+"""Served intervals that decisions are computed for [periods]."""
+IRREGULAR_CAP = 0.5
+"""Factor on ``guard.damping_cap`` in all bins but the first: damping near the ceiling of the
+weighted interval is above the ceiling of the longest ones, and some repeated patterns then grow at
+0.8 of the limit."""
+LONGEST_NS = 60_000_000
+"""Longer intervals than this are left out, but for the first ``_LEAST`` [ns]."""
+_LEAST = 7
+WITHIN = 1.05
+"""A bin also takes intervals up to this factor longer: jitter of 22 % of a period adds 5 %, one
+lost reading in fifty 4 %."""
+
+
+def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
+    """Sample ages of the bins [ns]: fine where buses are quick, coarse where they are slow.
+
+    They reach to 20 ms and three periods, so that at low rates too a pipelined sample, a period
+    old, and the loss of the one after it are not counted as younger than they are. Where replies
+    take several periods it is three of their times.
+
+    Args:
+        period_ns: The sampling period [ns].
+        reply_ns: How long replies take, where that is several periods [ns].
+    """
+    microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
+    microseconds += range(22_000, 3 * max(period_ns, reply_ns) // 1000 + 2000, 2000)
+    return [us * 1000 for us in microseconds]
+
+
+def interval_bins_ns(period_ns: int) -> list[int]:
+    """Served intervals of the bins [ns], the period first.
+
+    Args:
+        period_ns: The sampling period [ns].
+    """
+    intervals = [round(each * period_ns) for each in INTERVAL_BINS]
+    return [ns for k, ns in enumerate(intervals) if k < _LEAST or ns <= LONGEST_NS]
+
+
+def inserted_delay(steps: int, period: float, interval: float) -> float:
+    """How long the delay ring delays where a tick happens once in ``interval`` [s].
+
+    A torque leaves the ring in the first tick that is at least ``steps`` periods later.
+
+    Args:
+        steps: Periods that the ring counts.
+        period: Of the grid [s].
+        interval: From one executed tick to the next [s].
+    """
+    return math.ceil(steps * period / interval - 1e-9) * interval
+
+
+class BinFilter:
+    """Picks one bin out of a sequence of observed ones: down at once on a run, up slowly.
+
+    Args:
+        bins: How many there are.
+        percentile: Which percentile of a window must be covered [%].
+        window: Observations in a window.
+        run: Observations in a row above the bin that lower at once.
+        settle: Observations that are enough for ``settle`` to take a lower bin.
+        spare: Observations that a window, however short, always leaves uncovered.
+    """
+
+    __slots__ = (
+        "_counts",
+        "_percent_above",
+        "_raise_bin",
+        "_raise_windows",
+        "_run",
+        "_run_bin",
+        "_run_length",
+        "_seen",
+        "_settle",
+        "_spare",
+        "_window",
+        "bin",
+    )
+
+    def __init__(
+        self, bins: int, percentile: float, window: int, run: int, settle: int, spare: int = 0
+    ) -> None:
+        self._counts = [0] * bins
+        self._percent_above = 100.0 - percentile
+        self._window = window
+        self._run_length = run
+        self._settle = settle
+        self._spare = spare
+        self._seen = 0
+        self._run = 0
+        self._run_bin = 0
+        self._raise_windows = 0
+        self._raise_bin = 0
+        self.bin = 0
+
+    def observe(self, found: int) -> None:
+        """Count one observation that belongs to the bin ``found``."""
+        self._counts[found] += 1
+        self._seen += 1
+        if found > self.bin:
+            self._run += 1
+            self._run_bin = found if self._run == 1 else min(found, self._run_bin)
+            if self._run >= self._run_length:
+                self._lower(self._run_bin)
+        else:
+            self._run = 0
+        if self._seen >= self._window:
+            self._end_window()
+
+    def take_raise(self) -> None:
+        """Take the lower bin that enough windows have allowed, if they have: the spring rests."""
+        if self._raise_windows >= RAISE_WINDOWS and self._raise_bin < self.bin:
+            self.bin = self._raise_bin
+            self._raise_windows = 0
+
+    def settle(self) -> None:
+        """Take the bin that the observations ask for, higher or lower, and start afresh."""
+        if self._seen:
+            found = self._percentile_bin()
+            self.bin = found if self._seen >= self._settle else max(found, self.bin)
+        self._restart_window()
+        self._run = self._raise_windows = 0
+
+    def _lower(self, found: int) -> None:
+        """Take a higher bin; what was counted toward leaving the one before is void."""
+        self.bin = found
+        self._run = self._raise_windows = 0
+
+    def _percentile_bin(self) -> int:
+        allowed = max(self._seen * self._percent_above / 100.0, self._spare)
+        above = 0
+        for found in range(len(self._counts) - 1, -1, -1):
+            above += self._counts[found]
+            if above > allowed:
+                return found
+        return 0
+
+    def _restart_window(self) -> None:
+        self._counts = [0] * len(self._counts)
+        self._seen = 0
+
+    def _end_window(self) -> None:
+        found = self._percentile_bin()
+        self._restart_window()
+        if found >= self.bin:
+            if found > self.bin:
+                self._lower(found)
+            self._raise_windows = 0
+            return
+        self._raise_bin = found if self._raise_windows == 0 else max(found, self._raise_bin)
+        self._raise_windows += 1
+
+
+class GainSchedule:
+    """Picks the decision for the ages and the intervals it is shown.
+
+    Args:
+        decisions: For each interval one for each age: ``len(intervals_ns)`` rows of
+            ``len(ages_ns)``.
+        ages_ns: The ages the decisions were made for [ns], rising.
+        intervals_ns: The intervals they were made for [ns], rising, the period first.
+        percentile: Which percentile of a window must be covered [%].
+        window: Ticks in a window.
+        run: Ages in a row above the bin that lower at once, and periods in a block of intervals.
+    """
+
+    def __init__(
+        self,
+        decisions: Sequence[Sequence[Decision]],
+        ages_ns: Sequence[int],
+        intervals_ns: Sequence[int],
+        percentile: float,
+        window: int,
+        run: int = RUN,
+    ) -> None:
+        self._rows = decisions
+        self._ages = ages_ns
+        self._intervals = intervals_ns
+        self._percentile, self._window, self._run = percentile, window, run
+        self._oldest = len(ages_ns) - 1
+        self._longest = len(intervals_ns) - 1
+        self._edges = [WITHIN * each for each in intervals_ns]
+        self._age = BinFilter(len(ages_ns), percentile, window, run, SETTLE)
+        blocks = max(RUN_BLOCKS, window // run)
+        self._interval = BinFilter(len(intervals_ns), percentile, blocks, RUN_BLOCKS, 1, spare=1)
+        self._block_ns = run * intervals_ns[0]
+        self._span_ns = 0
+        self._squares = 0.0
+        self.decision = decisions[0][0]
+
+    def anew(self) -> GainSchedule:
+        """One for the same bins that has seen nothing."""
+        return GainSchedule(
+            self._rows, self._ages, self._intervals, self._percentile, self._window, self._run
+        )
+
+    @property
+    def decisions(self) -> list[Decision]:
+        """All of them; ``index`` counts in this order."""
+        return [each for row in self._rows for each in row]
+
+    @property
+    def index(self) -> int:
+        """Where the decision that holds stands in ``decisions``."""
+        return self._interval.bin * (self._oldest + 1) + self._age.bin
+
+    @property
+    def age_ns(self) -> int:
+        """The sample age that the decision counts with [ns]."""
+        return self._ages[self._age.bin]
+
+    @property
+    def interval_ns(self) -> int:
+        """The interval that the decision counts as the period [ns]."""
+        return self._intervals[self._interval.bin]
+
+    def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        """Count one tick; whether another decision holds from now on.
+
+        Args:
+            age_ns: Age of the sample when its torque was sent [ns].
+            interval_ns: From the last tick whose reading did not fail to this one [ns]; 0: the
+                reading of this one failed, and the interval goes on.
+            may_raise: The wall's spring is at rest, so the stiffness may go up.
+        """
+        age, interval = self._age, self._interval
+        age.observe(min(bisect_left(self._ages, age_ns), self._oldest))
+        self._span_ns += interval_ns
+        self._squares += float(interval_ns) * interval_ns
+        if self._span_ns >= self._block_ns:
+            self._end_block()
+        if may_raise:
+            age.take_raise()
+            interval.take_raise()
+        before = self.decision
+        self.decision = self._rows[interval.bin][age.bin]
+        return self.decision is not before
+
+    def settle(self) -> None:
+        """End the warm-up: take the bins it asks for, lower or higher, and start afresh.
+
+        Fewer than ``SETTLE`` ages since the last window ended are no reason for a lower bin of it.
+        """
+        self._age.settle()
+        self._interval.settle()
+        self.decision = self._rows[self._interval.bin][self._age.bin]
+
+    def _end_block(self) -> None:
+        counted = self._squares / self._span_ns
+        self._span_ns, self._squares = 0, 0.0
+        self._interval.observe(min(bisect_left(self._edges, counted), self._longest))

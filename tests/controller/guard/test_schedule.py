@@ -1,0 +1,299 @@
+"""The bins follow ages and intervals: down at once on a run, up only slowly and untouched."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from controller.guard.schedule import (
+    INTERVAL_BINS,
+    RAISE_WINDOWS,
+    RUN,
+    BinFilter,
+    GainSchedule,
+    age_bins_ns,
+    inserted_delay,
+    interval_bins_ns,
+)
+
+AGES = [0, 100_000, 200_000, 400_000, 800_000]
+WINDOW = 100
+PERIOD = 1_000_000
+
+
+@dataclass(frozen=True)
+class Gains:
+    stiffness: float
+    delay: float
+
+
+class Ages:
+    """A schedule that is shown ages, at one tick a period."""
+
+    def __init__(self, percentile=90.0):
+        gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
+        self.made = GainSchedule([gains], AGES, [PERIOD], percentile, WINDOW)
+
+    def observe(self, age, may_raise):
+        return self.made.observe(age, PERIOD, may_raise)
+
+    def settle(self):
+        self.made.settle()
+
+    @property
+    def age_ns(self):
+        return self.made.age_ns
+
+
+def test_the_bin_covers_the_age():
+    subject = Ages()
+    for age in (150_000,) * 50:
+        subject.observe(age, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 200_000
+
+
+def test_warm_up_may_settle_on_any_bin():
+    subject = Ages()
+    for age in (700_000,) * 50:
+        subject.observe(age, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 800_000
+
+
+def test_the_percentile_is_covered_and_not_the_worst():
+    subject = Ages(percentile=90.0)
+    for k in range(WINDOW):
+        subject.observe(700_000 if k % 20 == 0 else 50_000, may_raise=True)
+    assert subject.age_ns == 100_000
+    subject = Ages(percentile=90.0)
+    for k in range(WINDOW):
+        subject.observe(700_000 if k % 5 == 0 else 50_000, may_raise=True)
+    assert subject.age_ns == 800_000
+
+
+def test_a_run_of_high_ages_lowers_at_once():
+    subject = Ages()
+    changed = [subject.observe(350_000, may_raise=False) for _ in range(RUN)]
+    assert changed == [False] * (RUN - 1) + [True]
+    assert subject.age_ns == 400_000
+
+
+def test_a_hiccup_does_not_lower():
+    subject = Ages()
+    for k in range(WINDOW * 3):
+        assert not subject.observe(800_000 if k % 60 == 0 else 0, may_raise=True)
+
+
+def test_raised_only_after_whole_windows_and_out_of_contact():
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=True)
+    assert subject.age_ns == 800_000
+    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
+        assert not subject.observe(50_000, may_raise=False), "never while touched"
+    assert subject.observe(50_000, may_raise=True)
+    assert subject.age_ns == 100_000
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=True)
+    early = [subject.observe(0, may_raise=True) for _ in range((RAISE_WINDOWS + 1) * WINDOW)]
+    assert early.index(True) >= (RAISE_WINDOWS - 1) * WINDOW
+
+
+def test_a_pending_raise_does_not_survive_a_run_that_lowers():
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(350_000, may_raise=False)
+    for _ in range((RAISE_WINDOWS + 2) * WINDOW):
+        subject.observe(50_000, may_raise=False)
+    for _ in range(RUN):
+        subject.observe(800_000, may_raise=False)
+    assert subject.age_ns == 800_000
+    quick = [subject.observe(50_000, may_raise=True) for _ in range((RAISE_WINDOWS - 1) * WINDOW)]
+    assert not any(quick), "five whole windows after the lowering, untouched or not"
+
+
+def test_a_run_never_takes_a_stiffer_bin_than_a_window_has_just_asked_for():
+    subject = Ages()
+    for k in range(WINDOW - RUN + 1):
+        subject.observe(350_000 if k % 5 == 1 else 0, may_raise=False)
+    for _ in range(RUN - 1):
+        subject.observe(150_000, may_raise=False)
+    assert subject.age_ns == 400_000, "the window's end"
+    subject.observe(10**9, may_raise=False)
+    assert subject.age_ns == 400_000
+
+
+def test_a_window_that_asks_for_the_bin_there_is_does_not_interrupt_a_run():
+    subject = Ages()
+    for k in range(WINDOW):
+        subject.observe(350_000 if k >= WINDOW - RUN // 2 else 0, may_raise=False)
+    for _ in range(RUN - RUN // 2 - 1):
+        assert not subject.observe(350_000, may_raise=False)
+    assert subject.observe(350_000, may_raise=False), "as many in a row as a run takes"
+
+
+def test_ages_beyond_the_schedule_take_its_last_bin():
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(10**9, may_raise=False)
+    assert subject.age_ns == AGES[-1]
+
+
+def test_the_real_bins_rise_and_are_fine_where_buses_are_quick():
+    ages = age_bins_ns(1_000_000)
+    assert ages == sorted(set(ages))
+    assert ages[0] == 0
+    assert ages[-1] == 20_000_000
+    assert max(b - a for a, b in itertools.pairwise(ages) if b <= 600_000) == 10_000
+    assert len(ages) == pytest.approx(90, abs=15)
+
+
+@pytest.mark.parametrize("period_ns", [500_000, 1_000_000, 10_000_000, 20_000_000])
+def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns):
+    ages = age_bins_ns(period_ns)
+    assert ages == sorted(set(ages))
+    assert ages[-1] >= 3 * period_ns
+    assert len(ages) < 130, "each costs the start some milliseconds"
+
+
+def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin():
+    subject = Ages()
+    for _ in range(RUN):
+        subject.observe(350_000, may_raise=False)
+    for _ in range(WINDOW - RUN):
+        subject.observe(350_000, may_raise=False)
+    subject.observe(0, may_raise=False)
+    subject.settle()
+    assert subject.age_ns == 400_000
+
+
+def test_where_replies_take_several_periods_the_bins_reach_three_of_them():
+    ages = age_bins_ns(1_000_000, 16_000_000)
+    assert ages[: len(age_bins_ns(1_000_000))] == age_bins_ns(1_000_000)
+    assert ages == sorted(set(ages))
+    assert ages[-1] >= 48_000_000
+    assert len(ages) < 130
+
+
+# The served interval
+
+
+def intervals(window=1000, run=50, percentile=90.0):
+    bins = interval_bins_ns(PERIOD)
+    rows = [[Gains(100.0 / k, 0.0)] for k in INTERVAL_BINS]
+    return GainSchedule(rows, [0], bins, percentile, window, run)
+
+
+def shown(subject, pattern, periods, may_raise=True):
+    """Show a repeated pattern of intervals [periods] for a while; when bins changed [periods]."""
+    passed, changes = 0.0, []
+    for each in itertools.cycle(pattern):
+        if passed >= periods:
+            return changes
+        passed += each
+        if subject.observe(0, round(each * PERIOD), may_raise):
+            changes.append(passed)
+    return changes
+
+
+@pytest.mark.parametrize(
+    ("pattern", "counted"),
+    [
+        ([1.0], 1.0),
+        ([0.85, 1.15], 1.0),
+        ([1.5], 1.5),
+        ([1.0, 2.0], 2.0),
+        ([2.0], 2.0),
+        ([1.0] * 22 + [3.0], 1.25),
+        ([1.0] * 34 + [16.0], 6.0),
+        ([0.5, 1.5], 1.25),
+        ([1000.0], 60.0),
+    ],
+)
+def test_the_interval_that_counts_is_weighted_by_its_time(pattern, counted):
+    subject = intervals()
+    shown(subject, pattern, 3000)
+    assert subject.interval_ns == counted * PERIOD
+
+
+def test_a_longer_interval_lowers_within_two_blocks():
+    subject = intervals()
+    assert shown(subject, [1.0], 2000) == []
+    (changed,) = shown(subject, [1.5], 2000)
+    assert changed <= 2 * 50 + 2 * 1.5
+
+
+def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest():
+    subject = intervals()
+    shown(subject, [2.0], 500)
+    assert shown(subject, [1.0], 9000, may_raise=False) == []
+    assert subject.interval_ns == 2 * PERIOD
+    assert len(shown(subject, [1.0], 10)) == 1
+    assert subject.interval_ns == PERIOD
+
+
+@pytest.mark.parametrize("stall", [2.0, 8.0, 40.0, 400.0])
+def test_one_stall_a_second_changes_nothing(stall):
+    subject = intervals()
+    assert shown(subject, [1.0] * 1000 + [stall], 20_000) == []
+
+
+@pytest.mark.parametrize("before", [0, 45, 345])
+def test_one_stall_in_the_warm_up_changes_nothing(before):
+    """It makes its block longer, so that the half second holds fewer than ten of them."""
+    subject = intervals()
+    shown(subject, [1.0] * before + [30.0] + [1.0] * (470 - before), 500)
+    subject.settle()
+    assert subject.interval_ns == PERIOD
+
+
+def test_stalls_that_come_again_and_again_do():
+    subject = intervals()
+    shown(subject, [1.0] * 100 + [8.0], 5000)
+    assert subject.interval_ns >= 1.5 * PERIOD
+
+
+def test_both_bins_count_at_once():
+    rows = [[Gains(10.0 * a / k, a) for a in (2, 1)] for k in (1, 2)]
+    subject = GainSchedule(rows, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
+    for _ in range(200):
+        subject.observe(400_000, 2 * PERIOD, may_raise=False)
+    assert (subject.age_ns, subject.interval_ns) == (500_000, 2 * PERIOD)
+    assert subject.decision is rows[1][1]
+    assert subject.decisions[subject.index] is subject.decision
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed):
+    """Whatever mixture of intervals is served, as long as it is the same in each block."""
+    random = np.random.default_rng(seed)
+    kinds = random.choice([1.0, 1.2, 1.5, 2.0, 3.0, 5.0], 3, replace=False)
+    pattern = random.choice(kinds, 10)
+    subject = intervals()
+    shown(subject, pattern, 5000)
+    true = (pattern**2).sum() / pattern.sum()
+    counted = subject.interval_ns / PERIOD
+    assert counted * 1.08 >= true, "5 % within a bin, 3 % for where blocks begin in the pattern"
+    above = [each for each in INTERVAL_BINS if each >= 1.03 * true]
+    assert counted <= above[0], "and no further than the next bin"
+
+
+def test_a_high_percentile_covers_blocks_and_not_all_of_them():
+    chosen = BinFilter(3, 90.0, 20, 2, 1)
+    for k in range(20):
+        chosen.observe(2 if k in (3, 9) else 0)
+    assert chosen.bin == 0
+    for k in range(20):
+        chosen.observe(2 if k in (3, 9, 14) else 0)
+    assert chosen.bin == 2
+
+
+@pytest.mark.parametrize(
+    ("steps", "interval", "periods"),
+    [(0, 3.0, 0.0), (1, 1.0, 1.0), (1, 1.5, 1.5), (2, 1.5, 3.0), (2, 2.0, 2.0), (3, 2.0, 4.0)],
+)
+def test_the_ring_gives_a_torque_out_in_the_first_tick_after_its_delay(steps, interval, periods):
+    assert inserted_delay(steps, 1.0, interval) == pytest.approx(periods)

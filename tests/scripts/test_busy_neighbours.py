@@ -1,0 +1,24 @@
+"""What the table of runs beside busy processes says of reports."""
+
+from scripts.busy_neighbours import Run, of_report, row
+
+REPORT = {
+    "ticks": 90,
+    "missed_ticks": 10,
+    "stop_reason": "duration",
+    "guard": {"interval_s": 0.002},
+    "warnings": [],
+}
+
+
+def test_what_counts_of_a_report():
+    assert of_report(REPORT) == Run("duration", 0.1, 2.0, warned=False)
+    warned = {**REPORT, "guard": None, "warnings": ["more than safety.max_missed (20%)"]}
+    assert of_report(warned) == Run("duration", 0.1, None, warned=True)
+
+
+def test_a_trip_is_counted_and_named():
+    runs = [of_report(REPORT)] * 2 + [Run("trip:missed_periods", 0.4, 3.0, warned=True)]
+    assert row("simulated", runs) == (
+        "| `simulated` | 3 | 1 | trip:missed_periods | 10.00%, 40.00% | 2, 3 |"
+    )

@@ -1,0 +1,58 @@
+"""The tables of docs/interval-check.md are what is computed, and the exact model is right."""
+
+import numpy as np
+import pytest
+
+from controller.theory import critical_stiffness
+from scripts.interval_check import PAGE, PART, losses, mixtures, patterns, slow_tick
+from scripts.irregular_loop import (
+    PERIOD,
+    Loop,
+    interval_matrix,
+    least_unstable,
+    mean_square_radius,
+    pattern_radius,
+)
+from scripts.uncertainty import renewed
+
+LOOP = Loop(0.012, 0.012, 0.03, 2)
+
+
+def test_the_tables_are_what_is_computed(thorough):
+    text = PAGE.read_text()
+    tables = {"slow_tick": slow_tick}
+    if thorough:
+        tables |= {
+            "mixtures": lambda: mixtures(60),
+            "patterns": lambda: patterns(2000),
+            "losses": lambda: losses(60),
+        }
+    assert {found[2] for found in PART.finditer(text)} == {
+        "slow_tick", "mixtures", "patterns", "losses",
+    }  # fmt: skip
+    assert renewed(text, tables) == text, "run scripts/interval_check"
+
+
+@pytest.mark.parametrize("quarters", [4, 6, 12])
+def test_a_regular_loop_has_the_limit_of_the_theory(quarters):
+    period = quarters * PERIOD / 4
+    exact = float(critical_stiffness(0.012, 0.012, 0.03, period, 2 * PERIOD / 4))
+    found = least_unstable(
+        lambda k: pattern_radius([interval_matrix(LOOP, k, quarters, period)]), 0.9 * exact
+    )
+    assert found == pytest.approx(exact, rel=1e-3)
+
+
+def test_the_mean_square_of_one_interval_grows_as_its_pattern_does():
+    matrices = [interval_matrix(LOOP, 50.0, 6, 1.5 * PERIOD)]
+    assert mean_square_radius(matrices, [1.0]) == pytest.approx(pattern_radius(matrices) ** 2)
+
+
+def test_a_lost_tick_has_the_spring_alone():
+    lost = interval_matrix(Loop(0.012, 0.012, 0.03, 0), 50.0, 8, 2 * PERIOD, lost=4)
+    first = interval_matrix(Loop(0.012, 0.012, 0.03, 0), 50.0, 4, PERIOD)
+    held = np.eye(3)
+    held[:, 2] = 0.0
+    state = np.array([0.01, 0.2, 0.1])
+    assert lost @ state != pytest.approx(first @ (first @ state))
+    assert (lost @ [0.0, 0.0, 1.0])[1] == pytest.approx((first @ [0.0, 0.0, 1.0])[1], rel=2e-3)
