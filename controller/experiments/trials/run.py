@@ -20,7 +20,7 @@ from controller.guard.types import Decision
 from controller.safety import Trip
 from controller.settings.config import Config
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_SATURATED, Telemetry
+from controller.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
 from controller.theory.checks import FloatArray, IntArray
 from controller.tick import Tick
 from controller.wall import Side
@@ -130,6 +130,7 @@ def run_trial(
     clock = SimulatedClock()
     servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, step_s=step_s)
     telemetry = Telemetry(-1, _CHUNK + 8)
+    telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
     law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
     parts = tick_parts(
