@@ -11,7 +11,7 @@ from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.guard.guard import Situation, decide
 from controller.guard.ladder import RUN, RUN_S, GuardLadder, rung_ages_ns
-from controller.guard.limits import Plants
+from controller.guard.plants import Plants
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
 from controller.rehearsal import Rehearsal, StandInClock

@@ -1,0 +1,180 @@
+"""The speeds between which a wall that never pulls returns no device faster than it came.
+
+Below its limit such a wall takes energy from every contact, in proportion to the square of the
+speed. Two things break the proportion. One encoder count commands a torque of its own: the work
+of that error grows with the speed itself, so at low speeds it is more than the contact takes. And
+at high speeds the torque reaches its limit, which is another wall.
+
+**The low end.** Along a contact the torque differs from the ideal wall's by no more than one
+count's torque, e = g (K q + |B| q / (N T)). Over a depth v/w that is a work of about 2 e v / w
+against a loss of (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the
+contact loses energy above a speed of the order of e / (m w (1 - r)). That argument gives where to
+look, not the number: from there downwards contacts are simulated with counts and friction, over
+phases of entry and places of the surface within a count, until one comes back faster.
+
+**The high end** is proved. On the way in the device is never faster than at the entry, and after
+the lag t_d + T the torque is at least the spring's at the place of a lag ago. So it goes no deeper
+than v (t_d + T + 1/w), no torque of the law is above K times that plus B times the measured speed,
+and one count adds its own. On the way out the damper only takes away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.theory.checks import FloatArray
+from controller.theory.one_sided import restitution
+from controller.theory.rounded_contact import RoundedContacts, returned_speed
+
+_STEP, _SPEEDS = 1.2, 36  # between two speeds that are tried, and how many: down to 1/600
+_DAMPER_ALONE = 4.0
+_PHASES = np.linspace(0.0, 1.0, 7)
+_FIRSTS = np.array([0.02, 0.5, 1.0])  # where the surface lies in its count
+_FROM = 2.0  # times the speed of the energy argument: where the search begins
+BETWEEN = 1.5
+"""On top of the highest speed found: between the speeds, phases and places that are tried
+contacts return up to this much faster ones (`scripts/rebound_table` searches for more)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Servos:
+    """Servos with a wall on them, arrays of one length, in SI units."""
+
+    inertia: FloatArray
+    damping: FloatArray
+    gain: FloatArray
+    delay: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class OneSidedWall:
+    """A wall that never pulls, as commanded, and what renders it; SI units."""
+
+    stiffness: float
+    damping: float
+    period: float
+    position_step: float
+    """Encoder step [rad]; 0: the position is not quantised"""
+    torque_limit: float
+    """[N·m], commanded"""
+    velocity_samples: int = 1
+
+    @property
+    def count_torque(self) -> float:
+        """Torque commanded by one encoder count [N·m]."""
+        by_damper = abs(self.damping) / (self.velocity_samples * self.period)
+        return self.position_step * (self.stiffness + by_damper)
+
+
+def never_faster(wall: OneSidedWall, servos: Servos) -> bool:
+    """Whether the ideal wall, without counts or saturation, returns no device faster.
+
+    Args:
+        wall: The wall.
+        servos: Every one of them must hold.
+    """
+    if wall.stiffness == 0:
+        return True
+    s = servos
+    ratio = _restitution(wall, s)
+    return bool(np.all(ratio <= 1.0))
+
+
+def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float | None:
+    """Entry speed above which counts make no contact return the device faster [rad/s].
+
+    Args:
+        wall: The wall; its torque limit plays no part.
+        servos: The speed is the highest of them.
+        friction: Coulomb friction that acts at least [N·m].
+
+    Returns:
+        None where there is none: friction takes at every speed what counts give.
+    """
+    if wall.position_step == 0 or wall.count_torque == 0:
+        return None
+    s = servos
+    unit = wall.position_step / wall.period  # one count per period
+    alpha = s.gain * wall.stiffness * wall.period**2 / s.inertia
+    beta = s.gain * abs(wall.damping) * wall.period / s.inertia
+    count = alpha + beta / wall.velocity_samples
+    late = s.delay / wall.period + 1.0
+    if wall.stiffness == 0:
+        # nothing turns the device but what single counts command before they act
+        moves = s.gain * wall.count_torque > friction
+        return float(np.max(_DAMPER_ALONE * count * late) * unit) if moves.any() else None
+    lost = np.maximum(1.0 - _restitution(wall, s), 1e-3)
+    top = _FROM * float(np.max(count * np.maximum(late, 1.0 / np.sqrt(alpha)) / lost))
+    speeds = top * _STEP ** -np.arange(_SPEEDS, dtype=np.float64)
+    faster = np.flatnonzero(_worst(wall, s, friction, speeds) > 1.0)
+    if faster.size:
+        return float(speeds[faster[0]]) * BETWEEN * unit
+    # a single count moves a device that stands at the surface
+    return float(speeds[-1]) * unit if np.any(s.gain * wall.count_torque > friction) else None
+
+
+def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
+    """Entry speed up to which the torque stays within its limit during a contact [rad/s].
+
+    Args:
+        wall: The wall.
+        servos: The speed is the lowest of them.
+        friction: Coulomb friction that acts at most [N·m]; it has slowed the device down before
+            the entry, and the damper sees the speed before.
+
+    Returns:
+        0 where one encoder count saturates the torque already.
+    """
+    s, t = servos, wall.period
+    span = wall.velocity_samples * t
+    slowed = s.damping * span / s.inertia
+    faster = np.where(slowed > 0, np.expm1(slowed) / np.where(slowed > 0, slowed, 1.0), 1.0)
+    virtual = max(wall.damping, 0.0)
+    by_friction = virtual * faster * friction * span / s.inertia
+    per_speed = wall.stiffness * (s.delay + t) + virtual * faster
+    if wall.stiffness > 0:
+        per_speed = per_speed + np.sqrt(wall.stiffness * s.inertia / s.gain)
+    left = wall.torque_limit - wall.count_torque - by_friction
+    with np.errstate(divide="ignore"):
+        fastest = np.where(left > 0, left / per_speed, 0.0)
+    return float(np.min(fastest))
+
+
+def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
+    return restitution(
+        s.inertia,
+        s.damping,
+        s.gain * wall.stiffness,
+        s.gain * wall.damping,
+        wall.period,
+        s.delay,
+        17,
+        wall.velocity_samples,
+    )
+
+
+def _worst(wall: OneSidedWall, s: Servos, friction: float, speeds: FloatArray) -> FloatArray:
+    """Greatest ratio at each speed [counts per period] over servos, phases and places."""
+    shape = (speeds.size, s.inertia.size, _PHASES.size, _FIRSTS.size)
+
+    def of_servo(values: FloatArray) -> FloatArray:
+        return np.broadcast_to(values[None, :, None, None], shape).ravel()
+
+    t, q = wall.period, wall.position_step
+    count = shape[0] * shape[1] * shape[2] * shape[3]
+    contacts = RoundedContacts(
+        delta=of_servo(s.damping * t / s.inertia),
+        alpha=of_servo(s.gain * wall.stiffness * t * t / s.inertia),
+        beta=of_servo(s.gain * wall.damping * t / s.inertia),
+        delay=of_servo(s.delay / t),
+        samples=np.full(count, wall.velocity_samples),
+        friction=of_servo(friction * t * t / (s.inertia * q)),
+        limit=np.full(count, np.inf),
+        first=np.broadcast_to(_FIRSTS, shape).ravel(),
+        speed=np.broadcast_to(speeds[:, None, None, None], shape).ravel(),
+        phase=np.broadcast_to(_PHASES[:, None], shape).ravel(),
+    )
+    ratio: FloatArray = returned_speed(contacts).reshape(speeds.size, -1).max(axis=1)
+    return ratio
