@@ -33,7 +33,7 @@ SLOWEST = 0.05
 
 def guard_ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
     """The guard's decisions for every sample age that may come."""
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     period = situation.period
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
@@ -52,7 +52,8 @@ def guard_ladder(config: Config, servo: Servo, simulated: bool) -> GuardLadder:
     return GuardLadder(decisions, ages_ns, config.guard.delay_percentile, window, run)
 
 
-def _situation(config: Config, servo: Servo) -> Situation:
+def situation_of(config: Config, servo: Servo) -> Situation:
+    """What the wall is rendered on: the belief, the period, the servo's limits."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,
@@ -97,7 +98,7 @@ def most_injected(config: Config, servo: Servo, ladder: GuardLadder) -> list[flo
     """
     if config.guard.mode == "passive":
         return [0.0] * len(ladder.decisions)
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in ladder.decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
     samples = config.wall.velocity_samples

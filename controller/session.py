@@ -7,7 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from controller.assembly import guard_ladder, most_injected, rehearsal, rendered, tick_parts
+from controller.assembly import (
+    guard_ladder,
+    most_injected,
+    rehearsal,
+    rendered,
+    situation_of,
+    tick_parts,
+)
 from controller.defect import defect_text
 from controller.detector.watch import oscillation_report
 from controller.grid import Grid
@@ -168,7 +175,7 @@ def run_session(
         decision = ladder.decision
         return replace(
             result,
-            guard=guard_report(decision, tick, law, watch),
+            guard=guard_report(decision, tick, law, watch, situation_of(config, servo)),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, ladder.age_ns),
             timing=None if late is None else late.report(),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from controller.detector.watch import Watch
-from controller.guard.guard import Decision, decision_report
+from controller.guard.guard import Decision, Situation, decision_report
+from controller.guard.rebound import NOT_ONE_SIDED, rebound
 from controller.settings.config import Config
 from controller.tick import Tick
 from controller.wall import Law
@@ -26,12 +27,26 @@ def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole else 100.0
 
 
-def guard_report(decision: Decision, tick: Tick, law: Law, watch: Watch) -> dict[str, Any]:
-    """The guard's decision, with what is really commanded at the end, and why that differs."""
+def guard_report(
+    decision: Decision, tick: Tick, law: Law, watch: Watch, situation: Situation
+) -> dict[str, Any]:
+    """The guard's decision, with what is really commanded at the end, and why that differs.
+
+    Args:
+        decision: The decision that holds at the end.
+        tick: What was commanded.
+        law: What is rendered.
+        watch: What it had to reduce.
+        situation: What the wall was rendered on.
+    """
     report = decision_report(decision)
     if not law.guarded:
-        return report
+        return report | NOT_ONE_SIDED.report()
     stiffness, damping = tick.commanded
+    request = decision.request
+    report |= rebound(
+        stiffness, damping, request.side, request.velocity_samples, situation, decision.delay
+    ).report()
     report["commanded"] = {"stiffness": stiffness, "damping": damping}
     reasons = list(decision.reasons)
     if watch.share < 1.0:

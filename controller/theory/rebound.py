@@ -33,7 +33,9 @@ _DAMPER_ALONE = 4.0
 _PHASES = np.linspace(0.0, 1.0, 7)
 _FIRSTS = np.array([0.02, 0.5, 1.0])  # where the surface lies in its count
 _FROM = 2.0  # times the speed of the energy argument: where the search begins
-BETWEEN = 1.5
+_DAMPER_ALONE = 4.0  # times one count's impulse, times the periods it acts late
+_SIMULATED = 2000.0  # periods; a longer contact is not simulated, the search's beginning is taken
+BETWEEN = 2.0
 """On top of the highest speed found: between the speeds, phases and places that are tried
 contacts return up to this much faster ones (`scripts/rebound_table` searches for more)."""
 
@@ -75,11 +77,9 @@ def never_faster(wall: OneSidedWall, servos: Servos) -> bool:
         wall: The wall.
         servos: Every one of them must hold.
     """
-    if wall.stiffness == 0:
-        return True
-    s = servos
-    ratio = _restitution(wall, s)
-    return bool(np.all(ratio <= 1.0))
+    if _longest(wall, servos) > _SIMULATED:
+        return True  # a spring so soft is outweighed by any friction
+    return bool(np.all(_restitution(wall, servos) <= 1.0))
 
 
 def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float | None:
@@ -101,12 +101,14 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
     beta = s.gain * abs(wall.damping) * wall.period / s.inertia
     count = alpha + beta / wall.velocity_samples
     late = s.delay / wall.period + 1.0
-    if wall.stiffness == 0:
+    if not alpha.all():
         # nothing turns the device but what single counts command before they act
         moves = s.gain * wall.count_torque > friction
         return float(np.max(_DAMPER_ALONE * count * late) * unit) if moves.any() else None
-    lost = np.maximum(1.0 - _restitution(wall, s), 1e-3)
+    lost = _lost(wall, s)
     top = _FROM * float(np.max(count * np.maximum(late, 1.0 / np.sqrt(alpha)) / lost))
+    if _longest(wall, s) > _SIMULATED:
+        return top * unit
     speeds = top * _STEP ** -np.arange(_SPEEDS, dtype=np.float64)
     faster = np.flatnonzero(_worst(wall, s, friction, speeds) > 1.0)
     if faster.size:
@@ -140,6 +142,25 @@ def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
     with np.errstate(divide="ignore"):
         fastest = np.where(left > 0, left / per_speed, 0.0)
     return float(np.min(fastest))
+
+
+def _longest(wall: OneSidedWall, s: Servos) -> float:
+    """How long a contact lasts at most [periods]; infinite without a spring."""
+    if wall.stiffness == 0:
+        return np.inf
+    return float(np.pi / wall.period * np.max(np.sqrt(s.inertia / (s.gain * wall.stiffness))))
+
+
+def _lost(wall: OneSidedWall, s: Servos) -> FloatArray:
+    """Share of the speed that an ideal contact takes, 0.001 at least."""
+    if _longest(wall, s) > _SIMULATED:
+        # with hardly any stiffness it is what the two dampings take, half of the second one's
+        damping = s.damping + 0.5 * s.gain * max(wall.damping, 0.0)
+        lost = np.minimum(0.5 * damping * _longest(wall, s) * wall.period / s.inertia, 0.5)
+    else:
+        lost = 1.0 - _restitution(wall, s)
+    result: FloatArray = np.maximum(lost, 1e-3)
+    return result
 
 
 def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
