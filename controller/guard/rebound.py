@@ -80,9 +80,17 @@ def rebound(
     )
     if not never_faster(wall, Servos(*box.T)):
         return Rebound(0.0, 0.0)
-    corner = (belief.inertia.low, belief.damping.low, belief.torque_gain.high)
-    lightest = np.array([(*corner, each) for each in sorted({delay, soonest})])
+    least_loss = np.array(
+        list(
+            product(
+                {belief.inertia.low, belief.inertia.high},
+                {belief.damping.low},
+                {belief.torque_gain.high},
+                {delay, soonest},
+            )
+        )
+    )
     return Rebound(
-        lowest_speed(wall, Servos(*lightest.T), belief.coulomb.low),
+        lowest_speed(wall, Servos(*least_loss.T), belief.coulomb.low),
         highest_speed(wall, Servos(*box.T), belief.coulomb.high),
     )

@@ -9,8 +9,11 @@ at high speeds the torque reaches its limit, which is another wall.
 count's torque, e = g (K q + |B| q / (N T)). Over a depth v/w that is a work of about 2 e v / w
 against a loss of (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the
 contact loses energy above a speed of the order of e / (m w (1 - r)). That argument gives where to
-look, not the number: from there downwards contacts are simulated with counts and friction, over
-phases of entry and places of the surface within a count, until one comes back faster.
+look, not the number: from there downwards contacts are simulated with counts, over phases of entry
+and places of the surface within a count, until one comes back faster. Coulomb friction c does the
+work -2 c v / w on the same way, so with it the speed is (1 - c / e) times that, and none is left
+where friction is as strong as one count. (The true one is often far lower, but jagged: with
+friction single speeds come back faster where their neighbours do not.)
 
 **The high end** is proved. On the way in the device is never faster than at the entry, and after
 the lag t_d + T the torque is at least the spring's at the place of a lag ago. So it goes no deeper
@@ -35,7 +38,7 @@ _FIRSTS = np.array([0.02, 0.5, 1.0])  # where the surface lies in its count
 _FROM = 2.0  # times the speed of the energy argument: where the search begins
 _DAMPER_ALONE = 4.0  # times one count's impulse, times the periods it acts late
 _SIMULATED = 2000.0  # periods; a longer contact is not simulated, the search's beginning is taken
-BETWEEN = 2.0
+BETWEEN = 1.5
 """On top of the highest speed found: between the speeds, phases and places that are tried
 contacts return up to this much faster ones (`scripts/rebound_table` searches for more)."""
 
@@ -91,11 +94,16 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
         friction: Coulomb friction that acts at least [N·m].
 
     Returns:
-        None where there is none: friction takes at every speed what counts give.
+        None where there is none: friction takes at every speed what counts give, or the position
+        is exact.
     """
     if wall.position_step == 0 or wall.count_torque == 0:
         return None
     s = servos
+    # friction takes its part of the work of one count's torque
+    left = 1.0 - friction / (wall.count_torque * float(np.max(s.gain)))
+    if left <= 0:
+        return None
     unit = wall.position_step / wall.period  # one count per period
     alpha = s.gain * wall.stiffness * wall.period**2 / s.inertia
     beta = s.gain * abs(wall.damping) * wall.period / s.inertia
@@ -103,18 +111,14 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
     late = s.delay / wall.period + 1.0
     if not alpha.all():
         # nothing turns the device but what single counts command before they act
-        moves = s.gain * wall.count_torque > friction
-        return float(np.max(_DAMPER_ALONE * count * late) * unit) if moves.any() else None
+        return left * float(np.max(_DAMPER_ALONE * count * late) * unit)
     lost = _lost(wall, s)
     top = _FROM * float(np.max(count * np.maximum(late, 1.0 / np.sqrt(alpha)) / lost))
     if _longest(wall, s) > _SIMULATED:
-        return top * unit
+        return left * top * unit
     speeds = top * _STEP ** -np.arange(_SPEEDS, dtype=np.float64)
-    faster = np.flatnonzero(_worst(wall, s, friction, speeds) > 1.0)
-    if faster.size:
-        return float(speeds[faster[0]]) * BETWEEN * unit
-    # a single count moves a device that stands at the surface
-    return float(speeds[-1]) * unit if np.any(s.gain * wall.count_torque > friction) else None
+    faster = np.flatnonzero(_worst(wall, s, speeds) > 1.0)
+    return left * float(speeds[faster[0] if faster.size else -1]) * BETWEEN * unit
 
 
 def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
@@ -176,14 +180,14 @@ def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
     )
 
 
-def _worst(wall: OneSidedWall, s: Servos, friction: float, speeds: FloatArray) -> FloatArray:
-    """Greatest ratio at each speed [counts per period] over servos, phases and places."""
+def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray) -> FloatArray:
+    """Greatest ratio without friction at each speed [counts per period]."""
     shape = (speeds.size, s.inertia.size, _PHASES.size, _FIRSTS.size)
 
     def of_servo(values: FloatArray) -> FloatArray:
         return np.broadcast_to(values[None, :, None, None], shape).ravel()
 
-    t, q = wall.period, wall.position_step
+    t = wall.period
     count = shape[0] * shape[1] * shape[2] * shape[3]
     contacts = RoundedContacts(
         delta=of_servo(s.damping * t / s.inertia),
@@ -191,7 +195,7 @@ def _worst(wall: OneSidedWall, s: Servos, friction: float, speeds: FloatArray) -
         beta=of_servo(s.gain * wall.damping * t / s.inertia),
         delay=of_servo(s.delay / t),
         samples=np.full(count, wall.velocity_samples),
-        friction=of_servo(friction * t * t / (s.inertia * q)),
+        friction=np.zeros(count),
         limit=np.full(count, np.inf),
         first=np.broadcast_to(_FIRSTS, shape).ravel(),
         speed=np.broadcast_to(speeds[:, None, None, None], shape).ravel(),
