@@ -10,10 +10,11 @@ count's torque, e = g (K q + |B| q / (N T)). Over a depth v/w that is a work of 
 against a loss of (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the
 contact loses energy above a speed of the order of e / (m w (1 - r)). That argument gives where to
 look, not the number: from there downwards contacts are simulated with counts, over phases of entry
-and places of the surface within a count, until one comes back faster. Coulomb friction c does the
-work -2 c v / w on the same way, so with it the speed is (1 - c / e) times that, and none is left
-where friction is as strong as one count. (The true one is often far lower, but jagged: with
-friction single speeds come back faster where their neighbours do not.)
+and places of the surface within a count, until counts take half of what the contact loses: single
+speeds lie above their neighbours, so the ones tried must not come close to 1. Coulomb friction c
+does the work -2 c v / w on the same way, so with it the speed is (1 - c / e) times that, and none
+is left where friction is as strong as one count. (The true one is often far lower, but jagged:
+with friction single speeds come back faster where their neighbours do not.)
 
 **The high end** is proved. On the way in the device is never faster than at the entry, and after
 the lag t_d + T the torque is at least the spring's at the place of a lag ago. So it goes no deeper
@@ -31,16 +32,16 @@ from controller.theory.checks import FloatArray
 from controller.theory.one_sided import restitution
 from controller.theory.rounded_contact import RoundedContacts, returned_speed
 
-_STEP, _SPEEDS = 1.2, 36  # between two speeds that are tried, and how many: down to 1/600
+_STEP, _SPEEDS = 1.16, 40  # between two speeds that are tried, and how many: down to 1/330
 _DAMPER_ALONE = 4.0
 _PHASES = np.linspace(0.0, 1.0, 7)
 _FIRSTS = np.array([0.02, 0.5, 1.0])  # where the surface lies in its count
-_FROM = 2.0  # times the speed of the energy argument: where the search begins
+_FROM = 4.0  # times the speed of the energy argument: where the search begins
 _DAMPER_ALONE = 4.0  # times one count's impulse, times the periods it acts late
 _SIMULATED = 2000.0  # periods; a longer contact is not simulated, the search's beginning is taken
-BETWEEN = 1.5
-"""On top of the highest speed found: between the speeds, phases and places that are tried
-contacts return up to this much faster ones (`scripts/rebound_table` searches for more)."""
+BETWEEN = 1.25
+"""On top of the highest speed found, for what lies between those that are tried
+(`scripts/rebound_table` searches for contacts that break it)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +118,8 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
     if _longest(wall, s) > _SIMULATED:
         return left * top * unit
     speeds = top * _STEP ** -np.arange(_SPEEDS, dtype=np.float64)
-    faster = np.flatnonzero(_worst(wall, s, speeds) > 1.0)
-    return left * float(speeds[faster[0] if faster.size else -1]) * BETWEEN * unit
+    taken = np.flatnonzero(_worst(wall, s, speeds, 1.0 - 0.5 * lost) > 0.0)
+    return left * float(speeds[taken[0] if taken.size else -1]) * BETWEEN * unit
 
 
 def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
@@ -180,8 +181,8 @@ def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
     )
 
 
-def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray) -> FloatArray:
-    """Greatest ratio without friction at each speed [counts per period]."""
+def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray, allowed: FloatArray) -> FloatArray:
+    """Greatest excess over the ratio allowed of each servo, at each speed; no friction."""
     shape = (speeds.size, s.inertia.size, _PHASES.size, _FIRSTS.size)
 
     def of_servo(values: FloatArray) -> FloatArray:
@@ -201,5 +202,6 @@ def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray) -> FloatArray:
         speed=np.broadcast_to(speeds[:, None, None, None], shape).ravel(),
         phase=np.broadcast_to(_PHASES[:, None], shape).ravel(),
     )
-    ratio: FloatArray = returned_speed(contacts).reshape(speeds.size, -1).max(axis=1)
-    return ratio
+    excess = returned_speed(contacts) - of_servo(allowed)
+    worst: FloatArray = excess.reshape(speeds.size, -1).max(axis=1)
+    return worst
