@@ -102,9 +102,11 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
         return None
     s = servos
     # friction takes its part of the work of one count's torque
-    left = 1.0 - friction / (wall.count_torque * float(np.max(s.gain)))
-    if left <= 0:
+    error = s.gain * (wall.count_torque + abs(wall.damping) * _slowed(wall, s, friction))
+    greatest = float(np.max(error))
+    if friction >= greatest:
         return None
+    left = (greatest - friction) / (wall.count_torque * float(np.max(s.gain)))
     unit = wall.position_step / wall.period  # one count per period
     alpha = s.gain * wall.stiffness * wall.period**2 / s.inertia
     beta = s.gain * abs(wall.damping) * wall.period / s.inertia
@@ -147,6 +149,16 @@ def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
     with np.errstate(divide="ignore"):
         fastest = np.where(left > 0, left / per_speed, 0.0)
     return float(np.min(fastest))
+
+
+def _slowed(wall: OneSidedWall, s: Servos, friction: float) -> FloatArray:
+    """By how much friction makes the measured speed higher than the speed at the wall [rad/s].
+
+    The velocity is a mean over N periods, in which friction has slowed the device down.
+    """
+    span = wall.velocity_samples * wall.period
+    slowed: FloatArray = friction * span / s.inertia * np.exp(s.damping * span / s.inertia)
+    return slowed
 
 
 def _longest(wall: OneSidedWall, s: Servos) -> float:

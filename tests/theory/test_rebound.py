@@ -107,6 +107,16 @@ def test_friction_above_one_counts_torque_leaves_no_lowest_speed() -> None:
     assert np.max(returned(stiff, servos, slow, coulomb)) <= 1.0
 
 
+def test_friction_that_stops_a_device_within_the_difference_keeps_a_lowest_speed() -> None:
+    """The damper sees how fast it was two samples ago; found by search, 15 times its speed."""
+    m, gain = 0.0026583237816646343, 1.642
+    servos = Servos(np.array([m]), np.array([0.153]), np.array([gain]), np.array([0.0]))
+    stiff = OneSidedWall(86.82, 0.9658, T, STEP, 1e9, velocity_samples=2)
+    coulomb = 2.1526
+    assert coulomb > gain * stiff.count_torque
+    assert lowest_speed(stiff, servos, coulomb) is not None
+
+
 def test_without_counts_there_is_no_lowest_speed() -> None:
     servos = one()
     assert lowest_speed(wall(servos, position_step=0.0), servos, 0.0) is None
