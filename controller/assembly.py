@@ -14,7 +14,7 @@ from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from controller.guard.guard import Decision, GuardSettings, Situation, decide
-from controller.guard.limits import Plants
+from controller.guard.plants import Plants
 from controller.guard.schedule import (
     IRREGULAR_CAP,
     RUN,
@@ -54,7 +54,7 @@ SLOWEST = 0.05
 
 def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
     """The guard's decisions for every sample age and every served interval that may come."""
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     period = situation.period
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
@@ -83,7 +83,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
 def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> Decision:
     """The schedule's present decision, with the reasons that the schedule leaves out."""
     decision = schedule.decision
-    situation = replace(_situation(config, servo), period=decision.period)
+    situation = replace(situation_of(config, servo), period=decision.period)
     inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
     delays = [inserted + schedule.age_ns * 1e-9]
     settings = settings_at(config, decision.period)
@@ -99,7 +99,8 @@ def settings_at(config: Config, interval: float) -> GuardSettings:
     return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
-def _situation(config: Config, servo: Servo) -> Situation:
+def situation_of(config: Config, servo: Servo) -> Situation:
+    """What the wall is rendered on: the belief, the period, the servo's limits."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,
@@ -186,7 +187,7 @@ def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[
     decisions = schedule.decisions
     if config.guard.mode == "passive":
         return [0.0] * len(decisions)
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
     periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
