@@ -18,28 +18,10 @@ import numpy as np
 from controller.guard.belief import Belief
 from controller.guard.types import Situation
 from controller.theory.checks import FloatArray, IntArray
-from controller.theory.one_sided_table import SAMPLES
 
 LIGHT = 0.1
 """Largest b T / m at which the least damping is the least safe; also what the table reaches."""
-_INERTIAS: tuple[float, ...] = (
-    1.0,
-    1.02,
-    1.04,
-    1.06,
-    1.08,
-    1.1,
-    1.12,
-    1.15,
-    1.18,
-    1.22,
-    1.28,
-    1.35,
-    1.5,
-    1.75,
-)
-_FEW_INERTIAS: tuple[float, ...] = (1.0, 1.03, 1.07, 1.12, 1.2, 1.5)
-_GAINS: tuple[float, ...] = (1.0, 0.97, 0.93)
+_INERTIAS: tuple[float, ...] = (1.0, 1.03, 1.07, 1.12, 1.2, 1.5)
 _DAMPINGS = 8
 
 
@@ -119,26 +101,21 @@ class Box:
     """Times the corner's"""
 
     @classmethod
-    def of(cls, situation: Situation, velocity_samples: int) -> Box:
-        """Members of a belief's box, dense where the one-sided limit has its jags.
+    def of(cls, situation: Situation) -> Box:
+        """Members of a belief's box: the corner alone where there is little friction.
 
-        Contacts that the table does not hold cost a hundred times more, so there they are fewer;
-        with little friction and a velocity over several samples it is the corner alone.
+        There the least over the box lies so close below the corner that a factor covers it
+        (``limits.CORNER_ALONE``); searching it at each start would take a second.
 
         Args:
             situation: The belief and the period.
-            velocity_samples: N of the velocity difference.
         """
         belief = situation.belief
-        heavy = belief.damping.high * situation.period > LIGHT * belief.inertia.low
-        if not heavy and velocity_samples not in SAMPLES:
+        if not is_heavy(situation):
             return cls(np.ones(1), np.zeros(1), np.ones(1))
-        inertias, gains = (_FEW_INERTIAS, _GAINS[:1]) if heavy else (_INERTIAS, _GAINS)
-        m = _within(inertias, belief.inertia.high / belief.inertia.low)
-        g = 1.0 / _within(
-            [1.0 / each for each in gains], belief.torque_gain.high / belief.torque_gain.low
-        )
-        grid = np.meshgrid(m, _more_damping(belief, heavy), g, indexing="ij")
+        m = _within(_INERTIAS, belief.inertia.high / belief.inertia.low)
+        g = 1.0 / _within([1.0], belief.torque_gain.high / belief.torque_gain.low)
+        grid = np.meshgrid(m, _more_damping(belief), g, indexing="ij")
         inertia, damping, gain = (each.ravel() for each in grid)
         return cls(inertia, damping, gain)
 
@@ -170,12 +147,16 @@ def _within(factors: Sequence[float], most: float) -> FloatArray:
     return np.array([*(each for each in factors if each < most), most])
 
 
-def _more_damping(belief: Belief, heavy: bool) -> FloatArray:
+def _more_damping(belief: Belief) -> FloatArray:
     """What the damping of members is above the lowest [N·m·s/rad]."""
     low, high = belief.damping.low, belief.damping.high
     if not low < high:
         return np.zeros(1)
-    if not heavy:
-        return np.array([0.0, high - low])
     spread = np.geomspace(max(low, 1e-2 * high), high, _DAMPINGS) - low
     return np.unique(np.append(0.0, spread))
+
+
+def is_heavy(situation: Situation) -> bool:
+    """Whether friction may be so strong that more of it can lower the one-sided limit."""
+    belief = situation.belief
+    return belief.damping.high * situation.period > LIGHT * belief.inertia.low
