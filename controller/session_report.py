@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -71,14 +72,14 @@ def guard_report(
             f"a tick is executed every {ms(decision.period)} instead of every {ms(period)}, which "
             "counts as the period; report key timing says what makes ticks late"
         )
-    if watch.share * watch.scale < 1.0:
+    if watch.scale < 1.0 and math.isfinite(watch.first_alarm_s):
         left = _percent(stiffness, decision.stiffness)
         damping_left = _percent(damping, decision.damping)
         reasons.append(
             f"an oscillation of {watch.frequency_hz:.3g} Hz was noticed after "
             f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to {left:.3g} % "
-            f"and the damping to {damping_left:.3g} % of what the guard allows, "
-            f"{law.injected:.3g} N·m·s/rad are put in, until it is asked to raise them"
+            f"and the damping to {damping_left:.3g} % of what the guard allows, until it is asked "
+            "to raise them"
         )
     elif stiffness < decision.stiffness:
         reasons.append(

@@ -34,9 +34,6 @@ LONGER_SHARE = 1.05
 holds on a grid of its own. A request sent after giving up can then miss each tick by the time that
 it takes itself, for ever. With the one share those are phases of 0.8 to about 0.95 periods, with
 the other of 0.05 to 0.2, so that changing it leaves either."""
-DAMPS = 0.5
-"""Share of the damping that may be put in that an alarm puts in: where the wall oscillates, the
-delay may be believed too short, and then the damping's ceiling is lower than believed."""
 _OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
 _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
@@ -115,12 +112,6 @@ class Tick:
         self._ramp_damping = 0.0
         self._target = 0.0  # stiffness at the end of the ramp
         self._target_damping = 0.0
-        self._share = 1.0  # of the decision, since an oscillation was noticed
-        self._damping_share = 1.0
-        # Where an alarm met an owed raise, the shares are of no more than what was rendered.
-        self._most_stiffness = self._most_damping = math.inf
-        self._most_injected = 0.0
-        self._elastic_scale = 1.0
         self._raises = self._words[Word.RAISE]
         self._owed = False  # the decision in force allows more, which waits for a moment at rest
         self._delay_s = 0.0
@@ -153,9 +144,8 @@ class Tick:
         parts = self._parts
         self._delay_s = parts.schedule.decision.delay
         parts.watch.set_age(parts.schedule.age_ns * 1e-9)
-        self._most_injected = parts.most_injected[parts.schedule.index]
         if parts.passivity is not None:
-            parts.passivity.cap = self._most_injected
+            parts.passivity.cap = parts.most_injected[parts.schedule.index]
 
     @property
     def commanded(self) -> tuple[float, float]:
@@ -310,19 +300,15 @@ class Tick:
             self.trip = self.trip or Trip.OVERSPEED
         if watch.failed and self.trip is None:
             self.trip = Trip.OSCILLATION
-        scale = watch.scale
-        if wall.guarded and scale * watch.share != self._elastic_scale:
-            self._elastic_scale = scale * watch.share
-            wall.elastic_limit = self._elastic_scale * min(self._limit, wall.clip)
-        wall.scale, wall.damping_scale = scale, watch.damping_scale
+        if watch.scale != wall.scale or watch.damping_scale != wall.damping_scale:
+            wall.scale, wall.damping_scale = watch.scale, watch.damping_scale
+            wall.elastic_limit = wall.scale * min(self._limit, wall.clip)
         injected = 0.0
         if parts.passivity is not None:
             penetration = position - wall.position if contact else 0.0
             injected = parts.passivity.update(
-                position, penetration, wall.stiffness, watch.acted, watch.spanned
+                position, penetration, wall.stiffness * wall.scale, watch.acted, watch.spanned
             )
-        if watch.damps:
-            injected = max(injected, DAMPS * self._most_injected)
         wall.injected = injected
 
     def _engage(self, woke_ns: int, contact: bool) -> bool:
@@ -371,20 +357,19 @@ class Tick:
     def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> None:
         """Count age and interval; move the commanded stiffness and damping together if need be."""
         parts = self._parts
-        wall, watch = parts.wall, parts.watch
+        wall = parts.wall
         if self._words[_RAISE] != self._raises:
             self._raises = self._words[_RAISE]
-            watch.raise_again()
-        share = watch.share
+            parts.watch.raise_again()
         changed = parts.schedule.observe(age_ns, interval_ns, may_raise)
-        if (changed or share != self._share) and not self.warm_up:
-            if changed:
-                self._take_delay()
+        if changed and not self.warm_up:
+            self._take_delay()
             if wall.guarded:
-                self._begin_ramp(share, may_raise)
+                self._begin_ramp(may_raise)
         elif self._owed and may_raise and not self._ramp_left:
             self._owed = False
-            self._target, self._target_damping = self._allowed()
+            decision = parts.schedule.decision
+            self._target, self._target_damping = decision.stiffness, decision.damping
             self._ramp_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -395,31 +380,16 @@ class Tick:
                 wall.stiffness = self._target
                 wall.damping = self._target_damping
 
-    def _allowed(self) -> tuple[float, float]:
-        """The decision in force, or the share that an oscillation has left."""
-        decision = self._parts.schedule.decision
-        return (
-            min(decision.stiffness, self._most_stiffness) * self._share,
-            min(decision.damping, self._most_damping) * self._damping_share,
-        )
-
-    def _begin_ramp(self, share: float, may_raise: bool) -> None:
+    def _begin_ramp(self, may_raise: bool) -> None:
         """Set out for what is allowed from now on."""
         parts = self._parts
         wall = parts.wall
-        # What grows does not wait for a soft ramp: a tenth of it, a few milliseconds.
-        grows = share < self._share
-        ticks = max(1, parts.ramp_ticks // 10) if grows else parts.ramp_ticks
-        if share > self._share:  # all that was taken is asked for again
-            self._most_stiffness = self._most_damping = math.inf
-        elif grows and self._owed:  # it grows at what is rendered, not at what is owed
-            self._most_stiffness = self._target / self._share
-            self._most_damping = self._target_damping / self._damping_share
-        self._share, self._damping_share = share, parts.watch.damping_share
+        ticks = parts.ramp_ticks
         # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
         # A longer delay may allow more too: it allows less damping, and that leaves more of
         # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
-        target, damping = self._allowed()
+        decision = parts.schedule.decision
+        target, damping = decision.stiffness, decision.damping
         self._owed = target > wall.stiffness and not may_raise
         if self._owed:
             target, damping = wall.stiffness, min(damping, wall.damping)

@@ -49,8 +49,9 @@ _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
 """Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
-_FADES_HZ = 8.0
-"""Slower motions whose period stays are hands; faster ones may be a load on its transmission."""
+_FADES_HZ, _FADE_SIZE = 8.0, 2.5
+"""Slower motions whose period stays are hands, and smaller ones than so many thresholds may be
+tremor; others may be a load that swings on its transmission."""
 _FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
 """Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
 _COLLAPSED = 0.6
@@ -229,9 +230,8 @@ class Backstop:
             self.alarm = False  # the reduced wall is at rest
 
     def raise_again(self) -> None:
-        """Take back every reduction, and begin to watch anew."""
-        self.stiffness_scale = self.damping_scale = 1.0
-        self.phase = Phase.WATCHING
+        """Give back what was taken, as soon as the spring is at rest, and begin to watch anew."""
+        self.phase = Phase.RETURNING
         self.alarm = self.small_cycle = self.suspected = False
         self._stopped_s = self._moved_s = -math.inf
         self._streak = 0
@@ -326,14 +326,23 @@ class Backstop:
                 self._alarm(longer=True)
             elif size < _COLLAPSED * self._size:
                 self._stopped()
-            elif self._settings.bounces or self._cycle * _FADES_HZ > 1.0:
-                self._somebody_moves_it()
-            else:
+            elif self._may_fade():
                 self._fading = size
+            else:
+                self._somebody_moves_it()
         elif size < _FADE_ALL * self._fading:
             self._stopped()
         elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
             self._somebody_moves_it()
+
+    def _may_fade(self) -> bool:
+        """Whether a probed motion whose period stays may be a load on its transmission."""
+        settings = self._settings
+        return (
+            not settings.bounces
+            and self._cycle * _FADES_HZ < 1.0
+            and self._size > _FADE_SIZE * settings.threshold
+        )
 
     def _longer_now(self, ratio: float) -> bool:
         """Whether the two of the probe took longer, and the torque still explains them."""
@@ -349,13 +358,16 @@ class Backstop:
         )
 
     def _stopped(self) -> None:
-        """Take notice that the motion has stopped in the probe: the wall's if it comes again."""
+        """Take notice that the motion has stopped in the probe.
+
+        It was the wall's if somebody suspected that, or if it comes again and stops again.
+        """
         again = (
             self._time - self._stopped_s < _AGAIN_S
             and abs(math.log(self._cycle / self._stopped_cycle)) < _AGAIN_PERIOD
             and abs(math.log(self._size / self._stopped_amplitude)) < _AGAIN_AMPLITUDE
         )
-        if again:
+        if again or self.suspected:
             self._alarm(longer=False)
             return
         self._stopped_s = self._time
@@ -400,6 +412,14 @@ class Backstop:
         ratio = cycle / self._cycle
         least, most, later = _AS_BEFORE
         if self._longer and least < ratio < (most if self._step == 1 else later):
+            self._was_wrong()
+            return
+        if (
+            not self._longer
+            and self._streak >= _CYCLES_EVEN
+            and not self.steady
+            and (least < ratio < most and cycle * _FASTER_THAN_HANDS_HZ > 1.0)
+        ):
             self._was_wrong()
             return
         if self._longer:

@@ -27,6 +27,7 @@ class OwnMotion:
         "_half_cycles",
         "_inside",
         "_side",
+        "_threshold",
         "damping_scale",
         "scale",
     )
@@ -42,6 +43,7 @@ class OwnMotion:
             side: 0: two-sided; +1 or -1: it fills the positions above or below.
         """
         self._side = side
+        self._threshold = settings.threshold
         self._half_cycles = HalfCycles(settings.period, settings.position_step)
         self._backstop = Backstop(settings, self._half_cycles)
         self._contacts = Contacts(settings.position_step)
@@ -80,13 +82,16 @@ class OwnMotion:
             self._inside = depth > 0.0
         if self._contacts.update(depth, torque * self._side, span):
             bounces.ended()
+        if backstop.suspected != bounces.suspected:  # one of them has found the answer
+            backstop.suspected = bounces.suspected = False
         self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)
         self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
 
     def suspect(self) -> None:
         """Have the next large motion probed, however regular it is."""
-        backstop = self._backstop if self._bounces is None or self._inside else self._bounces
-        backstop.suspected = True
+        self._backstop.suspected = True
+        if self._bounces is not None:
+            self._bounces.suspected = True
 
     @property
     def suspected(self) -> bool:
@@ -94,11 +99,10 @@ class OwnMotion:
         return self._backstop.suspected or (self._bounces is not None and self._bounces.suspected)
 
     def raise_again(self) -> None:
-        """Take back every reduction."""
+        """Give back what was taken, as soon as the spring is at rest."""
         self._backstop.raise_again()
         if self._bounces is not None:
             self._bounces.raise_again()
-        self.scale = self.damping_scale = 1.0
 
     def resume(self) -> None:
         """Begin to watch anew after a pause; what an alarm took stays taken."""
@@ -126,7 +130,10 @@ class OwnMotion:
     @property
     def large(self) -> bool:
         """Whether the motion is so large that it can be probed."""
-        return self._backstop.large
+        if self._bounces is None:
+            return self._backstop.large
+        half, least = self._half_cycles, self._threshold
+        return min(half.amplitude, half.amplitude_2) >= least or self._bounces.large
 
     @property
     def answering(self) -> bool:

@@ -1,10 +1,11 @@
 """Watches the running wall for an oscillation of its own making, and answers it.
 
-``report`` only tells. ``reduce`` puts damping in, as much as does not lower the critical stiffness,
-and lowers the stiffness, step by step until the motion decays; where that does not help, stiffness
-and damping go toward the origin together. What was taken comes back only on request. Where nothing
-helps, and in ``trip``, the run ends. The torque itself is never limited in its rate: that would be
-one more delay.
+Two look at the motion. The detector knows the believed values, is quick, and may be wrong about a
+hand where they are wide. The backstop believes nothing: it probes the wall. ``report`` only tells.
+``reduce`` has an alarm of the detector probed, and leaves the reduction to the backstop; what it
+took comes back only on request, or where a hand turns out to have moved the shaft. ``trip`` ends
+the run at an alarm of either. The torque itself is never limited in its rate: that would be one
+more delay.
 """
 
 from __future__ import annotations
@@ -18,22 +19,15 @@ from controller.detector.acting import ActingTorque
 from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import Detector, DetectorSettings, State
 from controller.detector.own_motion import OwnMotion
-from controller.detector.retreat import Swing, softer
 from controller.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
 
-LEAST_SHARE = 1.0 / 64.0
-"""Of the decision's stiffness. What still oscillates at less is not the wall's doing."""
 GIVEN, BOUNCES = 0.02, 1.5
 """Energy that a one-sided wall may give out in a bounce beyond what it took and what friction may
 eat [J]; and the time after the entry in which it counts, in half-cycles of the heaviest servo"""
 _OUTGROWN = 1.25
 """So much further than before the alarm is more than passivity control can hold [1]"""
-_STIFFNESS_ALONE = 2
-"""Steps in which the damping is not lowered"""
-_LONGEST_S = 0.5
-"""The next step is waited for at most so long, however slow the oscillation [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +58,6 @@ class Watch:
     """The detector on the torque that acts, and what is done about an alarm.
 
     Attributes:
-        share: Of the guard's stiffness that may be commanded [1].
-        damping_share: Of its damping.
-        damps: As much damping is to be put in as does not lower the critical stiffness.
-        steps: Of the reduction, taken so far.
         taken_back: Alarms that were taken back, since a hand was found to move the shaft.
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
         state: The worst seen.
@@ -100,21 +90,16 @@ class Watch:
         "_stiffness",
         "_ticks",
         "_turned_at",
-        "_wait",
         "acted",
         "amplitude",
         "commanded",
         "current",
-        "damping_share",
-        "damps",
         "failed",
         "first_alarm_s",
         "frequency_hz",
         "own",
-        "share",
         "spanned",
         "state",
-        "steps",
         "taken_back",
     )
 
@@ -127,7 +112,6 @@ class Watch:
         self._mean = 0.0
         self._periods = 0
         self._ticks = 0
-        self._wait = 0
         self._damping = 0.0
         self._position = math.nan
         self._last_move = 0.0
@@ -142,9 +126,7 @@ class Watch:
             self.own = OwnMotion(settings.backstop, settings.bounces, settings.side)
         self.acted = self.commanded = 0.0
         self.spanned = 1
-        self.share = self.damping_share = 1.0
-        self.damps = False
-        self.steps = self.taken_back = 0
+        self.taken_back = 0
         self.failed = False
         self.current = self.state = State.QUIET
         self.frequency_hz = math.nan
@@ -246,10 +228,6 @@ class Watch:
         """Allow all that the guard allows again, and begin to watch anew."""
         if self.own is not None:
             self.own.raise_again()
-        self.share = self.damping_share = 1.0
-        self.damps = False
-        self.steps = 0
-        self._wait = 0
         self._detector.restart()
 
     def resume(self) -> None:
@@ -258,19 +236,15 @@ class Watch:
         if self.own is not None:
             self.own.resume()
         self._entered = None
-        self.damps = False
         self.current = State.QUIET
         self._position = self._size = math.nan
         self._last_move = self._mean = 0.0
         self._periods = 0
 
     def _take_back(self) -> None:
-        """Allow what an alarm took: a probe has found that somebody moves the shaft."""
-        if self.steps or self._detector.alarm:
+        """Take an alarm of the detector back: a probe has found that somebody moves the shaft."""
+        if self._detector.alarm:
             self.taken_back += 1
-            self.share = self.damping_share = 1.0
-            self.damps = False
-            self.steps = self._wait = 0
             self._detector.restart()
         if self.own is not None and self.own.counts[2] == self.own.counts[3]:
             self.state, self.frequency_hz, self.amplitude, self.first_alarm_s = self._before
@@ -290,7 +264,7 @@ class Watch:
         return 1.0 if self.own is None else self.own.damping_scale
 
     def _note(self, state: State, amplitude: float, frequency_hz: float) -> None:
-        larger = amplitude > self.amplitude and self.share == 1.0
+        larger = amplitude > self.amplitude and self.scale == 1.0
         if state > self.state or (state == self.state and larger):
             self.state = state
             self.amplitude = amplitude
@@ -316,48 +290,12 @@ class Watch:
         return abs(away) > _OUTGROWN * self._size
 
     def _answer(self) -> None:
-        answer = self._settings.answer
-        if answer == "trip":
+        """Answer an alarm of the believed values: end the run, or have the wall probed."""
+        if self._settings.answer == "trip":
             self.failed = True
-        if answer != "reduce":
-            return
-        self.damps = self.steps <= _STIFFNESS_ALONE
-        if self._ticks < self._wait:
-            return
-        if self.share <= LEAST_SHARE:
-            self.failed = True
-            return
-        if self.own is not None and self.own.large:
-            if not self.own.answering and not self.own.suspected:
-                self.own.suspect()
-            return  # a probe says whether the wall moves the shaft, and then goes on by itself
-        detector = self._detector
-        hertz = detector.frequency_hz
-        delay = self._acting.lag + self._settings.inserted / self._period
-        if self.steps and detector.growth < 0.0:
-            return  # the step before has done enough; it dies slowly
-        step = softer(
-            Swing(
-                growth=detector.growth,
-                frequency_hz=hertz,
-                amplitude=detector.amplitude,
-                past_s=(self._since_turn + delay) * self._period,
-            ),
-            self._settings.detector,
-            detector.stiffness,
-            self._damping,
-            delay * self._period,
-        )
-        if step is None:
-            return
-        self.share = max(LEAST_SHARE, self.share * step)
-        self.steps += 1
-        if self.steps > _STIFFNESS_ALONE:
-            self.damps = False
-            self.damping_share = max(LEAST_SHARE, self.damping_share * step)
-        # A cycle of the softer spring: the first swing after a step is larger by what it changed.
-        cycle_s = 1.0 / (hertz * math.sqrt(step)) if hertz > 0.0 else _LONGEST_S
-        self._wait = self._ticks + math.ceil(min(cycle_s, _LONGEST_S) / self._period)
+        own = self.own
+        if own is not None and own.large and not (own.answering or own.suspected):
+            own.suspect()
 
 
 def oscillation_report(watch: Watch) -> dict[str, object]:
@@ -371,8 +309,8 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
         "amplitude_rad": watch.amplitude if seen else None,
         "first_alarm_s": watch.first_alarm_s if alarmed else None,
         "reduced_to": {
-            "stiffness": watch.share * watch.scale,
-            "damping": watch.damping_share * watch.damping_scale,
+            "stiffness": watch.scale,
+            "damping": watch.damping_scale,
         },
         "backlash": watch.own is not None and watch.own.backlash,
     }

@@ -2,13 +2,12 @@
 
 import json
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from controller.detector.oscillation import DetectorSettings, State
-from controller.detector.watch import LEAST_SHARE, Watch, WatchSettings
+from controller.detector.watch import Watch, WatchSettings
 from controller.log.file import read_log
 from controller.report import exit_status
 from controller.settings.load import load_config
@@ -127,53 +126,6 @@ def test_a_stable_wall_is_left_alone(tmp_path):
     assert ended.result["oscillation"]["first_alarm_s"] is None
     assert ended.result["oscillation"]["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert rows["stiffness"][-1] == pytest.approx(ALLOWED, rel=1e-3)
-
-
-class Alarmed:
-    """A detector that sees an oscillation whatever is done."""
-
-    state = State.GROWING
-    alarm = True
-    frequency_hz, amplitude, growth = 5.0, 0.1, 1.0
-    stiffness = math.nan
-    balance = SimpleNamespace()
-
-    def update(self, *_sample):
-        return self.state
-
-    def restart(self):
-        pass
-
-
-def alarmed(answer, **known):
-    settings = DetectorSettings(1e-3, **known)
-    watch = Watch(WatchSettings(settings, answer, 0.0))
-    watch._detector = Alarmed()
-    return watch
-
-
-def step(watch, ticks):
-    """Swing at 50 Hz, so that there is a turn in every ten ticks."""
-    for tick in range(ticks):
-        watch.passed(1)
-        watch.sample(0.1 * math.sin(math.tau * 0.05 * tick), SPRING, math.nan)
-        watch.sent(0.0)
-
-
-def test_a_step_takes_a_cycle_and_what_does_not_help_ends_the_run():
-    watch = alarmed("reduce")
-    step(watch, 20)
-    assert watch.share == 0.5
-    step(watch, 250)
-    assert watch.share == 0.5, "a cycle of 5 Hz on a spring half as stiff takes 283 ms"
-    step(watch, 40)
-    assert watch.share == 0.25
-    assert watch.damping_share == 1.0, "the stiffness alone at first"
-    step(watch, 300)
-    assert watch.damping_share == 0.5
-    step(watch, 2000)
-    assert watch.share == LEAST_SHARE
-    assert watch.failed
 
 
 def test_the_measured_torque_is_believed_before_the_one_sent():
