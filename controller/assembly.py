@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from controller.guard.guard import Decision, GuardSettings, Situation, decide
-from controller.guard.limits import Plants
+from controller.guard.plants import Plants, is_heavy
 from controller.guard.schedule import (
     IRREGULAR_CAP,
     RUN,
@@ -39,6 +40,8 @@ from controller.wall import SIGNS, Law, Wall
 from hw.clock import Clock
 from hw.servo import Servo
 
+COARSE = 6
+"""Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
 PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
@@ -54,7 +57,7 @@ SLOWEST = 0.05
 
 def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
     """The guard's decisions for every sample age and every served interval that may come."""
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     period = situation.period
     # In the same process on the simulated clock a sample has no age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
@@ -64,16 +67,20 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
     decisions = []
     for interval in (each * 1e-9 for each in intervals_ns):
         inserted = inserted_delay(config.delay.steps, period, interval)
-        decisions.append(
-            decide(
-                config.request(),
-                settings_at(config, interval),
-                replace(situation, period=interval),
-                [inserted + age * 1e-9 for age in ages_ns],
-                inserted,
-                explained=False,
-            )
+        there = replace(situation, period=interval)
+        every = 1 if interval == period and not is_heavy(there) else COARSE
+        some = ages_ns[every - 1 :: every]
+        if not some or some[-1] != ages_ns[-1]:
+            some.append(ages_ns[-1])
+        found = decide(
+            config.request(),
+            settings_at(config, interval),
+            there,
+            [inserted + age * 1e-9 for age in some],
+            inserted,
+            explained=False,
         )
+        decisions.append([found[bisect_left(some, age)] for age in ages_ns])
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
     percentile = config.guard.delay_percentile
@@ -83,7 +90,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
 def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> Decision:
     """The schedule's present decision, with the reasons that the schedule leaves out."""
     decision = schedule.decision
-    situation = replace(_situation(config, servo), period=decision.period)
+    situation = replace(situation_of(config, servo), period=decision.period)
     inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
     delays = [inserted + schedule.age_ns * 1e-9]
     settings = settings_at(config, decision.period)
@@ -99,7 +106,8 @@ def settings_at(config: Config, interval: float) -> GuardSettings:
     return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
-def _situation(config: Config, servo: Servo) -> Situation:
+def situation_of(config: Config, servo: Servo) -> Situation:
+    """What the wall is rendered on: the belief, the period, the servo's limits."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,
@@ -186,7 +194,7 @@ def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[
     decisions = schedule.decisions
     if config.guard.mode == "passive":
         return [0.0] * len(decisions)
-    situation = _situation(config, servo)
+    situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
     periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)

@@ -13,6 +13,7 @@ from controller.assembly import (
     most_injected,
     rehearsal,
     rendered,
+    situation_of,
     tick_parts,
 )
 from controller.defect import defect_text
@@ -182,7 +183,7 @@ def run_session(
         decision = decision_in_force(config, servo, schedule)
         return replace(
             result,
-            guard=guard_report(config, decision, tick, law, watch),
+            guard=guard_report(config, decision, tick, law, watch, situation_of(config, servo)),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
             timing=None if late is None else late.report(),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from controller.detector.watch import Watch
 from controller.guard.delay_parts import ms
-from controller.guard.guard import Decision, decision_report
+from controller.guard.guard import Decision, Situation, decision_report
+from controller.guard.rebound import NOT_ONE_SIDED, rebound
 from controller.guard.schedule import inserted_delay
 from controller.missed import MissedPeriods
 from controller.settings.config import Config
@@ -31,13 +33,36 @@ def _percent(part: float, whole: float) -> float:
 
 
 def guard_report(
-    config: Config, decision: Decision, tick: Tick, law: Law, watch: Watch
+    config: Config,
+    decision: Decision,
+    tick: Tick,
+    law: Law,
+    watch: Watch,
+    situation: Situation,
 ) -> dict[str, Any]:
-    """The guard's decision, with what is really commanded at the end, and why that differs."""
+    """The guard's decision, with what is really commanded at the end, and why that differs.
+
+    Args:
+        config: The effective configuration.
+        decision: The decision that holds at the end.
+        tick: What was commanded.
+        law: What is rendered.
+        watch: What it had to reduce.
+        situation: What the wall was rendered on.
+    """
     report = decision_report(decision)
     if not law.guarded:
-        return report
+        return report | NOT_ONE_SIDED.report()
     stiffness, damping = tick.commanded
+    request = decision.request
+    limited = replace(
+        situation,
+        period=decision.period,
+        torque_limit=min(situation.torque_limit, law.clip),
+    )
+    report |= rebound(
+        stiffness, damping, request.side, request.velocity_samples, limited, decision.delay
+    ).report()
     report["commanded"] = {"stiffness": stiffness, "damping": damping}
     reasons = list(decision.reasons)
     period = config.period_ns * 1e-9
@@ -46,7 +71,7 @@ def guard_report(
             f"a tick is executed every {ms(decision.period)} instead of every {ms(period)}, which "
             "counts as the period; report key timing says what makes ticks late"
         )
-    if watch.share < 1.0:
+    if watch.share * watch.scale < 1.0:
         left = _percent(stiffness, decision.stiffness)
         damping_left = _percent(damping, decision.damping)
         reasons.append(

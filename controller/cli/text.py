@@ -150,8 +150,20 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         yield from _entry(
             "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
         )
+    high = guard.get("rebound_speed_high")
+    if high is not None:
+        yield from _entry("rebound", _rebound(guard["rebound_speed"], high))
     for reason in guard["reasons"]:
         yield from _entry("why", str(reason))
+
+
+def _rebound(low: float | None, high: float) -> str:
+    """For which speeds of entry the device is guaranteed to come back no faster."""
+    least = 0.0 if low is None else low
+    if least >= high:
+        return "at no speed is the device guaranteed to come back no faster than it came"
+    span = f"up to {_number(high)}" if low is None else f"from {_number(low)} to {_number(high)}"
+    return f"no faster than it came, for speeds {span} rad/s"
 
 
 def _motion(report: Mapping[str, Any]) -> Iterator[str]:

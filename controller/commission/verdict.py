@@ -13,7 +13,8 @@ import numpy as np
 from controller.experiments.holding import sample_age, torque_limit_of
 from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from controller.guard.guard import Situation, decide
-from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate
+from controller.guard.limits import LOOKED_UP, Found, evaluate_box
+from controller.guard.plants import Plants
 from controller.guard.schedule import age_bins_ns
 from controller.guard.types import Decision, GuardSettings, Request, decision_report
 from controller.settings.config import Config
@@ -81,7 +82,7 @@ class Question:
         settings = self.settings if capped else replace(self.settings, mode="off")
         plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
         request: Request = self.config.request()
-        return evaluate(request, settings, self.situation, plants, LOOKED_UP, asked=damping)
+        return evaluate_box(request, settings, self.situation, plants, LOOKED_UP, asked=damping)
 
     def best_damping(self) -> float:
         """The virtual damping, not negative, with which the guard allows most [N·m·s/rad]."""

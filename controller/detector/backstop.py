@@ -32,6 +32,9 @@ _FASTER_THAN_HANDS_HZ = 15.0
 _FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
 """The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
 longer than this; relative to the half-cycles before"""
+_CONTACT, _CONTACTS = 1.6, 1.75
+"""The same of the two contacts of a probe: least ratio of each, and of their mean. A hand's contact
+lasts longer at a softer wall too, but not that much."""
 _LONGEST = 3.2
 """A half-cycle in which the motion has changed altogether"""
 _APPARENT = (0.5, 1.3)
@@ -128,6 +131,7 @@ class Backstop:
     """
 
     __slots__ = (
+        "_begun",
         "_count",
         "_cycle",
         "_fading",
@@ -172,7 +176,7 @@ class Backstop:
         self._settings = settings
         self._motion = motion
         self._steadiness = Steadiness(settings.period, settings.position_step)
-        self._time = self._since = 0.0
+        self._time = self._since = self._begun = 0.0
         self._stiffness = 0.0
         self._streak = self._count = self._step = 0
         self._cycle = self._size = self._seems = self._first = self._fading = 0.0
@@ -231,13 +235,13 @@ class Backstop:
         motion, settings = self._motion, self._settings
         self._count += 1
         size = min(motion.amplitude, motion.amplitude_2)
-        if size < settings.threshold:
-            self._since = self._time
         self._steadiness.take(motion)
         self.steady = self._steadiness.count >= STEADY and size >= settings.small
         undying = lasts(motion, KEPT)
         even = undying and same_period(motion, _SAME_PERIOD)
         self._streak = self._streak + 1 if even else 0
+        if not self._streak:
+            self._since = self._time - motion.duration - motion.duration_2
         if self.phase == Phase.WATCHING:
             if size < settings.threshold:
                 regular = self.steady
@@ -267,6 +271,7 @@ class Backstop:
     def _consider(self) -> None:
         """Decide what a regular motion that does not die is answered with."""
         motion, settings = self._motion, self._settings
+        self._begun = self._since
         self._cycle = cycle = motion.duration + motion.duration_2
         self._size = size = 0.5 * (motion.amplitude + motion.amplitude_2)
         self._seems = seems = 0.5 * (motion.inertia + motion.inertia_2)
@@ -297,14 +302,7 @@ class Backstop:
         if self._count == 1:
             self._first = ratio
         elif self._count == 2:
-            least, most = _APPARENT
-            seems = 0.5 * (motion.inertia + motion.inertia_2) / self._seems
-            if (
-                self._first > _FIRST
-                and _SECOND < ratio < _LONGEST
-                and self._first + ratio > _BOTH
-                and least < seems < most
-            ):
+            if self._longer_now(ratio):
                 self._alarm(longer=True)
             elif size < _COLLAPSED * self._size:
                 self._stopped()
@@ -316,6 +314,19 @@ class Backstop:
             self._stopped()
         elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
             self._somebody_moves_it()
+
+    def _longer_now(self, ratio: float) -> bool:
+        """Whether the two of the probe took longer, and the torque still explains them."""
+        motion = self._motion
+        least, most = _APPARENT
+        seems = 0.5 * (motion.inertia + motion.inertia_2) / self._seems
+        each, both = (_CONTACT, 2.0 * _CONTACTS) if self._settings.bounces else (_SECOND, _BOTH)
+        return (
+            self._first > (each if self._settings.bounces else _FIRST)
+            and each < ratio < _LONGEST
+            and self._first + ratio > both
+            and least < seems < most
+        )
 
     def _stopped(self) -> None:
         """Take notice that the motion has stopped in the probe: the wall's if it comes again."""
@@ -370,7 +381,8 @@ class Backstop:
             self._was_wrong()
             return
         own = self._streak > 0 and (not self._longer or ratio > _OWN)
-        if own and size >= settings.threshold and (self._step >= _STEPS or self._late()):
+        hurry = not settings.bounces and self._late()
+        if own and size >= settings.threshold and (self._step >= _STEPS or hurry):
             self.failed = True
         elif self._step >= _STEPS:
             self._was_wrong()
@@ -384,7 +396,7 @@ class Backstop:
         """Whether the time within which the motion must die is running out."""
         stiffness = self._stiffness
         cycle = math.tau * math.sqrt(self._settings.heavy / stiffness) if stiffness > 0 else 1e9
-        return self._time - self._since > _HURRY * min(CYCLES * cycle, LONGEST_S)
+        return self._time - self._begun > _HURRY * min(CYCLES * cycle, LONGEST_S)
 
     def _was_wrong(self) -> None:
         """Take the alarm back."""

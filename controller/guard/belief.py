@@ -33,3 +33,9 @@ class Belief:
     """From a torque being sent to its action [s]: the device's own lag"""
     torque_gain: Bounded
     """Torque that acts per torque commanded [1]"""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all that the guard counts with is known exactly."""
+        counted = (self.inertia, self.damping, self.delay, self.torque_gain)
+        return all(each.low == each.high for each in counted)

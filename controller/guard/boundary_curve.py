@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from controller.guard.delay_parts import DelayParts
-from controller.guard.limits import Found, Plants, evaluate
+from controller.guard.limits import Found, evaluate_box, passive_over_delays
+from controller.guard.plants import Plants
 from controller.guard.types import GuardSettings, Request, Situation
-from controller.theory import critical_point, max_virtual_damping, passive_limit, peak
+from controller.theory import critical_point, max_virtual_damping, peak
 from controller.theory.checks import FloatArray
 
 WallSide = Literal["one", "both"]
@@ -75,12 +76,12 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     p = question.plants(damping.size)
     n = question.velocity_samples
     request = replace(question.request, side="above")
-    found = evaluate(request, EVERY_DAMPING, question.situation, p, asked=damping)
+    found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
     acting = p.gain * damping
     return Curve(
         virtual_damping=damping,
         found=found,
-        passive=passive_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
+        passive=passive_over_delays(request, question.situation, p, damping),
         frequency=critical_point(p.inertia, p.damping, acting, p.period, p.delay, n).frequency,
     )
 

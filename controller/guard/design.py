@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 
 from controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
-from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate, quantisation_limit
+from controller.guard.limits import LOOKED_UP, Found, evaluate, evaluate_box, quantisation_limit
+from controller.guard.plants import Plants
 from controller.guard.types import GuardSettings, Request, Situation
 from controller.theory import linear_limit, max_virtual_damping
 from controller.theory.checks import FloatArray
@@ -106,15 +107,23 @@ def improvements(
         plants.append(_changed(change, corner, situation, parts))
         asked.append(damping)
         tried.append(change)
-    if tried:
-        tolerance = 1e-4 if thorough else LOOKED_UP
-        together = plants[0].followed_by(*plants[1:])
-        after = evaluate(
-            request, settings, situation, together, tolerance, asked=np.concatenate(asked)
+    tolerance = 1e-4 if thorough else LOOKED_UP
+    # a servo that is known is one plant, any other change leaves the whole box to look at
+    for known in (True, False):
+        some = [i for i, change in enumerate(tried) if (change == "belief") is known]
+        if not some:
+            continue
+        after = (evaluate if known else evaluate_box)(
+            request,
+            settings,
+            situation,
+            plants[some[0]].followed_by(*(plants[i] for i in some[1:])),
+            tolerance,
+            np.concatenate([asked[i] for i in some]),
         )
-        for k, change in enumerate(tried):
+        for k, index in enumerate(some):
             for i, answer in enumerate(answers):
-                answer.append(_improvement(change, after, k * len(parts) + i))
+                answer.append(_improvement(tried[index], after, k * len(parts) + i))
     if "two_sided" in changes and found.one_sided is not None:
         _append(answers, "two_sided", replace(found, one_sided=None))
     if "encoder" in changes and found.quantisation is not None:

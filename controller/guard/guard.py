@@ -15,7 +15,8 @@ import numpy as np
 from controller.guard import reasons
 from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from controller.guard.design import Improvement, improvements
-from controller.guard.limits import LOOKED_UP, Found, Plants, evaluate, unstable_nominally
+from controller.guard.limits import LOOKED_UP, Found, evaluate_box, unstable_nominally
+from controller.guard.plants import Plants
 from controller.guard.types import (
     Decision,
     GuardSettings,
@@ -67,7 +68,7 @@ def decide(
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
     corner = Plants.at_corner(situation, before_device)
-    found = evaluate(request, settings, situation, corner, LOOKED_UP)
+    found = evaluate_box(request, settings, situation, corner, LOOKED_UP)
     alone = (
         unstable_nominally(request, situation, before_device)
         if settings.mode == "off"

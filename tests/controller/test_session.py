@@ -447,7 +447,7 @@ def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo():
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
     """Damping below zero, and friction believed so large that the detector sees nothing."""
     sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
-    sets += ("wall.damping=-0.1", "servo.kick=0.05", "servo.coulomb=0.02")
+    sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
     sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
     sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
     result, rows = session("emulated-xm430", *sets)

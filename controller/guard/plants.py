@@ -1,0 +1,162 @@
+"""Plants to evaluate: the corner of what is believed of a servo, and members of the whole box.
+
+The damping ceiling and the linear limit are least at one corner: lowest inertia and damping,
+longest delay and period, highest torque gain. The others are not always: more inertia lowers the
+exact limit a little where there is little damping, a wall that never pulls meets the device at
+other phases when the inertia, the gain or the delay change, and a device with much viscous damping
+comes in faster than it is at the wall, so that more damping lowers the one-sided limit; with a
+shorter delay a wall can stop being passive. So those limits are the least over members of the box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from controller.guard.belief import Belief
+from controller.guard.types import Situation
+from controller.theory.checks import FloatArray, IntArray
+
+LIGHT = 0.1
+"""Largest b T / m at which the least damping is the least safe; also what the table reaches."""
+_INERTIAS: tuple[float, ...] = (1.0, 1.03, 1.07, 1.12, 1.2, 1.5)
+_DAMPINGS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Plants:
+    """Plants to evaluate, arrays of one length."""
+
+    inertia: FloatArray
+    damping: FloatArray
+    gain: FloatArray
+    period: FloatArray
+    delay: FloatArray
+    """Total [s]"""
+
+    @classmethod
+    def at_corner(cls, situation: Situation, before_device: FloatArray) -> Plants:
+        """The corner of the belief where the ceiling and the linear limit are least.
+
+        Args:
+            situation: The belief and the period.
+            before_device: Delay without the device's own lag [s].
+        """
+        one = np.ones_like(before_device)
+        belief = situation.belief
+        return cls(
+            inertia=belief.inertia.low * one,
+            damping=belief.damping.low * one,
+            gain=belief.torque_gain.high * one,
+            period=situation.period * one,
+            delay=before_device + belief.delay.high,
+        )
+
+    @classmethod
+    def nominal(cls, situation: Situation, before_device: FloatArray) -> Plants:
+        """The belief without its bounds.
+
+        Args:
+            situation: The belief and the period.
+            before_device: Delay without the device's own lag [s].
+        """
+        one = np.ones_like(before_device)
+        belief = situation.belief
+        return cls(
+            inertia=belief.inertia.value * one,
+            damping=belief.damping.value * one,
+            gain=belief.torque_gain.value * one,
+            period=situation.period * one,
+            delay=before_device + belief.delay.value,
+        )
+
+    def take(self, index: IntArray) -> Plants:
+        """The plants at ``index``."""
+        return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def followed_by(self, *others: Plants) -> Plants:
+        """These plants, then the others."""
+        return Plants(
+            *(
+                np.concatenate([getattr(each, f.name) for each in (self, *others)])
+                for f in fields(self)
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """The members that are evaluated for each corner, the corner itself first; flat arrays.
+
+    All have the corner's delay: over random boxes a shorter one lowers no limit but the passive.
+    """
+
+    inertia: FloatArray
+    """Times the corner's"""
+    damping: FloatArray
+    """Above the corner's [N·m·s/rad]"""
+    gain: FloatArray
+    """Times the corner's"""
+
+    @classmethod
+    def of(cls, situation: Situation) -> Box:
+        """Members of a belief's box: the corner alone where there is little friction.
+
+        There the least over the box lies so close below the corner that a factor covers it
+        (``limits.CORNER_ALONE``); searching it at each start would take a second.
+
+        Args:
+            situation: The belief and the period.
+        """
+        belief = situation.belief
+        if not is_heavy(situation):
+            return cls(np.ones(1), np.zeros(1), np.ones(1))
+        m = _within(_INERTIAS, belief.inertia.high / belief.inertia.low)
+        g = 1.0 / _within([1.0], belief.torque_gain.high / belief.torque_gain.low)
+        grid = np.meshgrid(m, _more_damping(belief), g, indexing="ij")
+        inertia, damping, gain = (each.ravel() for each in grid)
+        return cls(inertia, damping, gain)
+
+    @property
+    def size(self) -> int:
+        """How many members for each corner."""
+        return self.inertia.size
+
+    def around(self, corners: Plants) -> Plants:
+        """The members of each corner, one corner's after the other's."""
+
+        def each(values: FloatArray) -> FloatArray:
+            return np.repeat(values, self.size)
+
+        def all_of(values: FloatArray) -> FloatArray:
+            return np.tile(values, corners.inertia.size)
+
+        return Plants(
+            inertia=each(corners.inertia) * all_of(self.inertia),
+            damping=each(corners.damping) + all_of(self.damping),
+            gain=each(corners.gain) * all_of(self.gain),
+            period=each(corners.period),
+            delay=each(corners.delay),
+        )
+
+
+def _within(factors: Sequence[float], most: float) -> FloatArray:
+    """The factors below the greatest, and the greatest."""
+    return np.array([*(each for each in factors if each < most), most])
+
+
+def _more_damping(belief: Belief) -> FloatArray:
+    """What the damping of members is above the lowest [N·m·s/rad]."""
+    low, high = belief.damping.low, belief.damping.high
+    if not low < high:
+        return np.zeros(1)
+    spread = np.geomspace(max(low, 1e-2 * high), high, _DAMPINGS) - low
+    return np.unique(np.append(0.0, spread))
+
+
+def is_heavy(situation: Situation) -> bool:
+    """Whether friction may be so strong that more of it can lower the one-sided limit."""
+    belief = situation.belief
+    return belief.damping.high * situation.period > LIGHT * belief.inertia.low
