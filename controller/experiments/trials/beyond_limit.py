@@ -13,6 +13,7 @@ from controller.experiments.trials.cases import (
     draw_damping,
     draw_kick,
     draw_row,
+    log_uniform,
 )
 from controller.experiments.trials.draws import bench_of, critical_of, damping_ceiling_of
 from controller.experiments.trials.rates import most
@@ -51,7 +52,7 @@ def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
     while tried < walls:
         truth = draw_row(bench, _ANY, LAGS[lags], random)
         damping = draw_damping(preset, random)
-        ratio = math.exp(random.uniform(*(math.log(end) for end in RATIOS)))
+        ratio = log_uniform(RATIOS, random)
         kick = draw_kick(random)
         if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
             continue
@@ -68,7 +69,7 @@ def jobs(amount: Amount) -> list[Job]:
     made = []
     for i, preset in enumerate(PRESETS):
         for lags in range(len(LAGS)):
-            left = 2 * amount.walls
+            left = amount.walls_of(2)
             for part in range(-(-left // _A_JOB)):
                 walls = min(_A_JOB, left - part * _A_JOB)
                 made.append(Job(beyond, (preset, lags, walls, (amount.seed, 3, i, lags, part))))

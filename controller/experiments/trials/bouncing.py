@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from controller.experiments.trials.cases import (
     draw_damping,
     draw_kick,
     draw_row,
+    log_uniform,
 )
 from controller.experiments.trials.draws import Bench, bench_of, critical_of
 from controller.experiments.trials.own_walls import ANY_STIFFNESS
@@ -64,7 +64,7 @@ def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]
         damping = draw_damping(preset, random)
         wall = WallAsked(ANY_STIFFNESS, damping, "above", forced=False)
         if kind:
-            ratio = math.exp(random.uniform(*(math.log(end) for end in _FORCED)))
+            ratio = log_uniform(_FORCED, random)
             limit = max(critical_of(truth, damping, 1e-3), 0.1 * bench.torque_limit)
             wall = WallAsked(ratio * limit, damping, "above")
         push = _push(bench, truth, random)
@@ -87,7 +87,7 @@ def jobs(amount: Amount) -> list[Job]:
     for i, preset in enumerate(PRESETS):
         for kind in range(len(WALLS_TRIED)):
             for lags in range(len(LAGS)):
-                left = amount.walls
+                left = amount.walls_of(1)
                 for part in range(-(-left // _A_JOB)):
                     walls = min(_A_JOB, left - part * _A_JOB)
                     seed = (amount.seed, 4, i, kind, lags, part)

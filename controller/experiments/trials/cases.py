@@ -136,7 +136,12 @@ def draw_damping(preset: str, random: np.random.Generator) -> float:
 
 def draw_kick(random: np.random.Generator) -> float:
     """Log-uniform within ``KICKS`` [rad]."""
-    low, high = KICKS
+    return log_uniform(KICKS, random)
+
+
+def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float:
+    """Draw by the logarithm; both ends > 0."""
+    low, high = ends
     return float(math.exp(random.uniform(math.log(low), math.log(high))))
 
 

@@ -108,7 +108,7 @@ def jobs(amount: Amount) -> list[Job]:
     """Both servos, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
-        left = 4 * amount.walls
+        left = amount.walls_of(4)
         for part in range(-(-left // _A_JOB)):
             walls = min(_A_JOB, left - part * _A_JOB)
             made.append(Job(small_cycles, (preset, walls, (amount.seed, 5, i, part))))

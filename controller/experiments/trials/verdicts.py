@@ -49,8 +49,8 @@ def sustains(trial: Trial, above: float, window_s: float = WINDOW_S) -> bool:
     if size.size < 4:
         return False
     cycles = 0.5 * (size.size - 2)
-    kept = float(np.mean(size[-2:])) >= float(np.mean(size[:2])) * (1.0 - LOST) ** cycles
-    return kept
+    least = float(np.mean(size[:2])) * (1.0 - LOST) ** cycles
+    return bool(np.mean(size[-2:]) >= least)
 
 
 def unseen(trial: Trial, window_s: float = WINDOW_S) -> bool:

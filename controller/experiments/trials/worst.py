@@ -133,7 +133,7 @@ class Goal:
 
 def searched(preset: str, goal: str, generations: int, seed: int) -> tuple[str, str, list[Found]]:
     """Search in this process; all the points that were tried, the worst first."""
-    few = 12 if generations > 1 else 2
+    few = 12 if generations > 1 else 1
     found = worst_cases(
         Goal(goal, preset),
         box(preset),
