@@ -74,7 +74,7 @@ def jobs(amount: Amount, section: int) -> list[Job]:
     made = []
     for i, preset in enumerate(PRESETS):
         for row in range(len(ROWS)):
-            for lags in range(len(LAGS)):
+            for lags in range(len(LAGS)) if amount.walls else (len(LAGS) - 1,):
                 left = amount.walls_of(lags + 1)
                 for part in range(-(-left // _A_JOB)):
                     walls = min(_A_JOB, left - part * _A_JOB)
