@@ -31,7 +31,7 @@ class Amount:
     """Of each operator, for each servo [h]"""
     trial_s: float = 60.0
     """Length of a trial with an operator [s]"""
-    generations: int = 12
+    generations: int = 8
     """Of each worst-case search"""
 
     def walls_of(self, times: int) -> int:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
 
 from controller.experiments.trials.cases import DAMPINGS, KICKS, PRESETS, Case
 from controller.experiments.trials.draws import (
@@ -22,6 +24,8 @@ from controller.experiments.trials.sections import Amount, Job, Made, Section
 from controller.experiments.trials.truth import BackEmf, Truth
 from controller.experiments.trials.verdicts import at_alarm_and_after, small, sustains, unseen
 
+Body = Literal["rigid", "flexible"]
+BODIES: tuple[Body, ...] = ("rigid", "flexible")
 _KINDS: tuple[BackEmf, ...] = ("none", "current", "voltage")
 _LONG_S = 14.0
 _NEVER = 4.0
@@ -30,14 +34,14 @@ _TOLD = 3
 """Cases of each search on the page's list"""
 
 
-def box(preset: str) -> list[Axis]:
-    """What is searched.
+def box(preset: str, body: Body) -> list[Axis]:
+    """What is searched: ``kind`` is the back-EMF; a rigid servo has no mode.
 
-    ``kind`` is the back-EMF; with ``load`` below the least one of ``MODE_LOAD`` the servo is rigid.
+    The two bodies are searched apart: the worst flexible one would hide the worst rigid one.
     """
     belief = bench_of(preset).belief
     dampings = DAMPINGS[preset]
-    return [
+    axes = [
         Axis("inertia", belief.inertia.low, belief.inertia.high, log=True),
         Axis("damping", belief.damping.low, belief.damping.high, log=True),
         Axis("coulomb", belief.coulomb.low, belief.coulomb.high, log=True),
@@ -47,10 +51,14 @@ def box(preset: str) -> list[Axis]:
         Axis("kick", *KICKS, log=True),
         Axis("kind", 0.0, 2.999),
         Axis("backlash", 0.0, MOST_BACKLASH),
-        Axis("mode_hz", *MODE_HZ, log=True),
-        Axis("mode_damping", *MODE_DAMPING, log=True),
-        Axis("load", -MODE_LOAD[1], MODE_LOAD[1]),
     ]
+    if body == "flexible":
+        axes += [
+            Axis("mode_hz", *MODE_HZ, log=True),
+            Axis("mode_damping", *MODE_DAMPING, log=True),
+            Axis("load", *MODE_LOAD),
+        ]
+    return axes
 
 
 def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S) -> Case:
@@ -69,7 +77,7 @@ def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S
         stall_torque=point["gain"] * bench.stall_torque,
         no_load_speed=bench.no_load_speed,
     )
-    if point["load"] > MODE_LOAD[0]:
+    if "load" in point:
         truth = truth.with_mode(point["mode_hz"], point["mode_damping"], point["load"])
     wall = WallAsked(ANY_STIFFNESS, point["wall_damping"], forced=False)
     return Case(preset, truth, wall, duration_s, position=point["kick"])
@@ -120,6 +128,16 @@ _WRONG = {"lateness": 1.0, "growth": 1.5, "unseen": 1.0}
 """Values above which a case is a counter-example"""
 
 
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """What a search has tried, the worst first."""
+
+    preset: str
+    body: Body
+    goal: str
+    found: list[Found]
+
+
 class Goal:
     """An objective for a servo, as the search calls it."""
 
@@ -131,31 +149,32 @@ class Goal:
         return GOALS[self.name](self.preset, point)
 
 
-def searched(preset: str, goal: str, generations: int, seed: int) -> tuple[str, str, list[Found]]:
+def searched(preset: str, body: Body, goal: str, generations: int, seed: int) -> Searched:
     """Search in this process; all the points that were tried, the worst first."""
     few = 12 if generations > 1 else 1
     found = worst_cases(
         Goal(goal, preset),
-        box(preset),
+        box(preset, body),
         parents=few,
         children=2 * few,
         generations=generations,
         seed=seed,
         workers=0,
     )
-    return preset, goal, found
+    return Searched(preset, body, goal, found)
 
 
 def jobs(amount: Amount) -> list[Job]:
     """Every goal on every servo."""
     return [
-        Job(searched, (preset, goal, amount.generations, amount.seed))
+        Job(searched, (preset, body, goal, amount.generations, amount.seed))
         for preset in PRESETS
+        for body in BODIES
         for goal in GOALS
     ]
 
 
-def told(results: list[tuple[str, str, list[Found]]]) -> Made:
+def told(results: list[Searched]) -> Made:
     """The section's text."""
     lines = [
         "An evolution strategy over inertia, damping, Coulomb friction, torque gain (their believed"
@@ -167,17 +186,18 @@ def told(results: list[tuple[str, str, list[Found]]]) -> Made:
         " after the alarm by the largest until then. `unseen`: amplitude of what sustains itself at"
         " the end, called quiet or decaying, in four counts; below 1: none.",
         "",
-        "| servo | goal | evaluations | worst | counter-examples, above | worst case |",
-        "|---|---|---|---|---|---|",
+        "| servo | body | goal | evaluations | worst | counter-examples, above | worst case |",
+        "|---|---|---|---|---|---|---|",
     ]
     wrong: list[tuple[str, object]] = []
-    for preset, goal, found in results:
+    for one_search in results:
+        preset, goal, found = one_search.preset, one_search.goal, one_search.found
         above = [one for one in found if one.value > _WRONG[goal]]
         worst = found[0]
         point = ", ".join(f"{name} {value:.3g}" for name, value in worst.point.items())
         lines.append(
-            f"| {preset} | {goal} | {len(found)} | {worst.value:.2f} | {len(above)}, above"
-            f" {_WRONG[goal]:g} | {point} |"
+            f"| {preset} | {one_search.body} | {goal} | {len(found)} | {worst.value:.2f} |"
+            f" {len(above)}, above {_WRONG[goal]:g} | {point} |"
         )
         wrong += [(f"{goal} {one.value:.2f}", case_of(preset, one.point)) for one in above[:_TOLD]]
     return Made(lines, wrong)

@@ -30,7 +30,7 @@ from controller.experiments.trials.verdicts import (
     time_above_s,
     unseen,
 )
-from controller.experiments.trials.worst import box, case_of
+from controller.experiments.trials.worst import BODIES, box, case_of
 
 BENCH = bench_of("xm430-w350")
 COUNT = math.tau / 4096
@@ -162,11 +162,11 @@ def test_a_trial_with_an_operator_counts_what_was_done_to_it() -> None:
 
 
 def test_a_point_of_the_searched_box_is_a_case() -> None:
-    axes = box("xl330-m288")
-    rigid = case_of("xl330-m288", {axis.name: axis.value(0.0) for axis in axes})
+    axes = {body: box("xl330-m288", body) for body in BODIES}
+    rigid = case_of("xl330-m288", {axis.name: axis.value(0.0) for axis in axes["rigid"]})
     assert not rigid.truth.flexible
     assert rigid.truth.back_emf == "none"
-    flexible = case_of("xl330-m288", {axis.name: axis.value(1.0) for axis in axes})
+    flexible = case_of("xl330-m288", {axis.name: axis.value(1.0) for axis in axes["flexible"]})
     assert flexible.truth.mode_hz == pytest.approx(60.0)
     assert flexible.truth.back_emf == "voltage"
     assert flexible.truth.delay == pytest.approx(0.02)
