@@ -16,13 +16,13 @@ from controller.experiments.trials.draws import (
     MOST_BACKLASH,
     bench_of,
 )
-from controller.experiments.trials.judges import large, own_oscillation
+from controller.experiments.trials.judges import LONGEST_S, large, own_oscillation
 from controller.experiments.trials.own_walls import ANY_STIFFNESS
 from controller.experiments.trials.run import WallAsked
 from controller.experiments.trials.search import Axis, Found, worst_cases
 from controller.experiments.trials.sections import Amount, Job, Made, Section
 from controller.experiments.trials.truth import BackEmf, Truth
-from controller.experiments.trials.verdicts import at_alarm_and_after, small, sustains, unseen
+from controller.experiments.trials.verdicts import at_alarm_and_after, longest_unseen_s, sustains
 
 Body = Literal["rigid", "flexible"]
 BODIES: tuple[Body, ...] = ("rigid", "flexible")
@@ -113,14 +113,8 @@ def growth(preset: str, point: Mapping[str, float]) -> float:
 
 
 def hidden(preset: str, point: Mapping[str, float]) -> float:
-    """Amplitude of a motion that sustains itself unseen at the end, in four counts [1].
-
-    Above 1 it must not be called quiet or decaying. What is seen or dies counts below 1.
-    """
-    trial = case_of(preset, point).run()
-    own = own_oscillation(trial, bench_of(preset).belief)
-    size = own.final / small()
-    return max(size, 1.0) if unseen(trial) else 0.5 * min(size, 1.0)
+    """Longest time in which a motion above four counts neither dies nor is seen, by 5 s [1]."""
+    return longest_unseen_s(case_of(preset, point).run()) / LONGEST_S
 
 
 GOALS = {"lateness": lateness, "growth": growth, "unseen": hidden}
@@ -183,8 +177,9 @@ def told(results: list[Searched]) -> Made:
         " two-sided, and `reduce`. `lateness`: the time until the motion decays or the run ends, by"
         " the time it may take; what goes on to the end of"
         f" {_LONG_S:g} s counts {_NEVER:g} more. `growth`: the largest distance from the surface"
-        " after the alarm by the largest until then. `unseen`: amplitude of what sustains itself at"
-        " the end, called quiet or decaying, in four counts; below 1: none.",
+        " after the alarm by the largest until then. `unseen`: the longest time for which a"
+        " motion above four counts did not die, and was called quiet or decaying, by"
+        f" {LONGEST_S:g} s.",
         "",
         "| servo | body | goal | evaluations | worst | counter-examples, above | worst case |",
         "|---|---|---|---|---|---|---|",
