@@ -40,6 +40,8 @@ _LONGEST = 3.2
 _APPARENT = (0.5, 1.3)
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
+_CYCLES_EVEN = 2
+"""Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
 """Regular half-cycles after which a motion is probed though the servo cannot be so light or heavy
 """
@@ -63,8 +65,9 @@ _DYING = 0.95
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
-_OWN = 1.3
-"""Ratio of the period to that before the alarm that leaves no doubt"""
+_OWN = 1.3, 2.0, 3.0
+"""Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
+makes it 2, 4 and 8"""
 _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
 _LEAST_STEPS = 2.0
@@ -126,6 +129,8 @@ class Backstop:
         probes: All probes.
         reductions: Alarms.
         returned: Alarms that were found wrong; what they took was given back.
+        suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
+            shaft: the next motion is probed. May be set at any time.
         small_cycle: The last alarm was about a steady motion below the threshold: most likely a
             limit cycle of backlash.
     """
@@ -164,6 +169,7 @@ class Backstop:
         "small_cycle",
         "steady",
         "stiffness_scale",
+        "suspected",
     )
 
     def __init__(self, settings: BackstopSettings, motion: Repeated) -> None:
@@ -187,7 +193,14 @@ class Backstop:
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
         self.alarm = self.steady = self.failed = self.small_cycle = False
+        self.suspected = False
         self.moved = self.probes = self.reductions = self.returned = 0
+
+    @property
+    def large(self) -> bool:
+        """Whether the last two half-cycles were above the threshold."""
+        motion = self._motion
+        return min(motion.amplitude, motion.amplitude_2) >= self._settings.threshold
 
     def passed(self, span: float, elongation: float, stiffness: float) -> None:
         """Let time pass; to be called once a sample, before ``ended``.
@@ -219,7 +232,7 @@ class Backstop:
         """Take back every reduction, and begin to watch anew."""
         self.stiffness_scale = self.damping_scale = 1.0
         self.phase = Phase.WATCHING
-        self.alarm = self.small_cycle = False
+        self.alarm = self.small_cycle = self.suspected = False
         self._stopped_s = self._moved_s = -math.inf
         self._streak = 0
 
@@ -247,8 +260,9 @@ class Backstop:
                 regular = self.steady
             else:
                 before = min(motion.amplitude_3, motion.amplitude_4)
-                regular = (even and before >= settings.threshold) or self._saturated()
-            if regular:
+                even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
+                regular = even or self._saturated()
+            if regular or (self.suspected and size >= settings.threshold and motion.known >= 2):
                 self._consider()
             else:
                 self.alarm = False
@@ -280,6 +294,9 @@ class Backstop:
             return
         if not settings.acts:
             return
+        if self.suspected:
+            self._probe()
+            return
         alike = (
             abs(math.log(cycle / self._moved_cycle)) < _OTHER_PERIOD
             and size < _OTHER_AMPLITUDE * self._moved_amplitude
@@ -289,10 +306,13 @@ class Backstop:
                 self._alarm(longer=False)  # a probe has found a hand, but no hand is so even
             return
         if self.steady or self._streak >= _UNLIKELY or settings.light < seems < settings.heavy:
-            self.phase = Phase.PROBING
-            self.probes += 1
-            self._count = 0
-            self.stiffness_scale = self.damping_scale = PROBE
+            self._probe()
+
+    def _probe(self) -> None:
+        self.phase = Phase.PROBING
+        self.probes += 1
+        self._count = 0
+        self.stiffness_scale = self.damping_scale = PROBE
 
     def _answer(self) -> None:
         """Judge a probe when a half-cycle of it has ended."""
@@ -349,6 +369,7 @@ class Backstop:
             longer: The motion took longer in the probe.
         """
         self.alarm = True
+        self.suspected = False
         self.small_cycle = self._size < self._settings.threshold
         self.reductions += 1
         if not self._settings.acts:
@@ -375,12 +396,16 @@ class Backstop:
         if self.small_cycle and not (undying and self._count >= STEADY):
             return
         self.alarm = True
-        ratio = (motion.duration + motion.duration_2) / self._cycle
+        cycle = motion.duration + motion.duration_2
+        ratio = cycle / self._cycle
         least, most, later = _AS_BEFORE
         if self._longer and least < ratio < (most if self._step == 1 else later):
             self._was_wrong()
             return
-        own = self._streak > 0 and (not self._longer or ratio > _OWN)
+        if self._longer:
+            own = self._streak > 0 and ratio > _OWN[self._step - 1]
+        else:
+            own = self.steady or cycle * _FASTER_THAN_HANDS_HZ < 1.0
         hurry = not settings.bounces and self._late()
         if own and size >= settings.threshold and (self._step >= _STEPS or hurry):
             self.failed = True
@@ -407,6 +432,7 @@ class Backstop:
     def _somebody_moves_it(self) -> None:
         """Give the wall back, and leave this motion alone for a while."""
         self.moved += 1
+        self.suspected = False
         self._moved_s = self._time
         self._moved_cycle, self._moved_amplitude = self._cycle, self._size
         self.phase = Phase.RETURNING

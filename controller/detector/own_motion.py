@@ -83,6 +83,16 @@ class OwnMotion:
         self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)
         self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
 
+    def suspect(self) -> None:
+        """Have the next large motion probed, however regular it is."""
+        backstop = self._backstop if self._bounces is None or self._inside else self._bounces
+        backstop.suspected = True
+
+    @property
+    def suspected(self) -> bool:
+        """Whether a suspicion has not been answered yet."""
+        return self._backstop.suspected or (self._bounces is not None and self._bounces.suspected)
+
     def raise_again(self) -> None:
         """Take back every reduction."""
         self._backstop.raise_again()
@@ -114,11 +124,16 @@ class OwnMotion:
         return self._backstop.failed or (self._bounces is not None and self._bounces.failed)
 
     @property
-    def probing(self) -> bool:
-        """Whether the wall is being probed."""
+    def large(self) -> bool:
+        """Whether the motion is so large that it can be probed."""
+        return self._backstop.large
+
+    @property
+    def answering(self) -> bool:
+        """Whether the wall is being probed, is reduced, or comes back."""
         bounces = self._bounces
-        return self._backstop.phase == Phase.PROBING or (
-            bounces is not None and bounces.phase == Phase.PROBING
+        return self._backstop.phase != Phase.WATCHING or (
+            bounces is not None and bounces.phase != Phase.WATCHING
         )
 
     @property

@@ -68,6 +68,7 @@ class Watch:
         damping_share: Of its damping.
         damps: As much damping is to be put in as does not lower the critical stiffness.
         steps: Of the reduction, taken so far.
+        taken_back: Alarms that were taken back, since a hand was found to move the shaft.
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
         state: The worst seen.
         frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
@@ -83,6 +84,7 @@ class Watch:
 
     __slots__ = (
         "_acting",
+        "_before",
         "_damping",
         "_detector",
         "_entered",
@@ -113,6 +115,7 @@ class Watch:
         "spanned",
         "state",
         "steps",
+        "taken_back",
     )
 
     def __init__(self, settings: WatchSettings) -> None:
@@ -141,12 +144,13 @@ class Watch:
         self.spanned = 1
         self.share = self.damping_share = 1.0
         self.damps = False
-        self.steps = 0
+        self.steps = self.taken_back = 0
         self.failed = False
         self.current = self.state = State.QUIET
         self.frequency_hz = math.nan
         self.amplitude = 0.0
         self.first_alarm_s = math.nan
+        self._before = self.state, self.frequency_hz, self.amplitude, math.nan
 
     def set_age(self, age_s: float) -> None:
         """Say how old a sample is when its torque is sent [s]."""
@@ -186,6 +190,8 @@ class Watch:
         balance.virtual_damping = self._damping = (law.damping + law.injected) * law.damping_scale
         balance.surface = law.position
         self.current = state = detector.update(position, torque, periods)
+        if not detector.alarm and isnan(self.first_alarm_s):
+            self._before = self.state, self.frequency_hz, self.amplitude, math.nan
         if state:
             self._note(state, detector.amplitude, detector.frequency_hz)
         if self.own is not None:
@@ -201,7 +207,10 @@ class Watch:
 
     def _backstop(self, own: OwnMotion, away: float, stiffness: float) -> None:
         """Watch what the believed values do not explain, and the energy of a contact."""
+        moved = own.counts[1]
         own.update(away, self._sent, self.spanned * self._period, stiffness)
+        if own.counts[1] > moved:
+            self._take_back()
         if own.alarm or own.steady:
             self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
             self._note(self.current, own.amplitude, own.frequency_hz)
@@ -255,6 +264,17 @@ class Watch:
         self._last_move = self._mean = 0.0
         self._periods = 0
 
+    def _take_back(self) -> None:
+        """Allow what an alarm took: a probe has found that somebody moves the shaft."""
+        if self.steps or self._detector.alarm:
+            self.taken_back += 1
+            self.share = self.damping_share = 1.0
+            self.damps = False
+            self.steps = self._wait = 0
+            self._detector.restart()
+        if self.own is not None and self.own.counts[2] == self.own.counts[3]:
+            self.state, self.frequency_hz, self.amplitude, self.first_alarm_s = self._before
+
     @property
     def _acts(self) -> bool:
         return self._settings.answer != "report"
@@ -307,6 +327,10 @@ class Watch:
         if self.share <= LEAST_SHARE:
             self.failed = True
             return
+        if self.own is not None and self.own.large:
+            if not self.own.answering and not self.own.suspected:
+                self.own.suspect()
+            return  # a probe says whether the wall moves the shaft, and then goes on by itself
         detector = self._detector
         hertz = detector.frequency_hz
         delay = self._acting.lag + self._settings.inserted / self._period
