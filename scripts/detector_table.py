@@ -1,13 +1,16 @@
 """Tries the oscillation detector on walls and hands drawn at random; writes docs/detector-table.md.
 
-scripts/detector_table [--quick] [--seed N] [--out FILE]
+    scripts/detector_table [--quick] [--seed N] [--only SECTION ...] [--hours H] [--walls N]
+                           [--examples FILE] [--out FILE]
+
+With ``--only`` the other sections of the page stay as they are.
 """
 
 import math
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
-from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +25,13 @@ from controller.experiments.detector_trials import (
 )
 from controller.experiments.hands import HANDS
 from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.trials.beyond_limit import LIMIT
+from controller.experiments.trials.bouncing import BOUNCES
+from controller.experiments.trials.hand_hours import HOURS
+from controller.experiments.trials.own_walls import WALLS
+from controller.experiments.trials.sections import measured
+from controller.experiments.trials.small_cycles import BACKLASH_CYCLES
+from scripts.page_sections import add_options, amount_of, command_of, write
 from scripts.whole_program import measured_on, page_options
 
 SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
@@ -34,21 +44,31 @@ it: whoever changes a threshold after looking at its results takes another."""
 QUICK = 5
 """By what a part of the quick run has fewer walls, and shorter hands"""
 
+BELIEF = "belief"
+"""The part of the page on the detector that uses the believed servo"""
+SECTIONS = {one.name: one for one in (WALLS, HOURS, LIMIT, BOUNCES, BACKLASH_CYCLES)}
 
-def main() -> None:
-    """Run all trials, and write the page."""
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the trials, and write the page."""
     options = page_options("detector_table", __doc__ or "", "detector-table.md")
-    options.add_argument("--quick", action="store_true", help="a fifteenth of the trials")
+    options.add_argument("--quick", action="store_true", help="a fifteenth of the trials, or fewer")
     options.add_argument("--seed", type=int, default=SEED, help="of all draws")
-    chosen = options.parse_args()
+    add_options(options, (BELIEF, *SECTIONS))
+    chosen = options.parse_args(arguments)
+    names = chosen.only or (BELIEF, *SECTIONS)
+    command = command_of("detector_table", chosen)
     begin = time.monotonic()
     with held_back_ctrl_c(), processes(cores()) as pool:
-        kicks, sustained, hands = run(pool, chosen.seed, chosen.quick)
-    took = time.monotonic() - begin
-    command = "scripts/detector_table" + (" --quick" if chosen.quick else "")
-    how = f"`{command} --seed {chosen.seed}`, {took / 60:.0f} min"
-    said = page(kicks, sustained, hands, how, seen=chosen.seed in CHOSEN_ON)
-    Path(chosen.out).write_text(said, encoding="utf-8")
+        parts = run(pool, chosen.seed, chosen.quick) if BELIEF in names else None
+        took = time.monotonic() - begin
+        sections = [SECTIONS[name] for name in names if name != BELIEF]
+        made = measured(pool, sections, amount_of(chosen), command)
+    head = None
+    if parts is not None:
+        how = f"`{command}`, {took / 60:.0f} min"
+        head = page(*parts, how, seen=chosen.seed in CHOSEN_ON)
+    write(chosen, head, list(SECTIONS), made)
 
 
 def run(

@@ -1,13 +1,15 @@
 """Measures what is done about oscillations, and writes docs/reaction-table.md.
 
-    scripts/reaction_table [--out FILE] [--cases N] [--seed N]
+    scripts/reaction_table [--quick] [--cases N] [--seed N] [--only SECTION ...] [--walls N]
+                           [--examples FILE] [--out FILE]
 
 On the simulated clock with the loop's own tick: random servos, delays, virtual dampings, kicks and
-beliefs; the same seed gives the same page.
+beliefs; the same seed gives the same page. With ``--only`` the other sections stay as they are.
 """
 
 import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,6 +18,10 @@ import numpy as np
 
 from controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from controller.experiments.onset import simulated_critical_stiffness
+from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.trials.own_walls import GROWTH
+from controller.experiments.trials.sections import measured
+from controller.experiments.trials.worst import WORST
 from controller.guard.schedule import GainSchedule
 from controller.guard.types import Decision
 from controller.settings.config import Config
@@ -26,6 +32,7 @@ from controller.theory.servos import SERVOS
 from controller.tick import Tick
 from hw.clock import SimulatedClock
 from hw.open import open_servo
+from scripts.page_sections import add_options, amount_of, command_of, write
 from scripts.whole_program import measured_on, page_options, say_time
 
 PERIOD = 1e-3
@@ -43,6 +50,10 @@ WRONG = 0.2
 CYCLES = 12
 CASE_S = 0.15
 """What one case takes to simulate on one core"""
+QUICK_CASES = 4
+BELIEF = "belief"
+"""The part of the page on the detector that uses the believed servo"""
+SECTIONS = {one.name: one for one in (GROWTH, WORST)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,14 +342,24 @@ def _text(
     return "\n".join(lines)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, and write the page."""
     parser = page_options("reaction_table", __doc__, "reaction-table.md")
-    parser.add_argument("--cases", type=int, default=300, help="walls of each kind")
+    parser.add_argument("--cases", type=int, default=300, help="walls of each kind, by belief")
     parser.add_argument("--seed", type=int, default=1, help="of what is drawn")
-    given = parser.parse_args()
-    say_time(given.cases * 2 * CASE_S / (os.cpu_count() or 1) + 60)
-    given.out.write_text(page(given.cases, given.seed))
+    parser.add_argument("--quick", action="store_true", help="hardly any trials")
+    add_options(parser, (BELIEF, *SECTIONS))
+    given = parser.parse_args(arguments)
+    names = given.only or (BELIEF, *SECTIONS)
+    cases = QUICK_CASES if given.quick else given.cases
+    head = None
+    if BELIEF in names:
+        say_time(cases * 2 * CASE_S / (os.cpu_count() or 1) + (5 if given.quick else 60))
+        head = page(cases, given.seed)
+    with held_back_ctrl_c(), processes(cores()) as pool:
+        sections = [SECTIONS[name] for name in names if name != BELIEF]
+        made = measured(pool, sections, amount_of(given), command_of("reaction_table", given))
+    write(given, head, list(SECTIONS), made)
 
 
 if __name__ == "__main__":

@@ -70,6 +70,12 @@ class Trial:
     """Name of the trip that ended the run; None: none did"""
     oscillation: dict[str, object]
     """The run's report of the oscillation"""
+    steps: int = 0
+    """Of the reduction by the detector that uses the believed servo"""
+    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    """Of the backstop: probes, hands it found, alarms, alarms that it took back"""
+    gave_up: bool = False
+    """The backstop asked for the end of the run: its reductions did not help"""
 
     @property
     def time(self) -> FloatArray:
@@ -152,6 +158,7 @@ def run_trial(
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
+    own = parts.watch.own
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -164,6 +171,9 @@ def run_trial(
         first_alarm_s=parts.watch.first_alarm_s,
         trip=None if tick.trip is None else Trip(tick.trip).value,
         oscillation=oscillation_report(parts.watch),
+        steps=parts.watch.steps,
+        counts=(0, 0, 0, 0) if own is None else own.counts,
+        gave_up=own is not None and own.failed,
     )
 
 

@@ -1,0 +1,118 @@
+"""Walls at 1.2 to 2 times their true limit: whether a true alarm ends by reduction or by a trip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from controller.experiments.trials.cases import (
+    LAGS,
+    PRESETS,
+    Case,
+    Row,
+    draw_damping,
+    draw_kick,
+    draw_row,
+    log_uniform,
+)
+from controller.experiments.trials.draws import bench_of, critical_of, damping_ceiling_of
+from controller.experiments.trials.rates import most
+from controller.experiments.trials.run import WallAsked
+from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+
+RATIOS = (1.2, 2.0)
+_ANY = Row("any back-EMF", back_emf=None)
+_A_JOB = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """Some walls with lags of a range."""
+
+    preset: str
+    lags: str
+    walls: int
+    found: list[Answered]
+    """Those that oscillate by themselves"""
+
+
+def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
+    """Try some walls.
+
+    Args:
+        preset: Of the servo.
+        lags: Index in ``LAGS``.
+        walls: How many.
+        seed: Of everything drawn.
+    """
+    random, bench = draws(seed), bench_of(preset)
+    found: list[Answered] = []
+    tried = 0
+    while tried < walls:
+        truth = draw_row(bench, _ANY, LAGS[lags], random)
+        damping = draw_damping(preset, random)
+        ratio = log_uniform(RATIOS, random)
+        kick = draw_kick(random)
+        if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
+            continue
+        tried += 1
+        stiffness = ratio * critical_of(truth, damping, 1e-3)
+        case = Case(preset, truth, WallAsked(stiffness, damping), position=kick)
+        if goes_on_by_itself(case):
+            found.append(answered(case))
+    return Beyond(preset, LAGS[lags].name, walls, found)
+
+
+def jobs(amount: Amount) -> list[Job]:
+    """Both servos and all lags, in parts."""
+    made = []
+    for i, preset in enumerate(PRESETS):
+        for lags in range(len(LAGS)):
+            left = amount.walls_of(2)
+            for part in range(-(-left // _A_JOB)):
+                walls = min(_A_JOB, left - part * _A_JOB)
+                made.append(Job(beyond, (preset, lags, walls, (amount.seed, 3, i, lags, part))))
+    return made
+
+
+def told(results: list[Beyond]) -> Made:
+    """The section's text."""
+    lines = [
+        f"K forced at {RATIOS[0]} to {RATIOS[1]:g} times the true servo's own limit, two-sided,"
+        " kicks of 0.02 to 0.5 rad, back-EMF drawn. Only walls that oscillate by themselves count:"
+        " Coulomb friction holds many of the others.",
+        "",
+        "| servo | lag | walls | oscillate | alarms | of these end by reduction | by a trip | in"
+        " time |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for preset in PRESETS:
+        here = [one for one in results if one.preset == preset]
+        lines += [
+            _line(preset, lags.name, [one for one in here if one.lags == lags.name])
+            for lags in LAGS
+        ]
+    lines.append(_line("both", "all", results))
+    found = [one for some in results for one in some.found]
+    wrong: list[tuple[str, object]] = [
+        (f"trip {one.trip}, never {one.never}, late by {one.late_s:.2f} s", one.case)
+        for one in found
+        if one.trip or not one.in_time
+    ]
+    return Made(lines, wrong)
+
+
+def _line(name: str, lags: str, results: list[Beyond]) -> str:
+    found = [one for some in results for one in some.found]
+    alarms = [one for one in found if not math.isnan(one.alarm_s)]
+    reduced = sum(one.trip is None and not one.never for one in alarms)
+    return (
+        f"| {name} | {lags} | {sum(one.walls for one in results)} | {len(found)} |"
+        f" {most(len(alarms), len(found))} | {most(reduced, len(alarms))} |"
+        f" {sum(one.trip is not None for one in alarms)} |"
+        f" {most(sum(one.in_time for one in found), len(found))} |"
+    )
+
+
+LIMIT = Section("limit", "True alarms at 1.2 to 2 times the limit", jobs, told)

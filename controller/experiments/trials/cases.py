@@ -1,0 +1,160 @@
+"""A trial as one value that can be written down and run again, and the rows that tables draw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.experiments.trials.draws import (
+    LAG_FACTOR,
+    Bench,
+    bench_of,
+    draw_truth,
+    natural_hz,
+)
+from controller.experiments.trials.operators import NOBODY, Operator, draw_operator, operator_of
+from controller.experiments.trials.run import Trial, WallAsked, run_trial
+from controller.experiments.trials.truth import BackEmf, Truth
+
+PRESETS = ("xm430-w350", "xl330-m288")
+DAMPINGS = {
+    "xm430-w350": (0.005, 0.02, 0.04, 0.1, 0.2),
+    "xl330-m288": (0.001, 0.0025, 0.005, 0.01, 0.02),
+}
+"""Virtual damping of the walls that are tried [N·m·s/rad]"""
+KICKS = (0.02, 0.5)
+"""Where the shaft is let go [rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What a servo is beside its rigid body."""
+
+    name: str
+    back_emf: BackEmf | None = "none"
+    """None: drawn"""
+    backlash: bool = False
+    flexible: bool = False
+
+
+ROWS = (
+    Row("plain"),
+    Row("back-EMF, current mode", back_emf="current"),
+    Row("back-EMF, voltage mode", back_emf="voltage"),
+    Row("backlash", backlash=True),
+    Row("two masses", flexible=True),
+    Row("all of them", back_emf=None, backlash=True, flexible=True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Lags:
+    """A range of lags, by the upper bound of what is believed [1]."""
+
+    name: str
+    low: float
+    high: float
+
+
+LAGS = (
+    Lags("within", 0.0, 1.0),
+    Lags("1 to 2 times", 1.0, 2.0),
+    Lags("2 to 4 times", 2.0, LAG_FACTOR),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Everything that a trial depends on: what is printed of it runs again."""
+
+    preset: str
+    truth: Truth
+    wall: WallAsked
+    duration_s: float = 8.0
+    position: float = 0.0
+    """Where the shaft is let go [rad]"""
+    push: float = 0.0
+    """Constant torque on the output [N·m]"""
+    operator: str = "none"
+    """Kind of operator, see ``draw_operator``; not with a push"""
+    seed: int = 0
+    """Of the operator"""
+    stiffness_hz: float = 3.0
+    """Natural frequency of the wall, for a resonant operator [Hz]"""
+
+    def moved_by(self) -> Operator:
+        """Who moves the output."""
+        if self.push:
+            return operator_of(0.0, 0.0, np.zeros(round(self.duration_s * 1e3)), push=self.push)
+        if self.operator == "none":
+            return NOBODY
+        return draw_operator(
+            self.operator,
+            self.truth.inertia,
+            self.duration_s,
+            np.random.default_rng(self.seed),
+            natural_hz=self.stiffness_hz,
+        )
+
+    def run(self, answer: str = "reduce", operator: Operator | None = None) -> Trial:
+        """Run it.
+
+        Args:
+            answer: To an oscillation: ``report``, ``reduce`` or ``trip``.
+            operator: Who moves the output; None: as the case says.
+        """
+        return run_trial(
+            self.truth,
+            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}"),
+            self.wall,
+            self.moved_by() if operator is None else operator,
+            duration_s=self.duration_s,
+            position=self.position,
+        )
+
+
+def draw_row(bench: Bench, row: Row, lags: Lags, random: np.random.Generator) -> Truth:
+    """Draw a servo of a row from the whole of the believed box, its lag from a range.
+
+    Half of the lags are at the upper end of the range.
+    """
+    truth = draw_truth(
+        bench, random, back_emf=row.back_emf, backlash=row.backlash, flexible=row.flexible
+    )
+    believed = bench.belief.delay
+    low, high = max(believed.low, lags.low * believed.high), lags.high * believed.high
+    delay = high if random.random() < 0.5 else float(random.uniform(low, high))
+    return replace(truth, delay=delay)
+
+
+def draw_damping(preset: str, random: np.random.Generator) -> float:
+    """One of ``DAMPINGS`` [N·m·s/rad]."""
+    return float(random.choice(DAMPINGS[preset]))
+
+
+def draw_kick(random: np.random.Generator) -> float:
+    """Log-uniform within ``KICKS`` [rad]."""
+    return log_uniform(KICKS, random)
+
+
+def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float:
+    """Draw by the logarithm; both ends > 0."""
+    low, high = ends
+    return float(math.exp(random.uniform(math.log(low), math.log(high))))
+
+
+def hand_case(
+    preset: str, truth: Truth, wall: WallAsked, operator: str, seed: int, duration_s: float
+) -> Case:
+    """A case in which an operator holds the output."""
+    return Case(
+        preset,
+        truth,
+        wall,
+        duration_s,
+        operator=operator,
+        seed=seed,
+        stiffness_hz=natural_hz(truth, wall.stiffness),
+    )

@@ -1,0 +1,209 @@
+"""Hours of operators on walls at nine tenths of their limit: what the detector does to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.experiments.hands import HANDS
+from controller.experiments.trials.cases import PRESETS, Case, draw_damping, hand_case
+from controller.experiments.trials.draws import (
+    bench_of,
+    critical_of,
+    damping_ceiling_of,
+    draw_truth,
+)
+from controller.experiments.trials.operators import HARDER, Operator, operator_of
+from controller.experiments.trials.rates import hourly
+from controller.experiments.trials.run import Trial, WallAsked
+from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from controller.experiments.trials.verdicts import small, sustains
+
+OF_THE_LIMIT = 0.9
+_ONE_SIDED = 0.4
+"""Probability of a wall that never pulls"""
+_HARDER_PART = 0.1
+"""Hours of a harder operator, by those of the others"""
+_A_JOB_S = 300.0
+_GOES_ON_S = 8.0
+"""For which a motion is watched without the hand [s]"""
+_BEFORE_S = 1.0
+"""Before an alarm, in which the hand's mean push is taken [s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class HandTrial:
+    """An operator on a wall."""
+
+    case: Case
+    seconds: float
+    probes: int
+    hands: int
+    """Probes that found a hand"""
+    softened: int
+    """Alarms of the backstop"""
+    returned: int
+    """Of these, taken back"""
+    believed: bool
+    """The detector that uses the believed servo has reduced the wall"""
+    trip: str | None
+    goes_on: bool
+    """After the first alarm the motion goes on without the hand: the wall's"""
+
+
+def hand_trials(
+    preset: str, operator: str, trials: int, trial_s: float, seed: tuple[int, ...]
+) -> list[HandTrial]:
+    """Try some walls.
+
+    Args:
+        preset: Of the servo.
+        operator: One of ``OPERATORS``.
+        trials: How many.
+        trial_s: Length of each [s].
+        seed: Of everything drawn.
+    """
+    random, bench = draws(seed), bench_of(preset)
+    found: list[HandTrial] = []
+    while len(found) < trials:
+        truth = draw_truth(bench, random, lag_factor=1.0, back_emf=None)
+        damping = draw_damping(preset, random)
+        one_sided = random.random() < _ONE_SIDED
+        hand_seed = int(random.integers(1 << 31))
+        if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
+            continue
+        stiffness = OF_THE_LIMIT * critical_of(truth, damping, 1e-3)
+        wall = WallAsked(stiffness, damping, "above" if one_sided else "both")
+        found.append(judged(hand_case(preset, truth, wall, operator, hand_seed, trial_s)))
+    return found
+
+
+def judged(case: Case) -> HandTrial:
+    """Run a case with ``reduce``."""
+    trial = case.run()
+    probes, moved, softened, returned = trial.counts
+    return HandTrial(
+        case=case,
+        seconds=trial.output.size * trial.period,
+        probes=probes,
+        hands=moved - returned,
+        softened=softened,
+        returned=returned,
+        believed=trial.steps > 0,
+        trip=trial.trip,
+        goes_on=not math.isnan(trial.first_alarm_s) and _goes_on(case, trial),
+    )
+
+
+def _goes_on(case: Case, trial: Trial) -> bool:
+    """Whether the motion at the first alarm sustains itself when the hand does no more work.
+
+    From then on the hand lets go, holds still, or pushes as much as it did on the mean.
+    """
+    at = round(trial.first_alarm_s * 1e3)
+    before = case.moved_by()
+    since = max(0, round(trial.first_alarm_s / trial.period) - round(_BEFORE_S / trial.period))
+    push = -case.truth.torque_gain * float(np.mean(trial.torque[since : since + 1000]))
+    spring, damper, wanted, _, _ = before.rows[min(at, len(before.rows) - 1)]
+    rest = np.zeros(round(_GOES_ON_S * 1e3))
+    watched = replace(case, duration_s=trial.first_alarm_s + _GOES_ON_S)
+    for after in (
+        operator_of(0.0, 0.0, rest),
+        operator_of(spring, damper, rest + wanted),
+        operator_of(0.0, 0.0, rest, push=push),
+    ):
+        rows = [*before.rows[:at], *after.rows]
+        if sustains(watched.run("report", Operator(rows, before.mass)), small()):
+            return True
+    return False
+
+
+def jobs(amount: Amount) -> list[Job]:
+    """All the operators, in parts."""
+    made = []
+    for i, preset in enumerate(PRESETS):
+        for j, operator in enumerate((*HANDS, *HARDER)):
+            hours = amount.hours * (_HARDER_PART if operator in HARDER else 1.0)
+            trials = max(1, round(hours * 3600.0 / amount.trial_s))
+            a_job = max(1, round(_A_JOB_S / amount.trial_s))
+            for part in range(-(-trials // a_job)):
+                count = min(a_job, trials - part * a_job)
+                seed = (amount.seed, 2, i, j, part)
+                made.append(Job(hand_trials, (preset, operator, count, amount.trial_s, seed)))
+    return made
+
+
+def told(results: list[list[HandTrial]]) -> Made:
+    """The section's text."""
+    trials = [one for some in results for one in some]
+    lines = [
+        f"K at {OF_THE_LIMIT} of the true servo's own limit, 40 % of the walls one-sided; truths"
+        " and lags within the believed bounds, back-EMF drawn. `softened`: alarms of the backstop,"
+        " which make the wall softer. `by belief`: trials in which the detector that uses the"
+        " believed servo has reduced the wall. `goes on`: trials in which the motion at the first"
+        " alarm goes on when the hand lets go, holds still, or pushes on steadily: such an alarm is"
+        " true, and the rates of needless ones leave these trials out. Rates have one-sided bounds"
+        " of 95 %.",
+    ]
+    for preset in PRESETS:
+        here = [one for one in trials if one.case.preset == preset]
+        lines += [
+            "",
+            f"**{preset}**",
+            "",
+            "| operator | hours | probes | found a hand | needlessly softened | taken back |"
+            " needlessly, by belief | goes on | trips |",
+            "|---|---|---|---|---|---|---|---|---|",
+            *(_line(name, [t for t in here if t.case.operator == name]) for name in HANDS),
+            _line("**these together**", [t for t in here if t.case.operator in HANDS]),
+            *(
+                _line(f"{name} (harder)", [t for t in here if t.case.operator == name])
+                for name in HARDER
+            ),
+        ]
+    lines += [
+        "",
+        "Both servos, the operators that are not the harder ones:"
+        f" {_sentence([t for t in trials if t.case.operator in HANDS])}",
+    ]
+    wrong: list[tuple[str, object]] = [
+        (
+            f"softened {one.softened}, taken back {one.returned}, by belief {one.believed},"
+            f" trip {one.trip}, goes on {one.goes_on}",
+            one.case,
+        )
+        for one in trials
+        if one.trip or ((one.softened or one.believed) and not one.goes_on)
+    ]
+    return Made(lines, wrong)
+
+
+def _line(name: str, trials: list[HandTrial]) -> str:
+    hours = sum(one.seconds for one in trials) / 3600.0
+    needless = [one for one in trials if not one.goes_on]
+    probes = sum(one.probes for one in trials)
+    return (
+        f"| {name} | {hours:.2f} | {probes / hours if hours else 0.0:.1f}/h |"
+        f" {sum(one.hands for one in trials)} |"
+        f" {hourly(sum(one.softened for one in needless), hours)} |"
+        f" {sum(one.returned for one in needless)} |"
+        f" {hourly(sum(one.believed for one in needless), hours)} |"
+        f" {sum(one.goes_on for one in trials)} |"
+        f" {hourly(sum(one.trip is not None for one in trials), hours)} |"
+    )
+
+
+def _sentence(trials: list[HandTrial]) -> str:
+    hours = sum(one.seconds for one in trials) / 3600.0
+    needless = [one for one in trials if not one.goes_on]
+    return (
+        f"{hours:.1f} hours; trips {hourly(sum(t.trip is not None for t in trials), hours)};"
+        f" needlessly softened {hourly(sum(t.softened for t in needless), hours)}, of these taken"
+        f" back {sum(t.returned for t in needless)}; needlessly reduced by belief"
+        f" {hourly(sum(t.believed for t in needless), hours)}."
+    )
+
+
+HOURS = Section("hands", "Hours of operators", jobs, told)

@@ -1,0 +1,194 @@
+"""Walls that the guard allows on servos of the whole box: which oscillate, and what follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.experiments.trials.cases import (
+    LAGS,
+    PRESETS,
+    ROWS,
+    Case,
+    draw_damping,
+    draw_kick,
+    draw_row,
+)
+from controller.experiments.trials.draws import bench_of
+from controller.experiments.trials.rates import few, most
+from controller.experiments.trials.run import WallAsked
+from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+
+ANY_STIFFNESS = 1e6
+"""Asked for, so that the guard commands all that it allows [N·m/rad]"""
+_A_JOB = 15
+_WORSE = 1.5
+"""Growth after the alarm that the reaction's table counts [1]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Some walls of a row with lags of a range."""
+
+    preset: str
+    row: str
+    lags: str
+    walls: int
+    found: list[Answered]
+    """Those that oscillate by themselves"""
+
+
+def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) -> Cell:
+    """Try some walls.
+
+    Args:
+        preset: Of the servo.
+        row: Index in ``ROWS``.
+        lags: Index in ``LAGS``.
+        walls: How many.
+        seed: Of everything drawn.
+    """
+    random, bench = draws(seed), bench_of(preset)
+    found = []
+    for _ in range(walls):
+        case = Case(
+            preset,
+            draw_row(bench, ROWS[row], LAGS[lags], random),
+            WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
+            position=draw_kick(random),
+        )
+        if goes_on_by_itself(case):
+            found.append(answered(case))
+    return Cell(preset, ROWS[row].name, LAGS[lags].name, walls, found)
+
+
+def jobs(amount: Amount, section: int) -> list[Job]:
+    """All the cells, in parts.
+
+    Args:
+        amount: How much is tried.
+        section: Number of the section, for its seeds.
+    """
+    made = []
+    for i, preset in enumerate(PRESETS):
+        for row in range(len(ROWS)):
+            for lags in range(len(LAGS)) if amount.walls else (len(LAGS) - 1,):
+                left = amount.walls_of(lags + 1)
+                for part in range(-(-left // _A_JOB)):
+                    walls = min(_A_JOB, left - part * _A_JOB)
+                    seed = (amount.seed, section, i, row, lags, part)
+                    made.append(Job(cell, (preset, row, lags, walls, seed)))
+    return made
+
+
+def told(cells: list[Cell]) -> Made:
+    """The section of the detector's page."""
+    lines = [
+        "The guard's own K, two-sided, let go at 0.02 to 0.5 rad; truths and lags beyond the"
+        " believed bounds by their upper bound. A wall oscillates by itself if, with `report`, its"
+        " half-cycles stay above 1 degree or 10 counts to the end of 8 s. The deadline is six"
+        " cycles of the slowest frequency that K allows, at most 5 s. `unseen`: at the end, with"
+        " `reduce`, the motion sustains itself above four counts and is called quiet or decaying.",
+    ]
+    head = [
+        "| servo | lag | walls | oscillate | with `reduce` decays or ends in time | late, by at"
+        " most | never | of all, a trip | unseen |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for preset in PRESETS:
+        here = [one for one in cells if one.preset == preset]
+        lines += ["", f"**{preset}**", "", *head]
+        for name in [row.name for row in ROWS]:
+            lines += [
+                _line(name, lags.name, [c for c in here if c.row == name and c.lags == lags.name])
+                for lags in LAGS
+            ]
+        lines += [
+            _line("all rows", lags.name, [c for c in here if c.lags == lags.name]) for lags in LAGS
+        ]
+        lines.append(_line("all rows", "all", here))
+    found = [one for some in cells for one in some.found]
+    wrong: list[tuple[str, object]] = [
+        (_what(one), one.case) for one in found if not one.in_time or one.unseen
+    ]
+    return Made(lines, wrong)
+
+
+def _line(name: str, lags: str, cells: list[Cell]) -> str:
+    found = [one for some in cells for one in some.found]
+    n = len(found)
+    late = [one.late_s for one in found if not one.in_time and not one.never]
+    late_text = f"{len(late)}: {max(late):.2f} s" if late else "0"
+    return (
+        f"| {name} | {lags} | {sum(one.walls for one in cells)} | {n} |"
+        f" {most(sum(one.in_time for one in found), n)} | {late_text} |"
+        f" {sum(one.never for one in found)} |"
+        f" {sum(one.trip is not None for one in found)} |"
+        f" {few(sum(one.unseen for one in found), n)} |"
+    )
+
+
+def _what(one: Answered) -> str:
+    if one.never:
+        return "never decays" + (", unseen" if one.unseen else "")
+    if not one.in_time:
+        return f"late by {one.late_s:.2f} s" + (", unseen" if one.unseen else "")
+    return "unseen"
+
+
+def reaction_told(cells: list[Cell]) -> Made:
+    """The section of the reaction's page."""
+    lines = [
+        "The same kinds of servos as in the [detector's table](detector-table.md), other draws."
+        " Amplitude: the largest distance from the wall's surface. Growth: the largest after the"
+        " alarm by the largest until then.",
+    ]
+    for preset in PRESETS:
+        here = [one for one in cells if one.preset == preset]
+        lines += [
+            "",
+            f"**{preset}**",
+            "",
+            "| servo | lag | oscillate | alarms | amplitude at the alarm, median and largest |"
+            f" growth, median and largest | at most {_WORSE} times | ended by a trip |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        for name in [row.name for row in ROWS]:
+            lines += [
+                _growth_line(
+                    name, lags.name, [c for c in here if c.row == name and c.lags == lags.name]
+                )
+                for lags in LAGS
+            ]
+        lines.append(_growth_line("all rows", "all", here))
+    wrong: list[tuple[str, object]] = [
+        (f"grows {one.after / one.at_alarm:.2f} times after the alarm", one.case)
+        for some in cells
+        for one in some.found
+        if one.after > _WORSE * one.at_alarm
+    ]
+    return Made(lines, wrong)
+
+
+def _growth_line(name: str, lags: str, cells: list[Cell]) -> str:
+    found = [one for some in cells for one in some.found]
+    alarms = [one for one in found if one.alarm_s == one.alarm_s]
+    spread = growth = "none"
+    if alarms:
+        size = [one.at_alarm for one in alarms]
+        ratio = [one.after / one.at_alarm for one in alarms]
+        spread = f"{np.median(size):.2f}, {max(size):.2f} rad"
+        growth = f"{np.median(ratio):.2f}, {max(ratio):.2f}"
+    held = sum(one.after <= _WORSE * one.at_alarm for one in alarms)
+    return (
+        f"| {name} | {lags} | {len(found)} | {most(len(alarms), len(found))} | {spread} | {growth}"
+        f" | {most(held, len(alarms))} | {sum(one.trip is not None for one in found)} |"
+    )
+
+
+WALLS = Section("walls", "Walls that oscillate by themselves", lambda a: jobs(a, 1), told)
+GROWTH = Section(
+    "growth", "How far an oscillation goes, by servo", lambda a: jobs(a, 11), reaction_told
+)

@@ -1,0 +1,68 @@
+"""Rates with the bounds that so many trials allow, in the words of a page."""
+
+from __future__ import annotations
+
+from scipy.stats import beta, chi2
+
+CONFIDENCE = 0.95
+"""Of every bound; bounds are one-sided."""
+
+
+def upper_bound(hits: int, trials: int) -> float:
+    """Largest probability that ``hits`` of ``trials`` do not exclude (Clopper and Pearson) [1].
+
+    Source: C. J. Clopper, E. S. Pearson, Biometrika 26(4), 1934.
+
+    Raises:
+        ValueError: There are more hits than trials, or fewer than 0.
+    """
+    _check(hits, trials)
+    if hits == trials:
+        return 1.0
+    return float(beta.ppf(CONFIDENCE, hits + 1, trials - hits))
+
+
+def lower_bound(hits: int, trials: int) -> float:
+    """Smallest probability that they do not exclude [1]."""
+    _check(hits, trials)
+    return 1.0 - upper_bound(trials - hits, trials)
+
+
+def most_per_hour(events: int, hours: float) -> float:
+    """Largest rate that so many events do not exclude, if they are independent [1/h].
+
+    Raises:
+        ValueError: The time is not above 0, or there are fewer events than 0.
+    """
+    if events < 0 or not hours > 0.0:
+        raise ValueError(f"{events} events in {hours} h; give 0 or more, and a time above 0")
+    return float(chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0 / hours
+
+
+def few(hits: int, trials: int) -> str:
+    """Something that should be rare: ``2 of 100 (2.0 %, < 6.2 %)``."""
+    if not trials:
+        return "0 of 0"
+    bound = 100.0 * upper_bound(hits, trials)
+    rate = f"{100.0 * hits / trials:.1f} %, " if hits else ""
+    return f"{hits} of {trials} ({rate}< {bound:.2g} %)"
+
+
+def most(hits: int, trials: int) -> str:
+    """Something that should be usual: ``98 of 100 (98.0 %, > 93.8 %)``."""
+    if not trials:
+        return "0 of 0"
+    bound = 100.0 * lower_bound(hits, trials)
+    return f"{hits} of {trials} ({100.0 * hits / trials:.1f} %, > {bound:.1f} %)"
+
+
+def hourly(events: int, hours: float) -> str:
+    """Events in a time: ``3: 1.0/h (< 2.6/h)``."""
+    if not hours:
+        return "none tried"
+    return f"{events}: {events / hours:.2g}/h (< {most_per_hour(events, hours):.2g}/h)"
+
+
+def _check(hits: int, trials: int) -> None:
+    if not 0 <= hits <= trials:
+        raise ValueError(f"{hits} hits in {trials} trials; give 0 or more, and no more than trials")

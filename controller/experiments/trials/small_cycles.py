@@ -1,0 +1,171 @@
+"""Limit cycles of backlash, a few counts large: whether they are seen, named, and made smaller."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.experiments.trials.cases import LAGS, PRESETS, Case, Row, draw_damping, draw_row
+from controller.experiments.trials.draws import bench_of
+from controller.experiments.trials.own_walls import ANY_STIFFNESS
+from controller.experiments.trials.rates import few, most
+from controller.experiments.trials.run import WallAsked
+from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from controller.experiments.trials.verdicts import (
+    longest_unseen_s,
+    small,
+    sustains,
+    time_above_s,
+    unseen,
+)
+
+BACKLASH = (math.radians(0.1), math.radians(0.5))
+KICK = (0.02, 0.05)
+_WATCHED_S, _ANSWERED_S = 8.0, 25.0
+_SETTLED_S = 4.0
+"""Before the end, in which a cycle must have stayed small [s]"""
+_ROW = Row("backlash", backlash=True)
+_A_JOB = 10
+
+
+@dataclass(frozen=True, slots=True)
+class SmallCycle:
+    """A wall whose backlash keeps a motion above four counts up while the detector reports."""
+
+    case: Case
+    below_s: float
+    """When its last half-cycle above four counts ends, with ``reduce`` [s]"""
+    ended_s: float
+    """End of that trial [s]"""
+    unseen_s: float
+    """Longest time for which it did not die, and was called quiet or decaying [s]"""
+    unseen: bool
+    """At the end of that trial it is"""
+    named: bool
+    """The report names backlash"""
+    scale: float
+    """Of the stiffness at the end, to what it was at the start [1]"""
+    trip: str | None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the cycle has become smaller than four counts, without a trip."""
+        return self.trip is None and self.below_s < self.ended_s - _SETTLED_S
+
+
+@dataclass(frozen=True, slots=True)
+class SmallCycles:
+    """Some walls of a servo."""
+
+    preset: str
+    walls: int
+    found: list[SmallCycle]
+
+
+def small_cycles(preset: str, walls: int, seed: tuple[int, ...]) -> SmallCycles:
+    """Try some walls.
+
+    Args:
+        preset: Of the servo.
+        walls: How many.
+        seed: Of everything drawn.
+    """
+    random, bench = draws(seed), bench_of(preset)
+    found = []
+    for _ in range(walls):
+        truth = replace(
+            draw_row(bench, _ROW, LAGS[0], random), backlash=float(random.uniform(*BACKLASH))
+        )
+        case = Case(
+            preset,
+            truth,
+            WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
+            duration_s=_WATCHED_S,
+            position=float(random.uniform(*KICK)),
+        )
+        if sustains(case.run("report"), small()):
+            found.append(_answered(replace(case, duration_s=_ANSWERED_S)))
+    return SmallCycles(preset, walls, found)
+
+
+def _answered(case: Case) -> SmallCycle:
+    trial = case.run()
+    return SmallCycle(
+        case=case,
+        below_s=time_above_s(trial, small()),
+        ended_s=trial.output.size * trial.period,
+        unseen_s=longest_unseen_s(trial),
+        unseen=unseen(trial),
+        named=bool(trial.oscillation["backlash"]),
+        scale=float(trial.stiffness[-1] / trial.stiffness[0]) if trial.stiffness[0] else math.nan,
+        trip=trial.trip,
+    )
+
+
+def jobs(amount: Amount) -> list[Job]:
+    """Both servos, in parts."""
+    made = []
+    for i, preset in enumerate(PRESETS):
+        left = amount.walls_of(4)
+        for part in range(-(-left // _A_JOB)):
+            walls = min(_A_JOB, left - part * _A_JOB)
+            made.append(Job(small_cycles, (preset, walls, (amount.seed, 5, i, part))))
+    return made
+
+
+def told(results: list[SmallCycles]) -> Made:
+    """The section's text."""
+    low, high = (math.degrees(width) for width in BACKLASH)
+    lines = [
+        f"The guard's own K, two-sided, backlash of {low:.1f} to {high:.1f} degrees between shaft"
+        f" and encoder, lags within the bounds, let go at {KICK[0]} to {KICK[1]} rad. A wall counts"
+        f" whose motion, with `report`, stays above four counts to the end of {_WATCHED_S:g} s."
+        f" With `reduce`, {_ANSWERED_S:g} s. `not seen for`: the longest time for which the motion"
+        " was above four counts, did not die, and was called quiet or decaying.",
+        "",
+        "| servo | walls | keep up above four counts | brought below four counts | time until then,"
+        " median and largest | K left, median and least | backlash named | not seen for, median and"
+        " largest | unseen at the end | trips |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [_line(p, [one for one in results if one.preset == p]) for p in PRESETS]
+    wrong: list[tuple[str, object]] = [
+        (
+            f"settled {one.settled}, unseen at the end {one.unseen}, not seen for"
+            f" {one.unseen_s:.1f} s, named {one.named}, trip {one.trip}",
+            one.case,
+        )
+        for some in results
+        for one in some.found
+        if not one.settled or one.unseen or one.trip or not one.named
+    ]
+    return Made(lines, wrong)
+
+
+def _line(preset: str, results: list[SmallCycles]) -> str:
+    found = [one for some in results for one in some.found]
+    n, tried = len(found), sum(one.walls for one in results)
+    if not found:
+        return f"| {preset} | {tried} | 0 | | | | | | | |"
+    settled = [one for one in found if one.settled]
+    until = scale = "none"
+    if settled:
+        until = _spread([one.below_s for one in settled])
+        kept = [one.scale for one in settled]
+        scale = f"{np.median(kept):.3f}, {min(kept):.3f}"
+    return (
+        f"| {preset} | {tried} | {n} | {most(len(settled), n)} | {until} | {scale} |"
+        f" {most(sum(one.named for one in found), n)} |"
+        f" {_spread([one.unseen_s for one in found])} |"
+        f" {few(sum(one.unseen for one in found), n)} |"
+        f" {sum(one.trip is not None for one in found)} |"
+    )
+
+
+def _spread(values: list[float]) -> str:
+    return f"{np.median(values):.1f}, {max(values):.1f} s"
+
+
+BACKLASH_CYCLES = Section("backlash", "Small limit cycles of backlash", jobs, told)

@@ -1,0 +1,159 @@
+"""What the tables ask of a trial: whether it goes on by itself, is seen, and how far it goes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.detector.oscillation import State
+from controller.experiments.trials.cases import Case
+from controller.experiments.trials.draws import bench_of
+from controller.experiments.trials.judges import (
+    LOST,
+    SMALL_COUNTS,
+    OwnOscillation,
+    ending,
+    half_cycles,
+    large,
+    own_oscillation,
+)
+from controller.experiments.trials.run import Trial
+
+WINDOW_S = 4.0
+"""At the end of a trial, in which a motion shows that it sustains itself [s]"""
+_RIPPLE = 0.5
+"""A motion that turns back by less is a ripple, by the amplitude of interest."""
+_LONGER_S = 12.0
+"""A trial too short for its verdict is run again, so much longer [s]."""
+
+
+def small(trial_counts: int = 4096) -> float:
+    """Amplitude of four counts [rad]."""
+    return SMALL_COUNTS * math.tau / trial_counts
+
+
+def sustains(trial: Trial, above: float, window_s: float = WINDOW_S) -> bool:
+    """Whether a motion with half-cycles above an amplitude sustains itself until the end.
+
+    Args:
+        trial: What happened, while nobody moves it but by a constant push.
+        above: Amplitude of every half-cycle in the window [rad].
+        window_s: Before the end [s].
+    """
+    if ending(trial, window_s).amplitude <= above:
+        return False
+    since = max(0.0, trial.output.size * trial.period - window_s)
+    size = half_cycles(trial, since, _RIPPLE * above).amplitude[1:]
+    if size.size < 4:
+        return False
+    cycles = 0.5 * (size.size - 2)
+    least = float(np.mean(size[:2])) * (1.0 - LOST) ** cycles
+    return bool(np.mean(size[-2:]) >= least)
+
+
+def unseen(trial: Trial, window_s: float = WINDOW_S) -> bool:
+    """Whether a motion above four counts sustains itself to the end, called quiet or decaying."""
+    window = trial.state[-round(window_s / trial.period) :]
+    called = float(np.mean(window < State.SUSTAINED)) > 0.5
+    return called and trial.trip is None and sustains(trial, small(), window_s)
+
+
+def longest_unseen_s(trial: Trial) -> float:
+    """Longest time for which a motion above four counts does not die and is not seen [s].
+
+    A half-cycle counts that has kept 99 % of the amplitude of a cycle before, and in most of which
+    the detector says quiet or decaying.
+    """
+    cycles = half_cycles(trial, 0.0, _RIPPLE * small())
+    loud = cycles.sustained & (cycles.amplitude > small()) & np.isfinite(cycles.last)
+    seen = np.cumsum(np.concatenate([[0], trial.state >= State.SUSTAINED]))
+    begin = np.round(cycles.begin_s / trial.period).astype(np.int64)
+    end = np.minimum(np.round(cycles.end_s / trial.period).astype(np.int64), trial.state.size)
+    quiet = (seen[end] - seen[begin]) < 0.5 * (end - begin)
+    longest = time = 0.0
+    for counts, first, last in zip((loud & quiet).tolist(), begin, end, strict=True):
+        time = time + (last - first) * trial.period if counts else 0.0
+        longest = max(longest, time)
+    return longest
+
+
+def time_above_s(trial: Trial, above: float) -> float:
+    """When the last half-cycle above an amplitude ends [s]; 0: there is none."""
+    cycles = half_cycles(trial, 0.0, _RIPPLE * above)
+    over = cycles.end_s[cycles.amplitude > above]
+    return float(over[-1]) if over.size else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """What ``reduce`` has made of an oscillation."""
+
+    case: Case
+    in_time: bool
+    """It decays, or the run has ended, before the deadline"""
+    late_s: float
+    """After the deadline until it decays, or the run ends [s]; 0: in time"""
+    never: bool
+    """It goes on until the end of the trial"""
+    trip: str | None
+    gave_up: bool
+    """The backstop asked for the end; another trip by oscillation is by energy, or by belief"""
+    unseen: bool
+    """It sustains itself above four counts at the end, and is called quiet or decaying"""
+    alarm_s: float
+    """NaN: there was no alarm"""
+    at_alarm: float
+    """Largest amplitude until the alarm; NaN without one [rad]"""
+    after: float
+    """Largest amplitude after it; NaN without one [rad]"""
+
+
+def goes_on_by_itself(case: Case) -> bool:
+    """Whether the case's wall keeps a large oscillation up while the detector only reports."""
+    return sustains(case.run("report"), large(case.truth.counts_per_rev))
+
+
+def answered(case: Case) -> Answered:
+    """Run a case with ``reduce`` and judge it; a trial too short for a verdict is run longer."""
+    trial = case.run()
+    own = _judged(case, trial)
+    if not own.judged or not own.in_time:
+        trial = Case(
+            case.preset,
+            case.truth,
+            case.wall,
+            case.duration_s + _LONGER_S,
+            case.position,
+            case.push,
+        ).run()
+        own = _judged(case, trial)
+    over = own.ended_s if own.tripped else own.decays_s
+    at_alarm, after = at_alarm_and_after(trial)
+    return Answered(
+        case=case,
+        in_time=own.in_time,
+        late_s=0.0 if own.in_time else over - own.deadline_s,
+        never=not own.tripped and own.decays_s > own.ended_s - WINDOW_S,
+        trip=trial.trip,
+        gave_up=trial.gave_up,
+        unseen=unseen(trial),
+        alarm_s=trial.first_alarm_s,
+        at_alarm=at_alarm,
+        after=after,
+    )
+
+
+def at_alarm_and_after(trial: Trial) -> tuple[float, float]:
+    """Largest distance from the wall's surface until the first alarm, and after it [rad]."""
+    if math.isnan(trial.first_alarm_s):
+        return math.nan, math.nan
+    away = np.abs(trial.output)
+    at = min(max(1, round(trial.first_alarm_s / trial.period)), away.size)
+    return float(away[:at].max()), float(away[at:].max(initial=0.0))
+
+
+def _judged(case: Case, trial: Trial) -> OwnOscillation:
+    belief = bench_of(case.preset).belief
+    return own_oscillation(trial, belief, counts_per_rev=case.truth.counts_per_rev)

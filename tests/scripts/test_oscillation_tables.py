@@ -1,0 +1,34 @@
+"""The tables on oscillations run from end to end, and leave what is not made anew."""
+
+from __future__ import annotations
+
+from controller.experiments.trials.cases import Case
+from controller.experiments.trials.run import WallAsked
+from controller.experiments.trials.truth import Truth
+from scripts import detector_table, reaction_table
+
+CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}
+
+
+def test_the_sections_of_the_detectors_page_are_made(tmp_path) -> None:
+    page, examples = tmp_path / "page.md", tmp_path / "examples"
+    page.write_text("# The detector, tried\n\nhead\n")
+    names = list(detector_table.SECTIONS)
+    command = ["--quick", "--only", *names, "--out", str(page), "--examples", str(examples)]
+    detector_table.main(command)
+    text = page.read_text()
+    assert text.startswith("# The detector, tried\n\nhead\n\n<!-- section: walls -->\n")
+    for section in detector_table.SECTIONS.values():
+        assert f"\n## {section.title}\n\nBy `scripts/detector_table --quick --seed 3`" in text
+    for line in examples.read_text().splitlines():
+        if not line.startswith("#"):
+            assert isinstance(eval(line, CASE), Case)
+
+
+def test_the_sections_of_the_reactions_page_are_made(tmp_path) -> None:
+    page = tmp_path / "page.md"
+    reaction_table.main(
+        ["--quick", "--only", *reaction_table.SECTIONS, "--seed", "2", "--out", str(page)]
+    )
+    for section in reaction_table.SECTIONS.values():
+        assert f"\n## {section.title}\n\n" in page.read_text()
