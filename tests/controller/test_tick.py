@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from controller.delay import DelayRing
@@ -71,6 +72,17 @@ class ScriptedServo:
         return limited
 
 
+class ScaledWatch(Watch):
+    """Scales the wall as a test says, and counts the requests to raise it."""
+
+    scale = damping_scale = 1.0
+    asked = 0
+
+    def raise_again(self):
+        self.asked += 1
+        super().raise_again()
+
+
 class Rig:
     def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall):
         self.clock = SimulatedClock(10**9)
@@ -91,7 +103,7 @@ class Rig:
                 driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
                 missed=MissedPeriods(PERIOD_NS, 0.2),
                 trips_on_missed=wall.get("strict", False),
-                watch=Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
+                watch=ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
                 passivity=None,
                 most_injected=[0.0] * len(rungs),
                 telemetry=self.telemetry,
@@ -305,72 +317,85 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
     assert set(rig.rows["stiffness"][-21:]) == {10.0}
 
 
-def reduced_and_asked_to_raise_in_contact():
-    """A wall of which an oscillation has left a quarter; then the full one is asked for."""
-    rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
+def reduced(rig, scale, damping_scale):
+    """The watch scales the wall from now on."""
     watch = rig.tick._parts.watch
-    watch.share, watch.damping_share = 0.25, 0.5
-    rig.run(20)
+    watch.scale, watch.damping_scale = scale, damping_scale
+    return rig
+
+
+def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_so():
+    rig = on(Rig([0.1, 0.11, 0.1, 0.11], stiffness=10.0, damping=0.02)).run(2)
+    reduced(rig, 0.25, 0.5).run(2)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.3, -0.25 + 0.1, -0.275 - 0.1])
+    assert rig.rows["stiffness"].tolist() == [10.0, 10.0, 2.5, 2.5]
+    assert rig.rows["damping"].tolist() == [0.02, 0.02, 0.01, 0.01]
+    assert rig.tick.commanded == (2.5, 0.01)
+
+
+def test_the_watch_scales_the_limit_of_the_elastic_torque_too():
+    """Else a wall that saturates would be as stiff as before."""
+    rig = on(Rig([1.0] * 4, stiffness=100.0)).run(2)
+    reduced(rig, 0.25, 0.25).run(2)
+    assert rig.servo.sent == pytest.approx([-5.0, -5.0, -1.25, -1.25])
+    rig = on(Rig([1.0] * 4, stiffness=100.0, clip=2.0)).run(2)
+    reduced(rig, 0.25, 0.25).run(2)
+    assert rig.servo.sent == pytest.approx([-2.0, -2.0, -0.5, -0.5])
+
+
+def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
+    rig = on(Rig([0.0] * 300, rungs=rungs, ages=(0, 500_000)))
+    reduced(rig, 0.25, 0.5).run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(95)
+    stiffness = rig.rows["stiffness"]
+    assert stiffness[0] == 5.0
+    assert np.all(np.diff(stiffness) <= 0.0)
+    assert (stiffness[-1], rig.rows["damping"][-1]) == (2.5, 0.005)
+    assert rig.tick.commanded == (2.5, 0.005)
+    reduced(rig, 1.0, 1.0).run(1)
+    assert rig.rows["stiffness"][-1] == 10.0, "given back: all that the guard allows, and no more"
+
+
+def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact():
+    rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
+    reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
-    return rig, watch
+    assert rig.tick._parts.watch.asked == 1
+    assert set(rig.rows["stiffness"]) == {5.0}
+    assert set(rig.rows["damping"]) == {0.01}
 
 
-def test_in_contact_neither_stiffness_nor_damping_is_raised():
-    rig, _ = reduced_and_asked_to_raise_in_contact()
-    assert (rig.rows["stiffness"][-1], rig.rows["damping"][-1]) == (5.0, 0.01)
-
-
-def test_an_alarm_while_a_raise_is_owed_lowers_what_is_rendered():
-    rig, watch = reduced_and_asked_to_raise_in_contact()
-    watch.share = 0.5
-    rig.run(20)
-    assert rig.rows["stiffness"][-1] == 2.5
-
-
-def test_a_second_alarm_lowers_what_the_first_has_left_of_a_wall_whose_raise_was_owed():
-    rig, watch = reduced_and_asked_to_raise_in_contact()
-    watch.share = 0.5
-    rig.run(20)
-    watch.share, watch.damping_share = 0.25, 0.5
-    rig.run(20)
-    assert (rig.rows["stiffness"][-1], rig.rows["damping"][-1]) == (1.25, 0.005)
-
-
-def test_what_an_alarm_took_while_a_raise_was_owed_comes_back_on_request_alone():
-    """It oscillated at 5 N·m/rad: another delay is no reason for more than the share of that."""
-    rungs = [Rung(20.0, 0.02, 0.0), Rung(18.0, 0.018, 1e-3)]
-    positions = [0.1] * 180 + [0.0] * 1000
+@pytest.mark.parametrize("scale", [0.25, 0.0625])
+def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(scale):
+    rungs = [Rung(2.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
+    positions = [0.1] * 205 + [-0.001] * 20
     rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side="above"))
-    watch = rig.tick._parts.watch
-    watch.share = 0.25
-    rig.run(80)
-    rig.telemetry.words[Word.RAISE] += 1
-    rig.run(20)
-    assert rig.rows["stiffness"][-1] == 5.0, "owed: the shaft is inside the wall"
-    watch.share = 0.5
-    rig.run(40)
     rig.servo.age_ns = 400_000
-    rig.run(140)  # a longer delay while the shaft is inside, and then it leaves
-    assert rig.rows["delay_s"][-1] == 1e-3
-    rig.servo.age_ns = 0
-    rig.run(700)  # and a shorter one again, all of it at rest
-    assert rig.rows["delay_s"][-1] == 0.0
-    assert set(rig.rows["stiffness"][140:]) == {2.5}
-    rig.telemetry.words[Word.RAISE] += 1
+    rig.run(100)
+    assert rig.rows["stiffness"][-1] == 2.0, "pending: the shaft is inside the wall"
+    reduced(rig, scale, scale).run(105)
+    assert set(rig.rows["stiffness"][100:205]) == {2.0 * scale}
     rig.run(20)
-    assert rig.rows["stiffness"][-1] == 20.0
+    assert rig.rows["stiffness"][-1] == 10.0 * scale, "outside; what the watch took stays taken"
 
 
-def test_a_longer_delay_does_not_slow_a_fall_that_an_alarm_has_begun():
-    rungs = [Rung(20.0, 0.02, 0.0), Rung(18.0, 0.018, 1e-3)]
-    rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
+def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3), Rung(9.9, 0.01, 2e-3)]
+    rig = on(Rig([0.0] * 120, rungs=rungs, ages=(0, 500_000, 700_000)))
     rig.servo.age_ns = 400_000
-    rig.run(8)
-    rig.tick._parts.watch.share = 0.5
-    rig.run(6)
-    assert rig.rows["delay_s"][[8, 9]].tolist() == [0.0, 1e-3], "a tick after the alarm"
-    assert rig.rows["stiffness"][-1] == 9.0
+    rig.run(20)
+    rig.servo.age_ns = 600_000
+    rig.run(60)
+    stiffness, delay = rig.rows["stiffness"], rig.rows["delay_s"]
+    first, second = np.flatnonzero(np.diff(delay) > 0.0)
+    assert delay[-1] == 2e-3
+    assert stiffness[second] > 10.0, "the second comes while the first still falls"
+    falls = np.flatnonzero(np.diff(stiffness) < 0.0)
+    assert falls[0] == first
+    assert falls[-1] <= first + 51
 
 
 def test_before_the_first_sample_no_age_is_counted():
@@ -456,9 +481,7 @@ def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew():
 
 def test_what_an_alarm_took_stays_taken_over_a_pause():
     rig = on(Rig([0.0] * 200, rungs=[Rung(20.0, 0.02, 0.0)]))
-    watch = rig.tick._parts.watch
-    watch.share = 0.25
-    rig.run(20)
+    reduced(rig, 0.25, 0.25).run(20)
     lets_go(rig).run(20)
     holds(rig).run(20)
     assert rig.rows["stiffness"][-1] == 5.0

@@ -1,0 +1,145 @@
+"""Contacts with a one-sided wall, of made-up motions: how long, how deep, and what seems to move."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.detector.contacts import Contacts
+from controller.detector.half_cycles import lasts, same_period
+
+PERIOD = 1e-3
+COUNT = math.tau / 4096
+INERTIA = 0.012
+
+
+def bounces(stiffness, speed, times=1, *, damping=0.0, lag=0, gravity=2.0, count=0.0):
+    """A mass that falls onto a spring and comes back; yields depth and torque, at each sample.
+
+    Args:
+        stiffness: K [N·m/rad].
+        speed: Of the first entry [rad/s].
+        times: Contacts to see.
+        damping: B of the wall [N·m·s/rad].
+        lag: Periods by which the torque comes late: it then gives energy.
+        gravity: Constant torque toward the wall, over the inertia; brings it back [rad/s²].
+        count: Of the encoder [rad].
+    """
+    depth, velocity, seen, inside = -0.5 * speed * PERIOD, speed, 0, False
+    late = [0.0] * (lag + 1)
+    before = 0.0
+    while seen < times:
+        shown = round(depth / count) * count if count else depth
+        yield shown, before
+        if inside and shown <= 0.0:
+            seen += 1
+        inside = shown > 0.0
+        before = min(-stiffness * shown - damping * velocity, 0.0) if inside else 0.0
+        late = [*late[1:], before]
+        acceleration = late[0] / INERTIA + gravity
+        depth += velocity * PERIOD + 0.5 * acceleration * PERIOD * PERIOD
+        velocity += acceleration * PERIOD
+
+
+def watched(samples, count=0.0, span=PERIOD):
+    seen = Contacts(count)
+    for depth, torque in samples:
+        seen.update(depth, torque, span)
+    return seen
+
+
+@pytest.mark.parametrize("stiffness", [2.0, 10.0, 60.0])
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed):
+    seen = watched(bounces(stiffness, speed, gravity=0.0))
+    half = math.pi * math.sqrt(INERTIA / stiffness)
+    assert seen.known == 1
+    assert seen.duration == pytest.approx(half, abs=1.6 * PERIOD)
+    assert seen.amplitude == pytest.approx(speed * half / math.pi, rel=0.02)
+
+
+@pytest.mark.parametrize("stiffness", [2.0, 10.0, 30.0])
+def test_what_bounces_seems_as_heavy_as_it_is(stiffness):
+    seen = watched(bounces(stiffness, 2.0, gravity=0.0))
+    assert seen.inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+def test_the_pull_of_a_spring_is_half_its_largest_torque():
+    """Torque times depth is K times its square, half of the largest on the mean."""
+    seen = watched(bounces(10.0, 2.0, gravity=0.0))
+    assert seen.pull == pytest.approx(0.5 * 10.0 * seen.amplitude, rel=0.03)
+
+
+def test_the_interval_is_from_exit_to_exit():
+    """A throw with 2 rad/s at 2 rad/s² comes back after 2 s, and stays for half a cycle."""
+    seen = watched(bounces(10.0, 2.0, 3))
+    assert seen.known == 3
+    assert seen.interval == pytest.approx(2.0 + seen.duration, rel=0.02)
+    assert seen.duration == pytest.approx(seen.duration_2, rel=0.1)
+
+
+def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not():
+    even = watched(bounces(10.0, 1.0, 5, gravity=20.0))
+    assert lasts(even, 0.98)
+    assert same_period(even, 0.12)
+    assert not lasts(watched(bounces(10.0, 1.0, 5, gravity=20.0, damping=0.1)), 0.98)
+    late = watched(bounces(10.0, 1.0, 5, gravity=20.0, lag=6))
+    assert lasts(late, 1.0)
+    assert late.amplitude > late.amplitude_3
+
+
+@pytest.mark.parametrize("depth", [0.5, 1.0])
+def test_a_touch_of_a_count_is_no_contact(depth):
+    seen = watched([(-COUNT, 0.0), (depth * COUNT, 0.0)] * 20 + [(-COUNT, 0.0)], COUNT)
+    assert seen.known == 0
+
+
+def test_a_start_inside_is_no_entry_but_ends_like_one():
+    """Its first sample tells nothing of the time before."""
+    seen = watched([(0.1, 0.0), (0.1, -1.0), (0.05, -1.0), (-0.1, -0.5)])
+    assert seen.known == 1
+    assert seen.duration == pytest.approx(2 * PERIOD)
+
+
+def test_between_contacts_only_time_passes():
+    seen = watched(bounces(10.0, 1.0, gravity=0.0))
+    before = seen.duration, seen.amplitude, seen.inertia
+    for _ in range(100):
+        seen.update(-0.2, 0.0, PERIOD)
+    assert (seen.duration, seen.amplitude, seen.inertia) == before
+    assert seen.elapsed == pytest.approx(0.1)
+
+
+def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy():
+    seen = watched(bounces(10.0, 2.0, gravity=0.0, count=COUNT), COUNT)
+    assert seen.duration == pytest.approx(math.pi * math.sqrt(INERTIA / 10.0), abs=2 * PERIOD)
+    assert seen.inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.5, 0.5, allow_subnormal=False), st.floats(-4, 4), st.integers(1, 4)),
+        max_size=100,
+    ),
+    st.sampled_from([0.0, COUNT]),
+)
+def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples, count):
+    seen = Contacts(count)
+    total = inside = 0.0
+    last = None
+    for depth, torque, periods in samples:
+        span = periods * PERIOD
+        if last is not None:
+            total += span
+            inside += span if depth > 0.0 else 0.0
+        ended = seen.update(depth, torque, span)
+        if ended:
+            assert last > 0.0 >= depth
+            assert seen.amplitude > count
+            assert 0.0 < seen.duration <= inside + 1e-12
+            assert seen.duration <= seen.interval + 1e-12
+        last = depth
+        assert seen.elapsed <= total + 5e-3
+        assert math.isfinite(seen.inertia)
+        assert math.isfinite(seen.pull)

@@ -1,0 +1,222 @@
+"""Half-cycles of made-up motions: where they end, how long and how large, and what seems to move.
+
+All positions are in rad, times in s, torques in N·m.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.detector.half_cycles import HalfCycles, lasts, same_period
+
+PERIOD = 1e-3
+COUNT = math.tau / 4096
+
+
+def watched(positions, torques=None, count=0.0, spans=None):
+    """The watcher after all samples, and a row (duration, amplitude) for each half-cycle."""
+    found = []
+    seen = HalfCycles(PERIOD, count)
+    for k, position in enumerate(positions):
+        torque = 0.0 if torques is None else torques[k]
+        if seen.update(position, torque, PERIOD if spans is None else spans[k]):
+            found.append((seen.duration, seen.amplitude))
+    return seen, np.array(found).reshape(-1, 2)
+
+
+def cosine(hertz, amplitude, seconds, count=0.0):
+    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    position = amplitude * np.cos(math.tau * hertz * time)
+    return np.round(position / count) * count if count else position
+
+
+@pytest.mark.parametrize("hertz", [1.0, 4.7, 30.0])
+def test_a_sinusoid_is_cut_at_its_turning_points(hertz):
+    seen, found = watched(cosine(hertz, 0.1, 5.0 / hertz))
+    assert len(found) in (8, 9)
+    assert found[1:, 0] == pytest.approx(0.5 / hertz, abs=1.01 * PERIOD)
+    # A turning point lies at most half a period beside a sample.
+    lost = 1.0 - math.cos(math.pi * hertz * PERIOD)
+    assert found[:, 1] == pytest.approx(0.1, abs=0.1 * lost + 1e-9)
+    assert lasts(seen, 0.98)
+    assert same_period(seen, 0.12)
+
+
+@pytest.mark.parametrize("counts", [4, 10, 100])
+def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts):
+    """A turning point is the first sample on the outermost count, at either side alike."""
+    _, found = watched(cosine(3.0, counts * COUNT, 4.0, COUNT), count=COUNT)
+    assert len(found) in (22, 23)
+    assert found[1:, 0].mean() == pytest.approx(1.0 / 6.0, rel=0.02)
+    assert found[:, 1] == pytest.approx(counts * COUNT, abs=0.51 * COUNT)
+
+
+def test_the_two_ways_may_last_differently():
+    """Down in 30 ms, up in 70 ms."""
+    cycle = np.concatenate([np.linspace(1, -1, 30, endpoint=False), np.linspace(-1, 1, 70, False)])
+    seen, found = watched(np.tile(cycle, 6))
+    assert found[:, 1] == pytest.approx(1.0)
+    assert found[0::2, 0] == pytest.approx(0.03)
+    assert found[1::2, 0] == pytest.approx(0.07)
+    assert same_period(seen, 1e-9), "compared to the half-cycle of the same way"
+
+
+def test_a_growing_motion_lasts_and_a_dying_one_does_not():
+    time = np.arange(1500) * PERIOD
+    wave = np.cos(math.tau * 5.0 * time)
+    growing, _ = watched(0.1 * np.exp(0.3 * time) * wave)
+    assert lasts(growing, 1.0)
+    dying, _ = watched(0.1 * np.exp(-0.3 * time) * wave)
+    assert not lasts(dying, 0.98)
+    assert lasts(dying, 0.9)
+
+
+def test_nothing_lasts_before_four_are_known():
+    seen, found = watched(cosine(5.0, 0.1, 0.36))
+    assert seen.known == len(found) == 3
+    assert not lasts(seen, 0.0)
+    assert not same_period(seen, math.inf)
+
+
+@pytest.mark.parametrize("size", [0.4, 1.0, 1.49])
+def test_flicker_of_a_count_is_no_turning_point(size):
+    still = [size * COUNT * (k % 2) for k in range(1000)]
+    seen, _ = watched(still, count=COUNT)
+    assert seen.known == 0
+
+
+def test_flicker_on_a_motion_changes_neither_number_nor_size():
+    flicker = np.array([0.0, COUNT] * 500)
+    _, clean = watched(cosine(2.0, 0.1, 1.0), count=COUNT)
+    _, found = watched(cosine(2.0, 0.1, 1.0) + flicker, count=COUNT)
+    assert len(found) == len(clean)
+    assert found[:, 1] == pytest.approx(clean[:, 1], abs=COUNT)
+
+
+def test_a_ripple_on_a_large_motion_is_no_turning_point():
+    time = np.arange(2000) * PERIOD
+    ripple = 0.002 * np.cos(math.tau * 60.0 * time)
+    _, found = watched(cosine(2.0, 0.1, 2.0) + ripple)
+    assert found[1:, 0] == pytest.approx(0.25, abs=0.02), "the first one is known by no other"
+
+
+def oscillator(inertia, stiffness, gain=1.0, every=1):
+    """A mass on a spring whose torque is held over each sample; the exact motion.
+
+    Position of each sample, and the torque that was commanded over the time before it.
+    """
+    positions, torques = [0.1], [0.0]
+    position, velocity = 0.1, 0.0
+    span = every * PERIOD
+    for _ in range(3000 // every):
+        torque = -stiffness * position
+        acceleration = gain * torque / inertia
+        position += velocity * span + 0.5 * acceleration * span * span
+        velocity += acceleration * span
+        positions.append(position)
+        torques.append(torque)
+    return positions, torques
+
+
+@pytest.mark.parametrize(("inertia", "stiffness"), [(0.012, 5.0), (0.012, 50.0), (0.001, 0.6)])
+def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia, stiffness):
+    seen, found = watched(*oscillator(inertia, stiffness))
+    assert found[1:, 0].mean() == pytest.approx(math.pi * math.sqrt(inertia / stiffness), rel=0.01)
+    assert seen.inertia == pytest.approx(inertia, rel=0.03)
+    assert seen.inertia_2 == pytest.approx(inertia, rel=0.03)
+
+
+def test_a_servo_that_is_stronger_than_commanded_seems_lighter():
+    """Inertia in units of commanded torque."""
+    seen, _ = watched(*oscillator(0.012, 5.0, gain=1.5))
+    assert seen.inertia == pytest.approx(0.008, rel=0.03)
+
+
+def test_moved_by_somebody_else_it_seems_as_heavy_as_the_torque_explains():
+    """A quarter of the spring's torque at the same motion seems a quarter of the mass."""
+    positions, torques = oscillator(0.012, 5.0)
+    seen, _ = watched(positions, [0.25 * torque for torque in torques])
+    assert seen.inertia == pytest.approx(0.003, rel=0.03)
+
+
+def test_the_place_of_the_spring_does_not_enter():
+    positions, torques = oscillator(0.012, 5.0)
+    here, _ = watched(positions, torques)
+    there, _ = watched([5.0 + p for p in positions], torques)
+    assert there.inertia == pytest.approx(here.inertia, rel=1e-6)
+    assert there.pull == pytest.approx(here.pull, rel=1e-6)
+
+
+def test_skipped_samples_change_nothing_but_the_resolution():
+    """Every fifth sample only, with the mean torque between: a lossy bus."""
+    positions, torques = oscillator(0.012, 5.0)
+    kept = positions[::5]
+    mean = [0.0, *np.mean(np.reshape(torques[1:], (-1, 5)), axis=1).tolist()]
+    seen, found = watched(kept, mean, spans=[5 * PERIOD] * len(kept))
+    whole, all_of_them = watched(positions, torques)
+    assert len(found) == len(all_of_them)
+    assert found[1:, 0] == pytest.approx(all_of_them[1:, 0], abs=5.01 * PERIOD)
+    assert found[1:, 1] == pytest.approx(all_of_them[1:, 1], rel=0.01)
+    assert seen.inertia == pytest.approx(whole.inertia, rel=0.03)
+
+
+def test_the_pull_is_half_the_largest_torque_of_a_spring_and_more_where_it_saturates():
+    positions, torques = oscillator(0.012, 5.0)
+    seen, _ = watched(positions, torques)
+    assert seen.pull == pytest.approx(0.5 * 5.0 * seen.amplitude, rel=0.02)
+    wave = cosine(3.0, 0.1, 1.0)
+    seen, _ = watched(wave, (-0.2 * np.sign(wave)).tolist())
+    # The mean of |cos| is 2/pi.
+    assert seen.pull == pytest.approx(0.2 * 2.0 / math.pi, rel=0.02)
+
+
+def test_what_was_forgotten_does_not_count():
+    seen, _ = watched(cosine(5.0, 0.1, 1.0))
+    assert seen.known > 4
+    seen.forget()
+    assert seen.known == 0
+    assert not lasts(seen, 0.0)
+    for position in 3.0 + cosine(5.0, 0.1, 0.25):
+        seen.update(position, 0.0, PERIOD)
+    assert seen.known == 2
+    assert seen.amplitude == pytest.approx(0.1, rel=0.01), "not the way to the new place"
+
+
+moves = st.floats(-0.5, 0.5, allow_subnormal=False)
+spans = st.integers(1, 5)
+
+
+@given(st.lists(st.tuples(moves, moves, spans), max_size=200), st.sampled_from([0.0, COUNT]))
+def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(samples, count):
+    seen = HalfCycles(PERIOD, count)
+    total = elapsed = 0.0
+    turns = None
+    for position, torque, periods in samples:
+        span = periods * PERIOD
+        elapsed += span
+        known = seen.known
+        ended = seen.update(position, torque, span)
+        assert seen.known == known + ended
+        if ended:
+            if turns is None:
+                turns = elapsed - seen.elapsed - seen.duration
+            total += seen.duration
+            assert total == pytest.approx(elapsed - seen.elapsed - turns, abs=1e-9)
+            assert seen.duration > 0.0
+            assert seen.amplitude > 0.0
+            assert seen.interval == seen.duration
+        for value in (seen.amplitude, seen.amplitude_2, seen.amplitude_3, seen.amplitude_4):
+            assert value >= 0.0
+        for value in (seen.inertia, seen.pull, seen.elapsed):
+            assert math.isfinite(value)
+
+
+@given(st.lists(moves, min_size=2, max_size=200), st.floats(-10.0, 10.0))
+def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque):
+    one, found = watched(positions, [torque * p for p in positions])
+    other, mirrored = watched([-p for p in positions], [-torque * p for p in positions])
+    assert np.array_equal(found, mirrored)
+    assert (one.inertia, one.pull) == (other.inertia, other.pull)
