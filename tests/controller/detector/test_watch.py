@@ -59,12 +59,13 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced):
     assert seen["frequency_hz"] == pytest.approx(frequency, rel=0.05)
     at_alarm = np.abs(rows["position"][max(0, alarm - 250) : alarm]).max()
     assert np.abs(rows["position"]).max() < 1.5 * at_alarm
-    # The spring that is left has a virtual damping of -K times lag and half a period.
+    # The spring that is left has a virtual damping of -K times the delay: lag, age and half a
+    # period. Where it rings free of friction, each whole second is smaller than the last.
     left = rows["stiffness"][-1]
-    rate = (0.011692 - left * 0.0065) / (2.0 * 0.011951)
-    assert rate > 0.0
-    dies = math.exp(-rate * (ended.result["elapsed_s"] - seen["first_alarm_s"]))
-    assert np.abs(rows["position"][-1000:]).max() < 1.5 * dies * at_alarm
+    assert 0.011692 - left * 0.0065 > 0.0
+    largest = np.abs(rows["position"]).reshape(8, 1000).max(axis=1)
+    assert np.all(np.diff(largest[2:]) < 0.0)
+    assert largest[-1] < 0.4 * at_alarm
 
 
 def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced):

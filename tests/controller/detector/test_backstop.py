@@ -1,0 +1,229 @@
+"""The backstop in closed loops on servos that are not what is believed, and with hands."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.detector.backstop import Backstop, BackstopSettings, Phase
+from controller.experiments.trials.draws import bench_of
+from controller.experiments.trials.judges import called_quiet, own_oscillation
+from controller.experiments.trials.operators import NOBODY, operator_of
+from controller.experiments.trials.run import WallAsked, run_trial
+from controller.experiments.trials.truth import Truth
+
+BENCH = bench_of("xm430-w350")
+RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)
+VALUE = Truth(0.011951, 0.011692, 0.09039, delay=0.001)
+SCALES = {1.0, 0.25, 0.0625, 0.015625}
+
+
+def run(truth, damping, *sets, operator=NOBODY, kick=0.05, duration_s=5.0, stiffness=None):
+    """At the guard's K, or at the one that is given."""
+    wall = WallAsked(stiffness or 1e6, damping, forced=stiffness is not None)
+    return run_trial(
+        truth, (*BENCH.sets, *sets), wall, operator, duration_s=duration_s, position=kick
+    )
+
+
+def test_a_lag_beyond_the_belief_is_found_and_the_oscillation_decays_in_time():
+    trial = run(RIGID, 0.04)
+    found = own_oscillation(trial, BENCH.belief)
+    assert found.judged
+    assert found.in_time
+    assert trial.first_alarm_s < found.deadline_s
+    assert trial.trip is None
+    assert trial.stiffness[-1] < trial.stiffness[0]
+    assert not called_quiet(trial)
+
+
+def test_a_report_changes_nothing_and_asks_nothing():
+    trial = run(RIGID, 0.04, "safety.on_oscillation=report")
+    assert set(trial.stiffness) == {trial.stiffness[0]}
+    assert trial.counts[0] == 0
+    assert trial.trip is None
+
+
+def ended_or_died(trial):
+    return trial.trip is not None or (
+        own_oscillation(trial, BENCH.belief).in_time and not called_quiet(trial)
+    )
+
+
+@pytest.mark.parametrize("kick", [0.05, 0.2])
+def test_a_load_that_oscillates_on_its_transmission_is_found(kick):
+    assert ended_or_died(run(VALUE.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
+
+
+@pytest.mark.parametrize(
+    "kick",
+    [
+        0.05,
+        pytest.param(0.2, marks=pytest.mark.xfail(strict=True, reason="35 Hz, 0.33 rad, unseen")),
+    ],
+)
+def test_a_light_servo_with_a_load_on_its_transmission_is_found(kick):
+    truth = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.002)
+    assert ended_or_died(run(truth.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
+
+
+@pytest.mark.parametrize(
+    "delay",
+    [
+        pytest.param(
+            0.001, marks=pytest.mark.xfail(strict=True, reason="6 counts at 10 Hz, quiet")
+        ),
+        0.002,
+        0.004,
+    ],
+)
+def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay):
+    truth = Truth(0.011951, 0.011692, 0.0453, delay=delay, backlash=math.radians(0.25))
+    trial = run(truth, 0.2, duration_s=8.0)
+    assert trial.stiffness[-1] < trial.stiffness[0]
+    assert not called_quiet(trial)
+
+
+def rhythm(hertz=2.0, seconds=8.0):
+    time = np.arange(round(seconds * 1e3)) * 1e-3
+    return operator_of(30.0, 0.5, 0.25 * np.sin(math.tau * hertz * time))
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.5, 1.0])
+def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit):
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
+    trial = run(truth, 0.04, f"servo.torque_limit={limit}", operator=rhythm(), stiffness=10.0)
+    assert trial.saturated.mean() > 0.2
+    assert math.isnan(trial.first_alarm_s)
+    assert trial.trip is None
+    lowered = np.flatnonzero(trial.stiffness < 10.0)
+    assert lowered.size, "it was probed"
+    assert np.ptp(lowered) < 1000, "once: a motion like that is not probed again for a while"
+    back = lowered[-1] + 1
+    # At the surface: the torque that comes back is no more than the engage torque.
+    assert (1.0 - 0.25) * 10.0 * abs(trial.measured[back]) <= 0.1 + 10.0 * 2 * math.tau / 4096
+
+
+class Motion(SimpleNamespace):
+    """What was seen of a motion, as a test says."""
+
+
+def motion(**given):
+    values = {"known": 0, "elapsed": 0.0, "interval": 0.05}
+    for name in ("duration", "amplitude", "inertia", "pull"):
+        for tail in ("", "_2", "_3", "_4"):
+            values[name + tail] = {"duration": 0.05, "inertia": 0.012}.get(name, 0.0)
+    return Motion(**{**values, **given})
+
+
+def backstop(seen, **given):
+    values = {
+        "period": 1e-3,
+        "position_step": math.tau / 4096,
+        "threshold": 0.015,
+        "small": 0.006,
+        "light": 0.005,
+        "heavy": 0.03,
+        "rest_torque": 0.1,
+        "torque_limit": 4.1,
+    }
+    return Backstop(BackstopSettings(**{**values, **given}), seen)
+
+
+def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2):
+    """A half-cycle ends."""
+    for name in ("duration", "amplitude", "inertia", "pull"):
+        for new, old in (("_4", "_3"), ("_3", "_2"), ("_2", "")):
+            setattr(seen, name + new, getattr(seen, name + old))
+    seen.duration = seen.interval = duration
+    seen.amplitude, seen.inertia = amplitude, inertia
+    seen.known += 1
+    stop.passed(duration, elongation, 10.0)
+    stop.ended()
+
+
+def probing():
+    """A backstop that has just begun to probe a regular motion."""
+    seen = motion()
+    stop = backstop(seen)
+    for _ in range(12):
+        if stop.phase == Phase.PROBING:
+            break
+        take(stop, seen, 0.1, 0.1)
+    assert stop.phase == Phase.PROBING
+    assert stop.stiffness_scale < 1.0
+    return stop, seen
+
+
+def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_back_at_rest():
+    stop, seen = probing()
+    take(stop, seen, 0.1, 0.1, 0.003)
+    take(stop, seen, 0.1, 0.1, 0.003)
+    assert (stop.alarm, stop.moved) == (False, 1)
+    assert stop.stiffness_scale < 1.0, "the spring is loaded"
+    stop.passed(1e-3, -0.2, 10.0)
+    assert stop.stiffness_scale < 1.0
+    stop.passed(1e-3, 0.001, 10.0)
+    assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
+
+
+def test_a_motion_like_the_hands_is_not_probed_again_for_ten_seconds():
+    stop, seen = probing()
+    for _ in range(30):
+        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
+    assert stop.probes == 1
+
+
+def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    assert stop.stiffness_scale < 1.0
+    stop.raise_again()
+    stop.passed(1e-3, 0.2, 10.0)
+    assert stop.stiffness_scale < 1.0, "given back only at rest"
+    stop.passed(1e-3, 0.0, 10.0)
+    assert stop.stiffness_scale == 1.0
+
+
+def test_where_it_may_not_act_it_neither_probes_nor_reduces():
+    seen = motion()
+    stop = backstop(seen, acts=False)
+    for k in range(200):
+        take(stop, seen, 0.02 if k > 100 else 0.1, 0.1)
+        assert stop.stiffness_scale == stop.damping_scale == 1.0
+    assert stop.probes == 0
+    assert stop.alarm
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0.02, 0.1, 0.11, 0.2, 0.4]),
+            st.sampled_from([0.0, 0.01, 0.05, 0.1]),
+            st.sampled_from([0.003, 0.012]),
+            st.sampled_from([0.0, 0.2, -0.2]),
+            st.integers(1, 5),
+        ),
+        max_size=40,
+    ),
+    st.booleans(),
+    st.booleans(),
+)
+def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspected):
+    seen = motion()
+    stop = backstop(seen, bounces=bounces)
+    stop.suspected = suspected
+    for duration, amplitude, inertia, elongation, times in rows:
+        for _ in range(times):
+            before = stop.stiffness_scale
+            take(stop, seen, duration, amplitude, inertia, elongation)
+            assert stop.stiffness_scale in SCALES
+            assert stop.damping_scale in SCALES
+            if stop.stiffness_scale > before:
+                assert elongation == 0.0, "a loaded spring is never made stiffer"
