@@ -73,9 +73,7 @@ def test_a_light_servo_with_a_load_on_its_transmission_is_found(kick):
 @pytest.mark.parametrize(
     "delay",
     [
-        pytest.param(
-            0.001, marks=pytest.mark.xfail(strict=True, reason="6 counts at 10 Hz, quiet")
-        ),
+        pytest.param(0.001, marks=pytest.mark.xfail(strict=True, reason="6 counts, 10 Hz, quiet")),
         0.002,
         0.004,
     ],

@@ -1,4 +1,4 @@
-"""Contacts with a one-sided wall, of made-up motions: how long, how deep, and what seems to move."""
+"""Contacts of made-up motions with a one-sided wall: duration, depth and apparent inertia."""
 
 import math
 
