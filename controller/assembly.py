@@ -44,7 +44,7 @@ COARSE = 6
 """Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
-PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
+PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
 """Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
 which steady motion is, in counts [1]"""
 LIGHTER, HEAVIER = 0.8, 1.6

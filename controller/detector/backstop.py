@@ -27,8 +27,9 @@ _SAME_PERIOD = 0.12
 _SATURATED, _SATURATED_PERIOD = 0.55, 0.3
 """Fraction of the torque limit that is the mean pull of a saturated motion, and its tolerance:
 such a motion lengthens while it grows"""
-_FASTER_THAN_HANDS_HZ = 15.0
-"""No hand moves a shaft to and fro by a degree as fast as this."""
+_FASTER_THAN_HANDS_HZ, _SHARPER_THAN_HANDS = 15.0, 700.0
+"""No hand moves a shaft to and fro by a degree as fast as this, nor turns it around with such an
+acceleration [rad/s²]: 0.5 rad to either side at 6 Hz, 0.1 rad at 13 Hz"""
 _FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
 """The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
 longer than this; relative to the half-cycles before"""
@@ -40,6 +41,8 @@ _LONGEST = 3.2
 _APPARENT = (0.5, 1.3)
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
+_LEAST_GAIN = -0.05
+"""Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -69,8 +72,13 @@ the first step, and for later ones"""
 _OWN = 1.3, 2.0, 3.0
 """Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
 makes it 2, 4 and 8"""
+_GOES_ON = 6
+"""Half-cycles of undying motion on the softest wall that are a hand's"""
 _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
+_SETTLED, _BACKLASH = 0.05, 4.0
+"""Largest logarithm of the change of an amplitude over a cycle in a limit cycle; and largest
+amplitude of one that backlash is blamed for, in thresholds"""
 _LEAST_STEPS = 2.0
 """Encoder counts within which the spring is at rest however stiff it is [1]"""
 CYCLES, LONGEST_S = 6.0, 5.0
@@ -87,6 +95,17 @@ class Phase(IntEnum):
     REDUCED = 2
     RETURNING = 3
     """The wall comes back as soon as its spring is at rest."""
+
+
+class Cause(IntEnum):
+    """Why the wall was reduced."""
+
+    LONGER = 0
+    """A half-cycle took longer in the probe."""
+    STOPPED = 1
+    """The motion stopped in the probe, and somebody suspected the wall, or it came again."""
+    BEYOND_HANDS = 2
+    """No hand moves a shaft so fast, so sharply, or so evenly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,23 +151,25 @@ class Backstop:
         returned: Alarms that were found wrong; what they took was given back.
         suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
             shaft: the next motion is probed. May be set at any time.
-        small_cycle: The last alarm was about a steady motion below the threshold: most likely a
-            limit cycle of backlash.
+        small_cycle: The last alarm was about a steady motion below the threshold.
+        backlash: The last alarm was about a motion of a few degrees at most that neither grew nor
+            saturated the torque: a limit cycle of backlash, most likely.
     """
 
     __slots__ = (
         "_begun",
+        "_cause",
         "_count",
         "_cycle",
         "_fading",
         "_first",
-        "_longer",
         "_motion",
         "_moved_amplitude",
         "_moved_cycle",
         "_moved_s",
         "_seems",
         "_settings",
+        "_settled",
         "_since",
         "_size",
         "_steadiness",
@@ -160,6 +181,7 @@ class Backstop:
         "_streak",
         "_time",
         "alarm",
+        "backlash",
         "damping_scale",
         "failed",
         "moved",
@@ -187,13 +209,14 @@ class Backstop:
         self._stiffness = 0.0
         self._streak = self._count = self._step = 0
         self._cycle = self._size = self._seems = self._first = self._fading = 0.0
-        self._longer = False
+        self._cause = Cause.STOPPED
         self._moved_s = self._stopped_s = -math.inf
         self._moved_cycle = self._moved_amplitude = 1.0
         self._stopped_cycle = self._stopped_amplitude = 1.0
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
-        self.alarm = self.steady = self.failed = self.small_cycle = False
+        self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
+        self._settled = False
         self.suspected = False
         self.moved = self.probes = self.reductions = self.returned = 0
 
@@ -262,6 +285,7 @@ class Backstop:
                 before = min(motion.amplitude_3, motion.amplitude_4)
                 even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
                 regular = even or self._saturated()
+            regular = regular and motion.gain > _LEAST_GAIN
             if regular or (self.suspected and size >= settings.threshold and motion.known >= 2):
                 self._consider()
             else:
@@ -286,11 +310,17 @@ class Backstop:
         """Decide what a regular motion that does not die is answered with."""
         motion, settings = self._motion, self._settings
         self._begun = self._since
+        self._settled = (
+            motion.known >= 4
+            and abs(math.log(motion.amplitude / motion.amplitude_3)) < _SETTLED
+            and abs(math.log(motion.amplitude_2 / motion.amplitude_4)) < _SETTLED
+            and motion.pull < _SATURATED * settings.torque_limit
+        )
         self._cycle = cycle = motion.duration + motion.duration_2
         self._size = size = 0.5 * (motion.amplitude + motion.amplitude_2)
         self._seems = seems = 0.5 * (motion.inertia + motion.inertia_2)
-        if not settings.bounces and cycle * _FASTER_THAN_HANDS_HZ < 1.0:
-            self._alarm(longer=False)
+        if self._beyond_hands(cycle, size):
+            self._alarm(Cause.BEYOND_HANDS)
             return
         if not settings.acts:
             return
@@ -303,10 +333,17 @@ class Backstop:
         )
         if alike and self._time - self._moved_s < _HOLD_OFF_S:
             if self.steady and size >= settings.threshold:
-                self._alarm(longer=False)  # a probe has found a hand, but no hand is so even
+                self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
             return
         if self.steady or self._streak >= _UNLIKELY or settings.light < seems < settings.heavy:
             self._probe()
+
+    def _beyond_hands(self, cycle: float, amplitude: float) -> bool:
+        """Whether no hand moves a shaft like this: a period [s] and an amplitude [rad]."""
+        return not self._settings.bounces and (
+            cycle * _FASTER_THAN_HANDS_HZ < 1.0
+            or amplitude * (math.tau / cycle) ** 2 > _SHARPER_THAN_HANDS
+        )
 
     def _probe(self) -> None:
         self.phase = Phase.PROBING
@@ -323,7 +360,7 @@ class Backstop:
             self._first = ratio
         elif self._count == 2:
             if self._longer_now(ratio):
-                self._alarm(longer=True)
+                self._alarm(Cause.LONGER)
             elif size < _COLLAPSED * self._size:
                 self._stopped()
             elif self._may_fade():
@@ -368,29 +405,26 @@ class Backstop:
             and abs(math.log(self._size / self._stopped_amplitude)) < _AGAIN_AMPLITUDE
         )
         if again or self.suspected:
-            self._alarm(longer=False)
+            self._alarm(Cause.STOPPED)
             return
         self._stopped_s = self._time
         self._stopped_cycle, self._stopped_amplitude = self._cycle, self._size
         self.phase = Phase.RETURNING
 
-    def _alarm(self, *, longer: bool) -> None:
-        """Reduce the wall. Where the probe took longer the spring is to blame, and damping stays.
-
-        Args:
-            longer: The motion took longer in the probe.
-        """
+    def _alarm(self, cause: Cause) -> None:
+        """Reduce the wall; damping stays where the probe took longer: the spring is to blame."""
         self.alarm = True
         self.suspected = False
         self.small_cycle = self._size < self._settings.threshold
+        self.backlash = self._settled and self._size < _BACKLASH * self._settings.threshold
         self.reductions += 1
         if not self._settings.acts:
             return
-        self._longer = longer
+        self._cause = cause
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
         self.stiffness_scale = PROBE
-        self.damping_scale = 1.0 if longer else PROBE
+        self.damping_scale = 1.0 if cause == Cause.LONGER else PROBE
 
     def _judge(self, undying: bool) -> None:
         """Go on reducing a motion that does not die; give the wall back if a hand makes it."""
@@ -409,33 +443,48 @@ class Backstop:
             return
         self.alarm = True
         cycle = motion.duration + motion.duration_2
-        ratio = cycle / self._cycle
-        least, most, later = _AS_BEFORE
-        if self._longer and least < ratio < (most if self._step == 1 else later):
+        if self._hand_after_all(cycle / self._cycle):
             self._was_wrong()
-            return
-        if (
-            not self._longer
-            and self._streak >= _CYCLES_EVEN
-            and not self.steady
-            and (least < ratio < most and cycle * _FASTER_THAN_HANDS_HZ > 1.0)
-        ):
-            self._was_wrong()
-            return
-        if self._longer:
-            own = self._streak > 0 and ratio > _OWN[self._step - 1]
-        else:
-            own = self.steady or cycle * _FASTER_THAN_HANDS_HZ < 1.0
-        hurry = not settings.bounces and self._late()
-        if own and size >= settings.threshold and (self._step >= _STEPS or hurry):
+        elif size >= settings.threshold and self._own(cycle) and self._is_last():
             self.failed = True
         elif self._step >= _STEPS:
-            self._was_wrong()
+            if self._count >= _GOES_ON:
+                self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step
             self._step += 1
             self.stiffness_scale = PROBE**self._step
             self._count = 0
+
+    def _hand_after_all(self, ratio: float) -> bool:
+        """Whether the reduced wall is moved as fast as before, which only a hand does.
+
+        Args:
+            ratio: Of the period to that before the alarm.
+        """
+        least, most, later = _AS_BEFORE
+        if self._cause == Cause.LONGER:
+            return least < ratio < (most if self._step == 1 else later)
+        return (
+            self._cause == Cause.STOPPED
+            and not self.steady
+            and self._streak >= _CYCLES_EVEN
+            and least < ratio < most
+        )
+
+    def _own(self, cycle: float) -> bool:
+        """Whether there is no doubt that the wall makes this motion.
+
+        Args:
+            cycle: Its period [s].
+        """
+        if self._cause == Cause.LONGER:
+            return self._streak > 0 and cycle / self._cycle > _OWN[self._step - 1]
+        return self._cause == Cause.BEYOND_HANDS or self.steady
+
+    def _is_last(self) -> bool:
+        """Whether there is nothing left to reduce, or no time."""
+        return self._step >= _STEPS or (not self._settings.bounces and self._late())
 
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""
@@ -445,7 +494,7 @@ class Backstop:
 
     def _was_wrong(self) -> None:
         """Take the alarm back."""
-        self.alarm = self.small_cycle = False
+        self.alarm = self.small_cycle = self.backlash = False
         self.returned += 1
         self._somebody_moves_it()
 

@@ -32,6 +32,7 @@ class Repeated(Protocol):
     pull_3: float
     elapsed: float
     interval: float
+    gain: float
 
 
 def lasts(motion: Repeated, kept: float) -> bool:
@@ -79,6 +80,7 @@ class HalfCycles:
             linear spring, and above 0.55 of the limit where the torque saturates most of the time.
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
+        gain: 0; only contacts have one.
     """
 
     __slots__ = (
@@ -106,6 +108,7 @@ class HalfCycles:
         "duration_3",
         "duration_4",
         "elapsed",
+        "gain",
         "inertia",
         "inertia_2",
         "interval",
@@ -139,7 +142,7 @@ class HalfCycles:
         self.pull_2 = 0.0
         self.pull_3 = 0.0
         self.elapsed = 0.0
-        self.interval = 0.0
+        self.interval = self.gain = 0.0
         self._hysteresis = self._least
         self._direction = 0
         self._last = 0.0
