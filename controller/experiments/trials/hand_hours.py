@@ -142,7 +142,8 @@ def told(results: list[list[HandTrial]]) -> Made:
         f"K at {OF_THE_LIMIT} of the true servo's own limit, 40 % of the walls one-sided; truths"
         " and lags within the believed bounds, back-EMF drawn. `softened`: alarms of the backstop,"
         " which make the wall softer. `suspected`: trials in which the believed values"
-        " raised an alarm that a probe found to be a hand's motion: the wall was probed, no more. `goes on`: trials in which the motion at the first"
+        " raised an alarm that a probe found to be a hand's motion: the wall was probed, no"
+        " more. `goes on`: trials in which the motion at the first"
         " alarm goes on when the hand lets go, holds still, or pushes on steadily: such an alarm is"
         " true, and the rates of needless ones leave these trials out. Rates have one-sided bounds"
         " of 95 %.",
