@@ -16,6 +16,9 @@ from enum import IntEnum
 from controller.detector.half_cycles import Repeated, lasts, same_period
 from controller.detector.steady import Steadiness
 
+PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
+"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
+which steady motion is, in counts [1]"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
 KEPT = 0.98
@@ -125,6 +128,8 @@ class BackstopSettings:
     only decides how soon a motion is probed."""
     heavy: float
     """Largest one [kg·m²]"""
+    heaviest: float
+    """Largest inertia that is believed, likewise: the slowest motion that K allows [kg·m²]"""
     rest_torque: float
     """The wall comes back where the difference of the elastic torques is less [N·m]."""
     torque_limit: float
@@ -413,11 +418,11 @@ class Backstop:
 
     def _alarm(self, cause: Cause) -> None:
         """Reduce the wall; damping stays where the probe took longer: the spring is to blame."""
+        self.reductions += not self.alarm
         self.alarm = True
         self.suspected = False
         self.small_cycle = self._size < self._settings.threshold
         self.backlash = self._settled and self._size < _BACKLASH * self._settings.threshold
-        self.reductions += 1
         if not self._settings.acts:
             return
         self._cause = cause
@@ -448,7 +453,7 @@ class Backstop:
         elif size >= settings.threshold and self._own(cycle) and self._is_last():
             self.failed = True
         elif self._step >= _STEPS:
-            if self._count >= _GOES_ON:
+            if self._count >= _GOES_ON and not self.small_cycle:
                 self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step
@@ -489,7 +494,7 @@ class Backstop:
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""
         stiffness = self._stiffness
-        cycle = math.tau * math.sqrt(self._settings.heavy / stiffness) if stiffness > 0 else 1e9
+        cycle = math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
         return self._time - self._begun > _HURRY * min(CYCLES * cycle, LONGEST_S)
 
     def _was_wrong(self) -> None:
