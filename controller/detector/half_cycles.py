@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Protocol
 
 _HYSTERESIS_COUNTS = 1.5
@@ -33,34 +32,6 @@ class Repeated(Protocol):
     elapsed: float
     interval: float
     gain: float
-
-
-def lasts(motion: Repeated, kept: float) -> bool:
-    """Whether the last two kept their amplitude over a cycle.
-
-    Args:
-        motion: Half-cycles or contacts.
-        kept: Least ratio of an amplitude to that of the one before the last.
-    """
-    return (
-        motion.known >= 4
-        and motion.amplitude > kept * motion.amplitude_3
-        and motion.amplitude_2 > kept * motion.amplitude_4
-    )
-
-
-def same_period(motion: Repeated, tolerance: float) -> bool:
-    """Whether the last two lasted as long as those a cycle before.
-
-    Args:
-        motion: Half-cycles or contacts.
-        tolerance: Largest logarithm of the ratio of two durations.
-    """
-    return (
-        motion.known >= 4
-        and abs(math.log(motion.duration / motion.duration_3)) < tolerance
-        and abs(math.log(motion.duration_2 / motion.duration_4)) < tolerance
-    )
 
 
 class HalfCycles:
