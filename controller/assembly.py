@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from controller.delay import DelayRing
-from controller.detector.backstop import BackstopSettings
+from controller.detector.backstop import PROBED, PROBED_COUNTS, SMALL_COUNTS, BackstopSettings
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
@@ -44,9 +44,6 @@ COARSE = 6
 """Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
-PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 4.0
-"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
-which steady motion is, in counts [1]"""
 LIGHTER, HEAVIER = 0.8, 1.6
 """Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
 MEANT_KICK = 0.25 * math.tau
@@ -162,6 +159,7 @@ def _backstop(
         small=SMALL_COUNTS * step,
         light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
         heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
+        heaviest=belief.inertia.high / belief.torque_gain.low,
         rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
         torque_limit=min(facts.torque_limit, clip),
         acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",

@@ -13,33 +13,32 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from controller.detector.half_cycles import Repeated, lasts, same_period
+from controller.detector.evidence import (
+    DYING,
+    NEVER,
+    Sighting,
+    alike,
+    beyond_hands,
+    is_limit_cycle,
+    lasts,
+    may_be_a_load,
+    same_period,
+    saturates,
+    sighting,
+    took_longer,
+)
+from controller.detector.half_cycles import Repeated
 from controller.detector.steady import Steadiness
 
+PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
+"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
+which steady motion is, in counts [1]"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
-KEPT = 0.98
-"""A motion that does not die keeps this fraction of its amplitude over a cycle."""
 STEADY = 40
 """Half-cycles in a row that no hand makes so evenly"""
-_SAME_PERIOD = 0.12
-"""Largest logarithm of the ratio of durations in a regular motion"""
-_SATURATED, _SATURATED_PERIOD = 0.55, 0.3
-"""Fraction of the torque limit that is the mean pull of a saturated motion, and its tolerance:
-such a motion lengthens while it grows"""
-_FASTER_THAN_HANDS_HZ = 15.0
-"""No hand moves a shaft to and fro by a degree as fast as this."""
-_FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
-"""The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
-longer than this; relative to the half-cycles before"""
-_CONTACT, _CONTACTS = 1.6, 1.75
-"""The same of the two contacts of a probe: least ratio of each, and of their mean. A hand's contact
-lasts longer at a softer wall too, but not that much."""
-_LONGEST = 3.2
-"""A half-cycle in which the motion has changed altogether"""
-_APPARENT = (0.5, 1.3)
-"""Range of the apparent inertia in a probe over that before, if the torque still explains the
-motion. What a hand moves seems lighter by the scale of the probe."""
+_LEAST_GAIN = -0.05
+"""Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -49,9 +48,9 @@ _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
 """Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
-_FADES_HZ, _FADE_SIZE = 8.0, 2.5
-"""Slower motions whose period stays are hands, and smaller ones than so many thresholds may be
-tremor; others may be a load that swings on its transmission."""
+_FADE_SIZE = 2.5
+"""Motions whose period stays in a probe and that are smaller than so many thresholds may be tremor;
+larger ones may be a load that swings on its transmission."""
 _FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
 """Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
 _COLLAPSED = 0.6
@@ -61,16 +60,18 @@ _STOPPED = 3.0
 _AGAIN_S, _AGAIN_PERIOD, _AGAIN_AMPLITUDE = 5.0, 0.1, 0.5
 """A motion that stopped in a probe and is back within this time, as fast and as large but for these
 logarithms, is the wall's."""
-_DYING = 0.95
-"""Ratio of amplitudes over a cycle in a motion that dies"""
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
 _OWN = 1.3, 2.0, 3.0
 """Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
 makes it 2, 4 and 8"""
+_GOES_ON = 6
+"""Half-cycles of undying motion on the softest wall that are a hand's"""
 _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
+_BACKLASH = 4.0
+"""Largest amplitude of a limit cycle that backlash is blamed for, in thresholds"""
 _LEAST_STEPS = 2.0
 """Encoder counts within which the spring is at rest however stiff it is [1]"""
 CYCLES, LONGEST_S = 6.0, 5.0
@@ -87,6 +88,17 @@ class Phase(IntEnum):
     REDUCED = 2
     RETURNING = 3
     """The wall comes back as soon as its spring is at rest."""
+
+
+class Cause(IntEnum):
+    """Why the wall was reduced."""
+
+    LONGER = 0
+    """A half-cycle took longer in the probe."""
+    STOPPED = 1
+    """The motion stopped in the probe, and somebody suspected the wall, or it came again."""
+    BEYOND_HANDS = 2
+    """No hand moves a shaft so fast, so sharply, or so evenly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +118,8 @@ class BackstopSettings:
     only decides how soon a motion is probed."""
     heavy: float
     """Largest one [kg·m²]"""
+    heaviest: float
+    """Largest inertia that is believed, likewise: the slowest motion that K allows [kg·m²]"""
     rest_torque: float
     """The wall comes back where the difference of the elastic torques is less [N·m]."""
     torque_limit: float
@@ -132,34 +146,31 @@ class Backstop:
         returned: Alarms that were found wrong; what they took was given back.
         suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
             shaft: the next motion is probed. May be set at any time.
-        small_cycle: The last alarm was about a steady motion below the threshold: most likely a
-            limit cycle of backlash.
+        small_cycle: The last alarm was about a steady motion below the threshold.
+        backlash: The last alarm was about a motion of a few degrees at most that neither grew nor
+            saturated the torque: a limit cycle of backlash, most likely.
     """
 
     __slots__ = (
         "_begun",
+        "_cause",
         "_count",
-        "_cycle",
         "_fading",
         "_first",
-        "_longer",
+        "_hands",
         "_motion",
-        "_moved_amplitude",
-        "_moved_cycle",
-        "_moved_s",
-        "_seems",
+        "_probed",
         "_settings",
+        "_settled",
         "_since",
-        "_size",
         "_steadiness",
         "_step",
         "_stiffness",
-        "_stopped_amplitude",
-        "_stopped_cycle",
-        "_stopped_s",
+        "_stop",
         "_streak",
         "_time",
         "alarm",
+        "backlash",
         "damping_scale",
         "failed",
         "moved",
@@ -186,14 +197,13 @@ class Backstop:
         self._time = self._since = self._begun = 0.0
         self._stiffness = 0.0
         self._streak = self._count = self._step = 0
-        self._cycle = self._size = self._seems = self._first = self._fading = 0.0
-        self._longer = False
-        self._moved_s = self._stopped_s = -math.inf
-        self._moved_cycle = self._moved_amplitude = 1.0
-        self._stopped_cycle = self._stopped_amplitude = 1.0
+        self._first = self._fading = 0.0
+        self._cause = Cause.STOPPED
+        self._probed = self._hands = self._stop = NEVER
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
-        self.alarm = self.steady = self.failed = self.small_cycle = False
+        self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
+        self._settled = False
         self.suspected = False
         self.moved = self.probes = self.reductions = self.returned = 0
 
@@ -218,7 +228,7 @@ class Backstop:
             return
         if phase == Phase.PROBING:
             motion = self._motion
-            if motion.elapsed > _STOPPED * max(motion.interval, 0.5 * self._cycle):
+            if motion.elapsed > _STOPPED * max(motion.interval, 0.5 * self._probed.cycle):
                 self._stopped()
         elif phase == Phase.RETURNING:
             missing = (1.0 - self.stiffness_scale) * stiffness * elongation
@@ -233,7 +243,7 @@ class Backstop:
         """Give back what was taken, as soon as the spring is at rest, and begin to watch anew."""
         self.phase = Phase.RETURNING
         self.alarm = self.small_cycle = self.suspected = False
-        self._stopped_s = self._moved_s = -math.inf
+        self._hands = self._stop = NEVER
         self._streak = 0
 
     def resume(self) -> None:
@@ -250,8 +260,8 @@ class Backstop:
         size = min(motion.amplitude, motion.amplitude_2)
         self._steadiness.take(motion)
         self.steady = self._steadiness.count >= STEADY and size >= settings.small
-        undying = lasts(motion, KEPT)
-        even = undying and same_period(motion, _SAME_PERIOD)
+        undying = lasts(motion)
+        even = undying and same_period(motion)
         self._streak = self._streak + 1 if even else 0
         if not self._streak:
             self._since = self._time - motion.duration - motion.duration_2
@@ -261,7 +271,9 @@ class Backstop:
             else:
                 before = min(motion.amplitude_3, motion.amplitude_4)
                 even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
-                regular = even or self._saturated()
+                limit = settings.torque_limit
+                regular = even or saturates(motion, limit)
+            regular = regular and motion.gain > _LEAST_GAIN
             if regular or (self.suspected and size >= settings.threshold and motion.known >= 2):
                 self._consider()
             else:
@@ -271,42 +283,39 @@ class Backstop:
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
 
-    def _saturated(self) -> bool:
-        """Whether the last three saturated the torque to either side, and did not die."""
-        motion = self._motion
-        return (
-            motion.known >= 3
-            and min(motion.pull, motion.pull_2, motion.pull_3)
-            > _SATURATED * self.stiffness_scale * self._settings.torque_limit
-            and motion.amplitude > KEPT * motion.amplitude_3
-            and abs(math.log(motion.duration / motion.duration_3)) < _SATURATED_PERIOD
-        )
-
     def _consider(self) -> None:
         """Decide what a regular motion that does not die is answered with."""
         motion, settings = self._motion, self._settings
         self._begun = self._since
-        self._cycle = cycle = motion.duration + motion.duration_2
-        self._size = size = 0.5 * (motion.amplitude + motion.amplitude_2)
-        self._seems = seems = 0.5 * (motion.inertia + motion.inertia_2)
-        if not settings.bounces and cycle * _FASTER_THAN_HANDS_HZ < 1.0:
-            self._alarm(longer=False)
+        self._settled = is_limit_cycle(motion, settings.torque_limit)
+        self._probed = seen = sighting(motion, self._time)
+        if self._beyond_hands(seen):
+            self._alarm(Cause.BEYOND_HANDS)
+        elif not settings.acts:
             return
-        if not settings.acts:
-            return
-        if self.suspected:
+        elif self.suspected:
             self._probe()
-            return
-        alike = (
-            abs(math.log(cycle / self._moved_cycle)) < _OTHER_PERIOD
-            and size < _OTHER_AMPLITUDE * self._moved_amplitude
+        elif self._held_off(seen):
+            if self.steady and seen.amplitude >= settings.threshold:
+                self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
+        elif (
+            self.steady
+            or self._streak >= _UNLIKELY
+            or settings.light < seen.inertia < settings.heavy
+        ):
+            self._probe()
+
+    def _beyond_hands(self, seen: Sighting) -> bool:
+        return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
+
+    def _held_off(self, seen: Sighting) -> bool:
+        """Whether a hand was found to make a motion like this one not long ago."""
+        hands = self._hands
+        return (
+            seen.at - hands.at < _HOLD_OFF_S
+            and abs(math.log(seen.cycle / hands.cycle)) < _OTHER_PERIOD
+            and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude
         )
-        if alike and self._time - self._moved_s < _HOLD_OFF_S:
-            if self.steady and size >= settings.threshold:
-                self._alarm(longer=False)  # a probe has found a hand, but no hand is so even
-            return
-        if self.steady or self._streak >= _UNLIKELY or settings.light < seems < settings.heavy:
-            self._probe()
 
     def _probe(self) -> None:
         self.phase = Phase.PROBING
@@ -317,44 +326,33 @@ class Backstop:
     def _answer(self) -> None:
         """Judge a probe when a half-cycle of it has ended."""
         motion = self._motion
-        ratio = 2.0 * motion.duration / self._cycle
-        size = 0.5 * (motion.amplitude + motion.amplitude_2)
+        before, now = self._probed, sighting(motion, self._time)
+        ratio = 2.0 * motion.duration / before.cycle
         if self._count == 1:
             self._first = ratio
         elif self._count == 2:
-            if self._longer_now(ratio):
-                self._alarm(longer=True)
-            elif size < _COLLAPSED * self._size:
+            contacts = self._settings.bounces
+            inertia = now.inertia / before.inertia if before.inertia else 0.0
+            if took_longer(self._first, ratio, inertia, contacts=contacts):
+                self._alarm(Cause.LONGER)
+            elif now.amplitude < _COLLAPSED * before.amplitude:
                 self._stopped()
             elif self._may_fade():
-                self._fading = size
+                self._fading = now.amplitude
             else:
                 self._somebody_moves_it()
-        elif size < _FADE_ALL * self._fading:
+        elif now.amplitude < _FADE_ALL * self._fading:
             self._stopped()
         elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
             self._somebody_moves_it()
 
     def _may_fade(self) -> bool:
         """Whether a probed motion whose period stays may be a load on its transmission."""
-        settings = self._settings
+        settings, before = self._settings, self._probed
         return (
             not settings.bounces
-            and self._cycle * _FADES_HZ < 1.0
-            and self._size > _FADE_SIZE * settings.threshold
-        )
-
-    def _longer_now(self, ratio: float) -> bool:
-        """Whether the two of the probe took longer, and the torque still explains them."""
-        motion = self._motion
-        least, most = _APPARENT
-        seems = 0.5 * (motion.inertia + motion.inertia_2) / self._seems
-        each, both = (_CONTACT, 2.0 * _CONTACTS) if self._settings.bounces else (_SECOND, _BOTH)
-        return (
-            self._first > (each if self._settings.bounces else _FIRST)
-            and each < ratio < _LONGEST
-            and self._first + ratio > both
-            and least < seems < most
+            and may_be_a_load(before.cycle)
+            and before.amplitude > _FADE_SIZE * settings.threshold
         )
 
     def _stopped(self) -> None:
@@ -362,35 +360,32 @@ class Backstop:
 
         It was the wall's if somebody suspected that, or if it comes again and stops again.
         """
-        again = (
-            self._time - self._stopped_s < _AGAIN_S
-            and abs(math.log(self._cycle / self._stopped_cycle)) < _AGAIN_PERIOD
-            and abs(math.log(self._size / self._stopped_amplitude)) < _AGAIN_AMPLITUDE
+        before = self._probed
+        again = self._time - self._stop.at < _AGAIN_S and alike(
+            before, self._stop, _AGAIN_PERIOD, _AGAIN_AMPLITUDE
         )
         if again or self.suspected:
-            self._alarm(longer=False)
+            self._alarm(Cause.STOPPED)
             return
-        self._stopped_s = self._time
-        self._stopped_cycle, self._stopped_amplitude = self._cycle, self._size
+        self._stop = before._replace(at=self._time)
         self.phase = Phase.RETURNING
 
-    def _alarm(self, *, longer: bool) -> None:
-        """Reduce the wall. Where the probe took longer the spring is to blame, and damping stays.
-
-        Args:
-            longer: The motion took longer in the probe.
-        """
+    def _alarm(self, cause: Cause) -> None:
+        """Reduce the wall; damping stays where the probe took longer: the spring is to blame."""
+        self.reductions += not self.alarm
         self.alarm = True
         self.suspected = False
-        self.small_cycle = self._size < self._settings.threshold
-        self.reductions += 1
+        self.small_cycle = self._probed.amplitude < self._settings.threshold
+        self.backlash = (
+            self._settled and self._probed.amplitude < _BACKLASH * self._settings.threshold
+        )
         if not self._settings.acts:
             return
-        self._longer = longer
+        self._cause = cause
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
         self.stiffness_scale = PROBE
-        self.damping_scale = 1.0 if longer else PROBE
+        self.damping_scale = 1.0 if cause == Cause.LONGER else PROBE
 
     def _judge(self, undying: bool) -> None:
         """Go on reducing a motion that does not die; give the wall back if a hand makes it."""
@@ -401,7 +396,7 @@ class Backstop:
             return
         if self._count < 2:
             return
-        shrinks = motion.amplitude < _DYING * motion.amplitude_3
+        shrinks = motion.amplitude < DYING * motion.amplitude_3
         if shrinks and motion.amplitude_2 <= motion.amplitude_4:
             self.alarm = False
             return
@@ -409,43 +404,58 @@ class Backstop:
             return
         self.alarm = True
         cycle = motion.duration + motion.duration_2
-        ratio = cycle / self._cycle
-        least, most, later = _AS_BEFORE
-        if self._longer and least < ratio < (most if self._step == 1 else later):
+        if self._hand_after_all(cycle / self._probed.cycle):
             self._was_wrong()
-            return
-        if (
-            not self._longer
-            and self._streak >= _CYCLES_EVEN
-            and not self.steady
-            and (least < ratio < most and cycle * _FASTER_THAN_HANDS_HZ > 1.0)
-        ):
-            self._was_wrong()
-            return
-        if self._longer:
-            own = self._streak > 0 and ratio > _OWN[self._step - 1]
-        else:
-            own = self.steady or cycle * _FASTER_THAN_HANDS_HZ < 1.0
-        hurry = not settings.bounces and self._late()
-        if own and size >= settings.threshold and (self._step >= _STEPS or hurry):
+        elif size >= settings.threshold and self._own(cycle) and self._is_last():
             self.failed = True
         elif self._step >= _STEPS:
-            self._was_wrong()
+            if self._count >= _GOES_ON and not self.small_cycle:
+                self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step
             self._step += 1
             self.stiffness_scale = PROBE**self._step
             self._count = 0
 
+    def _hand_after_all(self, ratio: float) -> bool:
+        """Whether the reduced wall is moved as fast as before, which only a hand does.
+
+        Args:
+            ratio: Of the period to that before the alarm.
+        """
+        least, most, later = _AS_BEFORE
+        if self._cause == Cause.LONGER:
+            return least < ratio < (most if self._step == 1 else later)
+        return (
+            self._cause == Cause.STOPPED
+            and not self.steady
+            and self._streak >= _CYCLES_EVEN
+            and least < ratio < most
+        )
+
+    def _own(self, cycle: float) -> bool:
+        """Whether there is no doubt that the wall makes this motion.
+
+        Args:
+            cycle: Its period [s].
+        """
+        if self._cause == Cause.LONGER:
+            return self._streak > 0 and cycle / self._probed.cycle > _OWN[self._step - 1]
+        return self._cause == Cause.BEYOND_HANDS or self.steady
+
+    def _is_last(self) -> bool:
+        """Whether there is nothing left to reduce, or no time."""
+        return self._step >= _STEPS or (not self._settings.bounces and self._late())
+
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""
         stiffness = self._stiffness
-        cycle = math.tau * math.sqrt(self._settings.heavy / stiffness) if stiffness > 0 else 1e9
+        cycle = math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
         return self._time - self._begun > _HURRY * min(CYCLES * cycle, LONGEST_S)
 
     def _was_wrong(self) -> None:
         """Take the alarm back."""
-        self.alarm = self.small_cycle = False
+        self.alarm = self.small_cycle = self.backlash = False
         self.returned += 1
         self._somebody_moves_it()
 
@@ -453,6 +463,5 @@ class Backstop:
         """Give the wall back, and leave this motion alone for a while."""
         self.moved += 1
         self.suspected = False
-        self._moved_s = self._time
-        self._moved_cycle, self._moved_amplitude = self._cycle, self._size
+        self._hands = self._probed._replace(at=self._time)
         self.phase = Phase.RETURNING

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 import math
 
+_GATE_COUNTS, _GATE = 8.0, 0.005
+"""The speeds before and after a contact are taken between the surface and a gate so far outside of
+it: in counts of the encoder; without one [rad]"""
+_SMOOTH = 0.4
+"""Fraction of a new gain in the smoothed one"""
+
 
 class Contacts:
     """The last four contacts with a one-sided wall, each from entry to exit.
@@ -20,16 +26,22 @@ class Contacts:
         pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; likewise.
         elapsed: Since the last contact ended [s].
         interval: Between the ends of the last two contacts [s].
+        gain: Logarithm of the exit speed over the entry speed, smoothed over some two contacts;
+            0 while it is not known.
     """
 
     __slots__ = (
         "_deepest",
+        "_gate",
         "_inside",
         "_last",
         "_least",
         "_moment",
         "_square",
         "_time",
+        "_took",
+        "_way_in",
+        "_way_out",
         "amplitude",
         "amplitude_2",
         "amplitude_3",
@@ -39,6 +51,7 @@ class Contacts:
         "duration_3",
         "duration_4",
         "elapsed",
+        "gain",
         "inertia",
         "inertia_2",
         "interval",
@@ -55,6 +68,11 @@ class Contacts:
             position_step: Encoder count [rad]; 0: none. A contact is at least one deep.
         """
         self._least = position_step
+        self._gate = _GATE_COUNTS * position_step if position_step else _GATE
+        # Times since the gate was passed on the way in, and the surface on the way out, and what
+        # the last way in took; NaN: none [s].
+        self._way_in = self._way_out = self._took = math.nan
+        self.gain = 0.0
         self._inside = False
         self._last = math.nan
         self._deepest = self._moment = self._square = self._time = 0.0
@@ -73,11 +91,15 @@ class Contacts:
             torque: Commanded since the sample before, positive toward greater depth [N·m].
             span: Time since the sample before [s].
         """
-        moved = depth - self._last
-        self._last = depth
+        before, self._last = self._last, depth
+        moved = depth - before
         self.elapsed += span
         if math.isnan(moved):  # the first sample
             return False
+        if moved:
+            self._pass(before, depth, span / moved)
+        self._way_in += span
+        self._way_out += span
         if depth > 0.0:
             if not self._inside:
                 self._inside = True
@@ -94,6 +116,32 @@ class Contacts:
             return False
         self._keep()
         return True
+
+    def _pass(self, before: float, depth: float, slowness: float) -> None:
+        """Take the times at which gate and surface are passed, between the samples.
+
+        Times count from the sample before; the caller adds what has passed since.
+
+        Args:
+            before: Depth at the sample before [rad].
+            depth: Depth now [rad].
+            slowness: Time over distance between them, signed [s/rad].
+        """
+        gate = -self._gate
+        if depth > before:
+            if before <= gate < depth:
+                self._way_in = (before - gate) * slowness
+            if before <= 0.0 < depth:
+                self._took = self._way_in - before * slowness
+                self._way_in = self._way_out = math.nan
+            return
+        if depth <= 0.0 < before:
+            self._way_out = before * slowness
+        if depth <= gate < before:
+            took = self._way_out + (gate - before) * slowness
+            if took > 0.0 and self._took > 0.0:  # also false where either is not known
+                self.gain += _SMOOTH * (math.log(self._took / took) - self.gain)
+            self._way_in = self._way_out = self._took = math.nan
 
     def _keep(self) -> None:
         """Keep the contact that has just ended."""

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controller.detector.acting import ActingTorque
+from controller.detector.backstop import PROBED, PROBED_COUNTS, SMALL_COUNTS, BackstopSettings
 from controller.detector.oscillation import Detector, DetectorSettings, State
+from controller.detector.own_motion import OwnMotion
 
 Array = NDArray[np.float64]
 
@@ -94,6 +96,8 @@ def detect(
     if math.isnan(settings.position_step):
         settings = replace(settings, position_step=position_step(positions))
     detector = _detector(settings, known, lag)
+    own = _own_motion(settings, known.side)
+    surface = known.surface if math.isfinite(known.surface) else 0.0
     acting = ActingTorque(lag / settings.period)
     state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
     frequency, growth, amplitude = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
@@ -108,11 +112,17 @@ def detect(
             last = when[k]
             if gap > max(LONGEST_GAP_S, 2.0 * settings.period):
                 detector.restart()
+                own.resume()
             detector.stiffness = stiff[k]
             detector.update(where[k], acting.push(commanded[k], periods), periods)
-        state[k], alarm[k] = detector.state, detector.alarm
+            own.update(where[k] - surface, 0.0, periods * settings.period, math.nan)
+        state[k], alarm[k] = detector.state, detector.alarm or own.alarm
         frequency[k], amplitude[k] = detector.frequency_hz, detector.amplitude
         growth[k] = detector.growth
+        if (own.alarm or own.steady) and state[k] < State.SUSTAINED:
+            # What the believed values do not explain, but no hand does either.
+            state[k] = State.GROWING if own.alarm else State.SUSTAINED
+            frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
     worst = State(int(state.max())) if n else State.QUIET
     first = np.flatnonzero(alarm)
     return DetectionRecord(
@@ -125,6 +135,25 @@ def detect(
         worst_at=int(np.argmax(np.where(state == worst, amplitude, -1.0))) if n else 0,
         first_alarm_s=float(times[first[0]]) if first.size else math.nan,
     )
+
+
+def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
+    """Sees motion that no hand makes, whatever the servo is; a record cannot be probed."""
+    step = settings.position_step
+    step = step if step > 0.0 else 0.0
+    watched = BackstopSettings(
+        period=settings.period,
+        position_step=step,
+        threshold=PROBED_COUNTS * step if step else PROBED,
+        small=SMALL_COUNTS * step,
+        light=0.0,
+        heavy=math.inf,
+        heaviest=math.inf,
+        rest_torque=0.0,
+        torque_limit=math.inf,
+        acts=False,
+    )
+    return OwnMotion(watched, None, side)
 
 
 def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detector:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Protocol
 
 _HYSTERESIS_COUNTS = 1.5
@@ -32,34 +31,7 @@ class Repeated(Protocol):
     pull_3: float
     elapsed: float
     interval: float
-
-
-def lasts(motion: Repeated, kept: float) -> bool:
-    """Whether the last two kept their amplitude over a cycle.
-
-    Args:
-        motion: Half-cycles or contacts.
-        kept: Least ratio of an amplitude to that of the one before the last.
-    """
-    return (
-        motion.known >= 4
-        and motion.amplitude > kept * motion.amplitude_3
-        and motion.amplitude_2 > kept * motion.amplitude_4
-    )
-
-
-def same_period(motion: Repeated, tolerance: float) -> bool:
-    """Whether the last two lasted as long as those a cycle before.
-
-    Args:
-        motion: Half-cycles or contacts.
-        tolerance: Largest logarithm of the ratio of two durations.
-    """
-    return (
-        motion.known >= 4
-        and abs(math.log(motion.duration / motion.duration_3)) < tolerance
-        and abs(math.log(motion.duration_2 / motion.duration_4)) < tolerance
-    )
+    gain: float
 
 
 class HalfCycles:
@@ -79,6 +51,7 @@ class HalfCycles:
             linear spring, and above 0.55 of the limit where the torque saturates most of the time.
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
+        gain: 0; only contacts have one.
     """
 
     __slots__ = (
@@ -106,6 +79,7 @@ class HalfCycles:
         "duration_3",
         "duration_4",
         "elapsed",
+        "gain",
         "inertia",
         "inertia_2",
         "interval",
@@ -139,7 +113,7 @@ class HalfCycles:
         self.pull_2 = 0.0
         self.pull_3 = 0.0
         self.elapsed = 0.0
-        self.interval = 0.0
+        self.interval = self.gain = 0.0
         self._hysteresis = self._least
         self._direction = 0
         self._last = 0.0

@@ -145,8 +145,8 @@ class OwnMotion:
 
     @property
     def backlash(self) -> bool:
-        """Whether the last alarm was about a steady motion of a few counts."""
-        return self._backstop.small_cycle
+        """Whether the last alarm was most likely about a limit cycle of backlash."""
+        return self._backstop.backlash
 
     @property
     def counts(self) -> tuple[int, int, int, int]:

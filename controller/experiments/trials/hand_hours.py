@@ -46,8 +46,8 @@ class HandTrial:
     """Alarms of the backstop"""
     returned: int
     """Of these, taken back"""
-    refuted: int
-    """Alarms of the detector that uses the believed servo in which a probe found a hand"""
+    believed: bool
+    """The detector that uses the believed servo raised an alarm that a probe took back"""
     trip: str | None
     goes_on: bool
     """After the first alarm the motion goes on without the hand: the wall's"""
@@ -91,7 +91,7 @@ def judged(case: Case) -> HandTrial:
         hands=moved - returned,
         softened=softened,
         returned=returned,
-        refuted=trial.refuted,
+        believed=trial.taken_back > 0,
         trip=trial.trip,
         goes_on=not math.isnan(trial.first_alarm_s) and _goes_on(case, trial),
     )
@@ -141,8 +141,9 @@ def told(results: list[list[HandTrial]]) -> Made:
     lines = [
         f"K at {OF_THE_LIMIT} of the true servo's own limit, 40 % of the walls one-sided; truths"
         " and lags within the believed bounds, back-EMF drawn. `softened`: alarms of the backstop,"
-        " which make the wall softer. `refuted`: alarms of the detector that uses the believed"
-        " servo in which a probe found a hand. `goes on`: trials in which the motion at the first"
+        " which make the wall softer. `suspected`: trials in which the believed values"
+        " raised an alarm that a probe found to be a hand's motion: the wall was probed, no"
+        " more. `goes on`: trials in which the motion at the first"
         " alarm goes on when the hand lets go, holds still, or pushes on steadily: such an alarm is"
         " true, and the rates of needless ones leave these trials out. Rates have one-sided bounds"
         " of 95 %.",
@@ -154,7 +155,7 @@ def told(results: list[list[HandTrial]]) -> Made:
             f"**{preset}**",
             "",
             "| operator | hours | probes | found a hand | needlessly softened | taken back |"
-            " refuted | goes on | trips |",
+            " needlessly suspected | goes on | trips |",
             "|---|---|---|---|---|---|---|---|---|",
             *(_line(name, [t for t in here if t.case.operator == name]) for name in HANDS),
             _line("**these together**", [t for t in here if t.case.operator in HANDS]),
@@ -170,7 +171,7 @@ def told(results: list[list[HandTrial]]) -> Made:
     ]
     wrong: list[tuple[str, object]] = [
         (
-            f"softened {one.softened}, taken back {one.returned}, refuted {one.refuted},"
+            f"softened {one.softened}, taken back {one.returned}, suspected {one.believed},"
             f" trip {one.trip}, goes on {one.goes_on}",
             one.case,
         )
@@ -189,7 +190,7 @@ def _line(name: str, trials: list[HandTrial]) -> str:
         f" {sum(one.hands for one in trials)} |"
         f" {hourly(sum(one.softened for one in needless), hours)} |"
         f" {sum(one.returned for one in needless)} |"
-        f" {sum(one.refuted for one in needless)} |"
+        f" {hourly(sum(one.believed for one in needless), hours)} |"
         f" {sum(one.goes_on for one in trials)} |"
         f" {hourly(sum(one.trip is not None for one in trials), hours)} |"
     )
@@ -201,8 +202,8 @@ def _sentence(trials: list[HandTrial]) -> str:
     return (
         f"{hours:.1f} hours; trips {hourly(sum(t.trip is not None for t in trials), hours)};"
         f" needlessly softened {hourly(sum(t.softened for t in needless), hours)}, of these taken"
-        f" back {sum(t.returned for t in needless)}; alarms of the detector that a probe refuted:"
-        f" {sum(t.refuted for t in needless)}."
+        f" back {sum(t.returned for t in needless)}; needlessly suspected"
+        f" {hourly(sum(t.believed for t in needless), hours)}."
     )
 
 

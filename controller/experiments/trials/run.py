@@ -70,8 +70,8 @@ class Trial:
     """Name of the trip that ended the run; None: none did"""
     oscillation: dict[str, object]
     """The run's report of the oscillation"""
-    refuted: int = 0
-    """Alarms of the detector that uses the believed servo in which a probe found a hand"""
+    taken_back: int = 0
+    """Alarms of the detector that a probe found to be a hand's motion"""
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     """Of the backstop: probes, hands it found, alarms, alarms that it took back"""
     gave_up: bool = False
@@ -171,7 +171,7 @@ def run_trial(
         first_alarm_s=parts.watch.first_alarm_s,
         trip=None if tick.trip is None else Trip(tick.trip).value,
         oscillation=oscillation_report(parts.watch),
-        refuted=parts.watch.taken_back,
+        taken_back=parts.watch.taken_back,
         counts=(0, 0, 0, 0) if own is None else own.counts,
         gave_up=own is not None and own.failed,
     )

@@ -62,7 +62,9 @@ def test_a_load_that_oscillates_on_its_transmission_is_found(kick):
     "kick",
     [
         0.05,
-        pytest.param(0.2, marks=pytest.mark.xfail(strict=True, reason="35 Hz, 0.33 rad, unseen")),
+        pytest.param(
+            0.2, marks=pytest.mark.xfail(strict=True, reason="9 Hz with its third harmonic")
+        ),
     ],
 )
 def test_a_light_servo_with_a_load_on_its_transmission_is_found(kick):
@@ -110,7 +112,7 @@ class Motion(SimpleNamespace):
 
 
 def motion(**given):
-    values = {"known": 0, "elapsed": 0.0, "interval": 0.05}
+    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1}
     for name in ("duration", "amplitude", "inertia", "pull"):
         for tail in ("", "_2", "_3", "_4"):
             values[name + tail] = {"duration": 0.05, "inertia": 0.012}.get(name, 0.0)
@@ -125,6 +127,7 @@ def backstop(seen, **given):
         "small": 0.006,
         "light": 0.005,
         "heavy": 0.03,
+        "heaviest": 0.02,
         "rest_torque": 0.1,
         "torque_limit": 4.1,
     }
@@ -168,7 +171,7 @@ def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_ba
     assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
 
 
-def test_a_motion_like_the_hands_is_not_probed_again_for_ten_seconds():
+def test_a_motion_like_the_hands_is_not_probed_again_soon():
     stop, seen = probing()
     for _ in range(30):
         take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
@@ -203,7 +206,7 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces():
     st.lists(
         st.tuples(
             st.sampled_from([0.02, 0.1, 0.11, 0.2, 0.4]),
-            st.sampled_from([0.0, 0.01, 0.05, 0.1]),
+            st.sampled_from([0.002, 0.01, 0.05, 0.1]),
             st.sampled_from([0.003, 0.012]),
             st.sampled_from([0.0, 0.2, -0.2]),
             st.integers(1, 5),

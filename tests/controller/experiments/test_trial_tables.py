@@ -158,7 +158,7 @@ def test_a_trial_with_an_operator_counts_what_was_done_to_it() -> None:
     known = Truth(0.011951, 0.011692, 0.09039, delay=0.001)
     one = judged(hand_case(BENCH.name, known, WallAsked(8.0, 0.04), "lean", 3, 3.0))
     assert one.seconds == 3.0
-    assert (one.softened, one.returned, one.refuted, one.trip) == (0, 0, 0, None)
+    assert (one.softened, one.returned, one.believed, one.trip) == (0, 0, False, None)
 
 
 def test_a_point_of_the_searched_box_is_a_case() -> None:

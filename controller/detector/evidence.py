@@ -1,0 +1,169 @@
+"""What a motion says about who makes it, the wall or a hand: pure questions, with their thresholds.
+
+The thresholds of what hands do, and of what a probe shows, are measured: docs/detector-table.md
+says how often they are wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from controller.detector.half_cycles import Repeated
+
+KEPT = 0.98
+"""A motion that does not die keeps this fraction of its amplitude over a cycle."""
+DYING = 0.95
+"""Ratio of amplitudes over a cycle in a motion that dies"""
+_SAME_PERIOD = 0.12
+"""Largest logarithm of the ratio of durations in a regular motion"""
+_SATURATED, _SATURATED_PERIOD = 0.55, 0.3
+"""Fraction of the torque limit that is the mean pull of a saturated motion, and its tolerance:
+such a motion lengthens while it grows"""
+_FASTER_THAN_HANDS_HZ, _SHARPER_THAN_HANDS = 15.0, 700.0
+"""No hand moves a shaft to and fro by a degree as fast as this, nor turns it around with such an
+acceleration [rad/s²]: 0.5 rad to either side at 6 Hz, 0.1 rad at 13 Hz"""
+_FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
+"""The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
+longer than this; relative to the half-cycles before"""
+_CONTACT, _CONTACTS = 1.6, 3.5
+"""The same of the two contacts of a probe: least ratio of each, and of their sum. A hand's contact
+lasts longer at a softer wall too, but not that much."""
+_LONGEST = 3.2
+"""A half-cycle in which the motion has changed altogether"""
+_APPARENT = 0.5, 1.3
+"""Range of the apparent inertia in a probe over that before, if the torque still explains the
+motion. What a hand moves seems lighter by the scale of the probe."""
+_FADES_HZ = 8.0
+"""Slower motions whose period stays are hands; others may be a load on its transmission."""
+_SETTLED = 0.05
+"""Largest logarithm of the change of an amplitude over a cycle in a limit cycle"""
+
+
+class Sighting(NamedTuple):
+    """A motion as it was at a time."""
+
+    cycle: float
+    """Its period [s]"""
+    amplitude: float
+    """[rad]"""
+    inertia: float
+    """Apparent [kg·m²]"""
+    at: float
+    """[s]"""
+
+
+NEVER = Sighting(1.0, 1.0, 1.0, -math.inf)
+
+
+def sighting(motion: Repeated, at: float) -> Sighting:
+    """The motion of the last two half-cycles.
+
+    Args:
+        motion: Half-cycles or contacts.
+        at: The present time [s].
+    """
+    return Sighting(
+        motion.duration + motion.duration_2,
+        0.5 * (motion.amplitude + motion.amplitude_2),
+        0.5 * (motion.inertia + motion.inertia_2),
+        at,
+    )
+
+
+def lasts(motion: Repeated) -> bool:
+    """Whether the last two half-cycles kept their amplitude over a cycle."""
+    return (
+        motion.known >= 4
+        and motion.amplitude > KEPT * motion.amplitude_3
+        and motion.amplitude_2 > KEPT * motion.amplitude_4
+    )
+
+
+def same_period(motion: Repeated) -> bool:
+    """Whether the last two half-cycles lasted as long as those a cycle before."""
+    return (
+        motion.known >= 4
+        and abs(math.log(motion.duration / motion.duration_3)) < _SAME_PERIOD
+        and abs(math.log(motion.duration_2 / motion.duration_4)) < _SAME_PERIOD
+    )
+
+
+def saturates(motion: Repeated, limit: float) -> bool:
+    """Whether the last three saturated the torque to either side, and did not die.
+
+    Args:
+        motion: Half-cycles.
+        limit: Of the torque [N·m].
+    """
+    return (
+        motion.known >= 3
+        and min(motion.pull, motion.pull_2, motion.pull_3) > _SATURATED * limit
+        and motion.amplitude > KEPT * motion.amplitude_3
+        and abs(math.log(motion.duration / motion.duration_3)) < _SATURATED_PERIOD
+    )
+
+
+def is_limit_cycle(motion: Repeated, limit: float) -> bool:
+    """Whether the motion neither grows nor saturates: something else than the limit bounds it.
+
+    Args:
+        motion: Half-cycles.
+        limit: Of the torque [N·m].
+    """
+    return (
+        motion.known >= 4
+        and abs(math.log(motion.amplitude / motion.amplitude_3)) < _SETTLED
+        and abs(math.log(motion.amplitude_2 / motion.amplitude_4)) < _SETTLED
+        and motion.pull < _SATURATED * limit
+    )
+
+
+def beyond_hands(cycle: float, amplitude: float) -> bool:
+    """Whether no hand moves a shaft like this.
+
+    Args:
+        cycle: Period [s].
+        amplitude: At least a degree or so [rad].
+    """
+    return (
+        cycle * _FASTER_THAN_HANDS_HZ < 1.0
+        or amplitude * (math.tau / cycle) ** 2 > _SHARPER_THAN_HANDS
+    )
+
+
+def may_be_a_load(cycle: float) -> bool:
+    """Whether a motion of this period [s] may be that of a load on its transmission."""
+    return cycle * _FADES_HZ < 1.0
+
+
+def took_longer(first: float, second: float, inertia: float, *, contacts: bool) -> bool:
+    """Whether a probe shows that the wall moves the shaft.
+
+    Args:
+        first: Duration of the first half-cycle of the probe, over half the period before [1].
+        second: Of the second one.
+        inertia: Apparent inertia in them, over that before [1].
+        contacts: They are contacts with a one-sided wall.
+    """
+    least, most = _APPARENT
+    if contacts:
+        long = min(first, second) > _CONTACT and first + second > _CONTACTS
+    else:
+        long = first > _FIRST and second > _SECOND and first + second > _BOTH
+    return long and second < _LONGEST and least < inertia < most
+
+
+def alike(one: Sighting, other: Sighting, period: float, amplitude: float) -> bool:
+    """Whether two motions are one and the same.
+
+    Args:
+        one: A motion.
+        other: Another one.
+        period: Largest logarithm of the ratio of their periods.
+        amplitude: Largest logarithm of the ratio of their amplitudes, either way.
+    """
+    return (
+        abs(math.log(one.cycle / other.cycle)) < period
+        and abs(math.log(one.amplitude / other.amplitude)) < amplitude
+    )
