@@ -62,9 +62,7 @@ def test_a_load_that_oscillates_on_its_transmission_is_found(kick):
     "kick",
     [
         0.05,
-        pytest.param(
-            0.2, marks=pytest.mark.xfail(strict=True, reason="9 Hz with its third harmonic")
-        ),
+        pytest.param(0.2, marks=pytest.mark.xfail(strict=True, reason="9 Hz and its ripple")),
     ],
 )
 def test_a_light_servo_with_a_load_on_its_transmission_is_found(kick):

@@ -2,11 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from controller.detector.backstop import BackstopSettings
 from controller.detector.oscillation import DetectorSettings, State
+from controller.detector.own_motion import OwnMotion
 from controller.detector.watch import Watch, WatchSettings
 from controller.log.file import read_log
 from controller.report import exit_status
@@ -31,6 +34,17 @@ BASE = (
 DECEIVED = ("servo.delay=0.006", "model.delay=0.002", "wall.stiffness=10")
 ALLOWED = 0.8 * 4.6788
 SPRING = Wall(1.0, 0.0, 0.0, "both")
+BACKSTOP = BackstopSettings(
+    period=1e-3,
+    position_step=0.0,
+    threshold=0.017,
+    small=0.006,
+    light=0.005,
+    heavy=0.03,
+    heaviest=0.02,
+    rest_torque=0.1,
+    torque_limit=4.1,
+)
 
 
 def play(folder, *sets, duration=8.0, telemetry=None):
@@ -182,3 +196,35 @@ def test_beyond_the_peak_it_cannot_and_trips(tmp_path):
 def test_passivity_control_is_off_unless_asked_for(tmp_path):
     _, rows = play(tmp_path, *DECEIVED, duration=0.5)
     assert np.all(rows["damping"] == 0.0)
+
+
+def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05):
+    """The watch after a contact: 0.1 rad in and out again, with these measured torques [N·m]."""
+    detector = DetectorSettings(1e-3)
+    watch = Watch(WatchSettings(detector, answer, 0.0, side=side, heavy=0.02))
+    watch.own = OwnMotion(BACKSTOP, replace(BACKSTOP, bounces=True), side)
+    wall = Wall(10.0, 0.0, 0.0, "above" if side == 1 else "below")
+    ticks = round(seconds * 1e3)
+    way = np.linspace(-0.01, 0.1, ticks)
+    for k, depth in enumerate([*way, *way[::-1]]):
+        watch.passed(1)
+        torque = (torque_in if k < ticks else torque_out) if depth > 0.0 else 0.0
+        watch.sample(side * depth, wall, -side * torque)
+    return watch
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side):
+    """It takes 0.02 J and gives 0.2 J."""
+    assert contact_with(0.2, 2.0, side=side).failed
+    assert not contact_with(2.0, 0.2, side=side).failed, "it has taken energy"
+    assert not contact_with(2.0, 2.1, side=side).failed, "0.01 J is allowed"
+
+
+def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands():
+    """A bounce of 0.02 kg·m² on 10 N·m/rad lasts 0.14 s."""
+    assert not contact_with(0.0, 2.0, seconds=0.4).failed
+
+
+def test_a_report_ends_no_run_for_energy():
+    assert not contact_with(0.2, 2.0, answer="report").failed
