@@ -7,7 +7,13 @@ from typing import Protocol
 _HYSTERESIS_COUNTS = 1.5
 """Counts of the encoder by which a turning point must be left: flicker of one count is none."""
 _HYSTERESIS = 0.05
-"""The same, of the distance between the last two turning points [1]."""
+"""The same, as a fraction of the distance between the last two turning points"""
+_RIPPLE, _FORGETS = 0.35, 0.8
+"""A half-cycle smaller than this, relative to the largest lately, is a ripple on it, as a flexible
+transmission makes; the largest is forgotten by the second factor in each half-cycle."""
+_COARSE, _REMEMBERS = 0.25, 20
+"""Fraction of the largest distance that a turning point must be left by for so many half-cycles
+after a ripple: ripples then end no half-cycle."""
 _FINEST = 1e-6
 """The least hysteresis, where the encoder has no steps [rad]."""
 
@@ -60,11 +66,13 @@ class HalfCycles:
         "_hysteresis",
         "_impulse",
         "_impulse_then",
+        "_largest",
         "_last",
         "_least",
         "_moment",
         "_moment_then",
         "_period",
+        "_rippled",
         "_since_extreme",
         "_square",
         "_square_then",
@@ -115,6 +123,8 @@ class HalfCycles:
         self.elapsed = 0.0
         self.interval = self.gain = 0.0
         self._hysteresis = self._least
+        self._largest = 0.0
+        self._rippled = 0
         self._direction = 0
         self._last = 0.0
         self._started = False
@@ -211,5 +221,8 @@ class HalfCycles:
         self.elapsed = self._since_extreme
         self._direction = -self._direction
         self.known += 1
-        self._hysteresis = max(self._least, _HYSTERESIS * 2.0 * self.amplitude)
+        self._largest = largest = max(self.amplitude, _FORGETS * self._largest)
+        self._rippled = _REMEMBERS if self.amplitude < _RIPPLE * largest else self._rippled - 1
+        fraction = _HYSTERESIS * self.amplitude if self._rippled <= 0 else _COARSE * largest
+        self._hysteresis = max(self._least, 2.0 * fraction)
         self._reach(position)

@@ -6,7 +6,7 @@ from controller.detector.half_cycles import Repeated
 
 _AMPLITUDE, _COUNTS = 0.02, 0.6
 """An amplitude may differ by so much of itself, or by so many counts of the encoder."""
-_DURATION, _PERIODS = 0.03, 1.6
+_DURATION, _PERIODS = 0.03, 2.1
 """A duration may differ by so much of itself, or by so many periods."""
 
 
