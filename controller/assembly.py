@@ -44,6 +44,8 @@ COARSE = 6
 """Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+UNPROBED = 12
+"""Regular half-cycles after which an oscillation is told where the wall must not be probed [1]"""
 LIGHTER, HEAVIER = 0.8, 1.6
 """Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
 MEANT_KICK = 0.25 * math.tau
@@ -164,6 +166,7 @@ def _backstop(
         torque_limit=min(facts.torque_limit, clip),
         acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
         bounces=bounces,
+        unprobed=UNPROBED,
     )
 
 

@@ -128,6 +128,8 @@ class BackstopSettings:
     """It may change the wall; else it only tells."""
     bounces: bool = False
     """It watches contacts, not half-cycles."""
+    unprobed: int = STEADY
+    """Regular half-cycles after which a motion that may not be probed counts as steady"""
 
 
 class Backstop:
@@ -138,7 +140,7 @@ class Backstop:
         stiffness_scale: Of the elastic torque and of its limit [1].
         damping_scale: Of the damping [1].
         alarm: The wall feeds the motion.
-        steady: The motion repeats as evenly as no hand's.
+        steady: The motion repeats as evenly as no hand's; or it is regular, and may not be probed.
         failed: Reducing does not help: the run must end.
         moved: Probes that found a hand.
         probes: All probes.
@@ -263,6 +265,8 @@ class Backstop:
         undying = lasts(motion)
         even = undying and same_period(motion)
         self._streak = self._streak + 1 if even else 0
+        if not settings.acts and size >= settings.threshold:
+            self.steady = self.steady or self._streak >= settings.unprobed
         if not self._streak:
             self._since = self._time - motion.duration - motion.duration_2
         if self.phase == Phase.WATCHING:

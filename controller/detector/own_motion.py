@@ -136,6 +136,16 @@ class OwnMotion:
         return min(half.amplitude, half.amplitude_2) >= least or self._bounces.large
 
     @property
+    def reduced(self) -> tuple[float, float]:
+        """What alarms have left of the stiffness and of the damping; a probe counts for nothing."""
+        both = [self._backstop] if self._bounces is None else [self._backstop, self._bounces]
+        taken = [one for one in both if one.phase == Phase.REDUCED]
+        return (
+            min((one.stiffness_scale for one in taken), default=1.0),
+            min((one.damping_scale for one in taken), default=1.0),
+        )
+
+    @property
     def answering(self) -> bool:
         """Whether the wall is being probed, is reduced, or comes back."""
         bounces = self._bounces

@@ -303,14 +303,15 @@ def oscillation_report(watch: Watch) -> dict[str, object]:
     seen = watch.state > State.QUIET
     alarmed = not isnan(watch.first_alarm_s)
     known = seen and math.isfinite(watch.frequency_hz)
+    reduced = (1.0, 1.0) if watch.own is None else watch.own.reduced
     return {
         "state": watch.state.name.lower(),
         "frequency_hz": watch.frequency_hz if known else None,
         "amplitude_rad": watch.amplitude if seen else None,
         "first_alarm_s": watch.first_alarm_s if alarmed else None,
         "reduced_to": {
-            "stiffness": watch.scale,
-            "damping": watch.damping_scale,
+            "stiffness": reduced[0],
+            "damping": reduced[1],
         },
         "backlash": watch.own is not None and watch.own.backlash,
     }
