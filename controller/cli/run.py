@@ -57,6 +57,7 @@ SIMULATED_S = 5.0
 @click.option(
     "--hold",
     metavar="SOURCE",
+    multiple=True,
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
     " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
 )
@@ -70,7 +71,7 @@ def command(
     witness: Path | None,
     stream: str | None,
     stream_rate: float | None,
-    hold: str | None,
+    hold: tuple[str, ...],
     as_json_wanted: bool,
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
@@ -140,10 +141,19 @@ def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream 
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
 
 
-def _hold(config: Config, source: str | None) -> Hold | None:
-    """The dead man."""
-    if source is None:
+def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
+    """The dead man.
+
+    Raises:
+        UserError: There is more than one, or it is nothing that can be held.
+    """
+    if not sources:
         return None
+    if len(sources) > 1:
+        raise UserError(
+            f"--hold: found {len(sources)} sources ({', '.join(sources)}), wanted one; a run has"
+            " one dead man"
+        )
     if _in_memory(config):
         raise UserError(
             "--hold: on the simulated clock a run is over before anything can be held; leave it"
@@ -151,7 +161,7 @@ def _hold(config: Config, source: str | None) -> Hold | None:
         )
     from controller.tree.hold import hold_by
 
-    return hold_by(source)
+    return hold_by(sources[0])
 
 
 def _in_memory(config: Config) -> bool:

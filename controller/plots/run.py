@@ -15,7 +15,7 @@ from controller.plots import run_panels
 from controller.plots.dense_picture import in_pieces
 from controller.plots.sketch import Sketch, sketched
 from controller.settings.config import Config
-from controller.telemetry import FLAG_WARM_UP
+from controller.telemetry import FLAG_OFF, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +109,9 @@ def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
             f"the log's configuration is not one this program knows ({error.error_count()} "
             "differences); draw it with the haptic-wall that wrote it"
         ) from error
-    return run_panels.DrawnRun(sketch, (sketch.rows["flags"] & FLAG_WARM_UP) == 0, config)
+    return run_panels.DrawnRun(
+        sketch, (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0, config
+    )
 
 
 def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from controller.plots.dense_picture import outline
 from controller.plots.sketch import TIMES, Floats, Sketch
 from controller.settings.config import Config
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED
+from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ class DrawnRun:
 
     sketch: Sketch
     on: NDArray[np.bool_]
-    """The wall is on: the warm-up is over"""
+    """The wall is on: the warm-up is over, and it was not taken out again"""
     config: Config
 
     @property
@@ -205,7 +205,10 @@ def _shade_contact(ax: Axes, run: DrawnRun) -> None:
 def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
     """Mark the time before the wall is on."""
     label = "warm-up: the wall is off" if _is_first(ax) else ""
-    _shade(ax, run.time, ~run.on, _WARM_UP, label)
+    warm_up = (run.rows["flags"] & FLAG_WARM_UP) != 0
+    _shade(ax, run.time, warm_up, _WARM_UP, label)
+    label = "the wall is off: let go, or loaded" if _is_first(ax) else ""
+    _shade(ax, run.time, ~run.on & ~warm_up, _WARM_UP, label)
 
 
 def _is_first(ax: Axes) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.statistics import TimeStatistics
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ TIMES = ("bus_ns", "work_ns", "lateness_ns")
 """Fields that say how long something took"""
 
 _EXTREME = ("position", "velocity", "wall_torque", "torque", "stiffness", *TIMES)
-_FLAGS = (FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP)
+_FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 
 @dataclass(frozen=True, slots=True)

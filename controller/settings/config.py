@@ -76,6 +76,8 @@ class Config(Section):
             rate_hz = found.get("loop", {}).get("rate_hz", Loop().rate_hz)
             watchdog_s = found.get("servo", {}).get("watchdog_s", Servo().watchdog_s)
             silence_s = min(safety["max_losses_in_row"] / rate_hz, SILENCE_SHARE * watchdog_s)
+            if not silence_s > 0.0:
+                return found
         except (TypeError, AttributeError, ZeroDivisionError):
             return found  # something is wrong with it: it is named as unknown
         rest = {name: value for name, value in safety.items() if name != "max_losses_in_row"}

@@ -262,7 +262,8 @@ class Safety(Section):
         gt=0,
         le=1e3,
         description="Elastic torque up to which a spring counts as unloaded, but never less than "
-        "two encoder counts of it; null: 5 % of the servo's stall torque, at most 0.1",
+        "two encoder counts of it; at most 0.1 on a real servo; null: 5 % of the servo's stall "
+        "torque, at most 0.1",
         json_schema_extra={"unit": "N·m"},
     )
     travel: Annotated[tuple[Place, Place] | None, BeforeValidator(pair)] = Field(

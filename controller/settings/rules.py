@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from controller.engagement import MOST_TORQUE
 from controller.loop import SPIN_SHARE
 from controller.settings.servo import TRUTH_FIELDS
 from controller.wall import SIGNS
@@ -169,6 +170,18 @@ def _real_walls_wait(config: Config) -> Iterator[Problem]:
             "safety.engage",
             f"found at-once, wanted wait: the servo at {config.servo.port} is real, and a wall "
             "that comes on around its shaft strikes whoever holds it",
+        )
+
+
+@_reads(*_KIND, "safety.engage_torque")
+def _real_walls_come_on_unloaded(config: Config) -> Iterator[Problem]:
+    asked = config.safety.engage_torque
+    if _is_real(config) and asked is not None and asked > MOST_TORQUE:
+        yield Problem(
+            "safety.engage_torque",
+            f"found {asked:g}, wanted at most {MOST_TORQUE:g} N·m: the servo at "
+            f"{config.servo.port} is real, and a wall that comes on with more torque strikes "
+            "whoever holds it",
         )
 
 

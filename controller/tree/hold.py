@@ -184,6 +184,8 @@ class FileSource:
             found = self._path.stat()
         except FileNotFoundError:
             return None
+        if not stat.S_ISREG(found.st_mode):
+            return None  # what stands in its place, a folder for instance, renews nothing
         return found.st_mtime_ns, found.st_size, found.st_ino
 
 

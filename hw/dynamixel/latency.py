@@ -53,36 +53,39 @@ def set_timer_to_1_ms(path: str, classes: Path = CLASSES) -> bool:
     return True
 
 
-def low_latency(path: str) -> bool | None:
-    """Whether the port's driver is in its low-latency mode, as read back.
+def low_latency(path: str, descriptor: int | None = None) -> bool | None:
+    """Whether the port's driver is in its low-latency mode, as read back; nothing is set.
 
     Args:
-        path: The port's device; it is opened for a moment, and nothing is set.
+        path: The port's device.
+        descriptor: The port, where it is open already; None: it is opened for a moment. A port
+            that is kept to a run cannot be opened again, or the opening looks like a stranger's.
 
     Returns:
         None: the driver knows no such mode, or the port cannot be opened.
     """
+    opened = None
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError:
-        return None
-    try:
+        if descriptor is None:
+            descriptor = opened = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         found = fcntl.ioctl(descriptor, termios.TIOCGSERIAL, bytes(_SERIAL_STRUCT))
     except OSError:
         return None
     finally:
-        os.close(descriptor)
+        if opened is not None:
+            os.close(opened)
     return bool(struct.unpack_from("i", found, _FLAGS_AT)[0] & _ASYNC_LOW_LATENCY)
 
 
-def describe(path: str, classes: Path = CLASSES) -> str:
+def describe(path: str, classes: Path = CLASSES, descriptor: int | None = None) -> str:
     """What is known of the timer, for people; "none" where nothing says that there is one.
 
     Args:
         path: The port's device.
         classes: Where the system describes its ports.
+        descriptor: The port, where it is open already.
     """
-    latency_ms, mode = timer_ms(path, classes), low_latency(path)
+    latency_ms, mode = timer_ms(path, classes), low_latency(path, descriptor)
     if latency_ms is None:
         return "none in /sys, low-latency mode is on" if mode else "none"
     if latency_ms > 1:

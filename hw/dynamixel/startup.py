@@ -8,6 +8,7 @@ then a small push proves its sign.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,6 +25,7 @@ from hw.dynamixel.line import Line
 from hw.dynamixel.link import Link
 from hw.dynamixel.samples import Sample
 from hw.dynamixel.sdk import Sdk, Table
+from hw.dynamixel.serial_line import FdLine
 from hw.dynamixel.sign import prove_the_sign
 from hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from hw.dynamixel.torque_law import TorqueLaw, torque_law
@@ -86,6 +88,7 @@ class Startup:
         self._settings = settings
         self._model = model
         self._timer_file = timer_file(settings.port)
+        self._descriptor = line.descriptor if isinstance(line, FdLine) else None
         self._link = link
         self._clock = line.clock
         self._constant = constant
@@ -134,7 +137,9 @@ class Startup:
     def report_adapter(self) -> None:
         """How long the adapter keeps short replies; what it means shows in the samples' age."""
         port = self._settings.port
-        latency_ms, found = (timer_ms(port), describe(port)) if port else (None, "none")
+        latency_ms, found = None, "none"
+        if port:
+            latency_ms, found = timer_ms(port), describe(port, descriptor=self._descriptor)
         if latency_ms is not None and latency_ms > 1:
             found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
         self.list.add("latency timer", True, found, "1 ms, or none")
@@ -192,12 +197,14 @@ class Startup:
         if not self._may_be_at(position):
             position = self._wait_to_be_turned_out(position)
             found += f", inside the wall; then {position * POSITION_UNIT:.3f} rad"
+        turns = position * POSITION_UNIT / math.tau
         self.list.add(
             "position",
             self._may_be_at(position),
             found,
             "anywhere" if self._settings.keep_out is None else "outside the wall",
-            f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad: turn it out by "
+            f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad "
+            f"({turns:.2f} turns): turn it out by "
             "hand, or move the wall with wall.position.",
         )
 

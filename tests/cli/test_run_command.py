@@ -37,6 +37,7 @@ def folder(tmp_path, monkeypatch):
     ("arguments", "message"),
     [
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
+        (["--hold", "a", "--hold", "b"], "--hold: found 2 sources (a, b), wanted one"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
         (["--log", 300 * "x"], "x: File name too long; name another place"),

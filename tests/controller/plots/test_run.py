@@ -7,7 +7,7 @@ from controller.errors import LogFormatError
 from controller.plots import run as plot
 from controller.plots.sketch import sketched
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP, ROW
+from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP, ROW
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -58,6 +58,13 @@ def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True)
 
 def legend(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_a_wall_that_was_let_go_is_not_drawn_as_on(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["flags"][400:] |= FLAG_OFF
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
+    assert "the wall is off: let go, or loaded" in legend(figure.axes[0])
 
 
 def test_one_look_tells_wall_torque_and_timing(monkeypatch, tmp_path):

@@ -212,8 +212,9 @@ def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s):
     assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
 
 
-def test_losses_that_are_no_number_are_refused_by_name():
-    assert "safety.max_losses_in_row" in only("simulated", "safety.max_losses_in_row=many")
+@pytest.mark.parametrize("value", ["many", "-3", "0", "nan"])
+def test_losses_that_are_no_number_above_0_are_refused_by_name(value):
+    assert "safety.max_losses_in_row" in only("simulated", f"safety.max_losses_in_row={value}")
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
@@ -278,6 +279,7 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
         ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
         (HARDWARE, ["safety.engage=at-once"], "safety.engage"),
+        (HARDWARE, ["safety.engage_torque=0.11"], "safety.engage_torque"),
         ("simulated", ["safety.travel=[1, -1]"], "safety.travel"),
         ("simulated", ["safety.travel=[1, 2]"], "safety.travel"),
         ("simulated", ["safety.travel=[-1]"], "safety.travel"),
@@ -296,6 +298,8 @@ def test_fields_that_do_not_go_together(preset, changes, blamed):
         ("emulated-xm430", ["servo.kick=18.8", "wall.reference=start"]),
         ("simulated", ["safety.travel=[-1, 2]"]),
         ("simulated", ["safety.engage=at-once"]),
+        ("simulated", ["safety.engage_torque=100"]),
+        (HARDWARE, ["safety.engage_torque=0.1"]),
         ("emulated-xm430", ["wall.side=both", "servo.kick=0.01"]),
         ("emulated-xm430", ["loop.rate_hz=50"]),
         ("emulated-xm430", ["servo.backend=simulated"]),

@@ -145,6 +145,17 @@ def test_a_file_that_is_replaced_is_renewed_and_one_that_is_gone_is_not(tmp_path
     assert source.until(20 * MS, 1020 * MS) == SILENCE_NS
 
 
+def test_a_folder_in_the_place_of_the_file_renews_nothing(tmp_path):
+    path = tmp_path / "hold"
+    renew(path, 1000 * MS)
+    source = FileSource(str(path), 0)
+    path.unlink()
+    path.mkdir()
+    for k in range(1, 4):
+        os.utime(path, ns=(1000 * MS, (1000 + 10 * k) * MS))
+        assert source.until(10 * k * MS, (1000 + 10 * k) * MS) == 0
+
+
 def test_what_can_be_held_is_found_out_before_the_start(tmp_path):
     file = tmp_path / "a:b"
     file.touch()

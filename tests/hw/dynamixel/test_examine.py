@@ -457,6 +457,9 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
         monkeypatch.setattr("hw.dynamixel.latency.fcntl.ioctl", answer)
         assert latency.low_latency(path) is on
         assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
+        # A port that is open already is not opened again: that may be refused, and looks like
+        # another program.
+        assert latency.low_latency(path + "-missing", slave) is on
         monkeypatch.undo()
     os.close(master)
     os.close(slave)

@@ -7,6 +7,7 @@ are looked at from outside.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import pytest
@@ -250,7 +251,10 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
 
 
 def test_the_servo_is_not_started_inside_the_wall() -> None:
-    refused(Bench(keep_out=(-0.4, 100.0)), match=r"inside the wall, at -0\.301 rad: turn it out")
+    refused(
+        Bench(keep_out=(-0.4, 100.0)),
+        match=r"inside the wall, at -0\.301 rad \(-0.05 turns\): turn it out",
+    )
     bench = Bench(keep_out=(-0.4, 100.0))
     begun = bench.clock.now_ns()
     refused(bench, match="turn it out")
@@ -473,6 +477,11 @@ def test_a_hand_that_leans_into_the_wall_is_refused() -> None:
     begun = bench.clock.now_ns()
     refused(bench, match=r"stands inside the wall|not come to rest outside the wall")
     assert bench.clock.now_ns() - begun < 6e9
+
+
+def test_a_shaft_inside_the_wall_is_told_in_turns() -> None:
+    bench = Bench(replace(TRUE, position=3 * math.tau + 0.5), keep_out=(0.0, 100.0))
+    refused(bench, match=r"inside the wall, at 19\.\d+ rad \(3\.08 turns\)")
 
 
 def stalling(bench: Bench, stalls: int) -> None:
