@@ -24,6 +24,9 @@ class HoldKeeper:
     Args:
         watcher: Its process.
         telemetry: What the loop writes.
+
+    Attributes:
+        trouble: Why the watcher ended by itself; empty: it has not.
     """
 
     def __init__(self, watcher: Child, telemetry: Telemetry) -> None:
@@ -31,6 +34,7 @@ class HoldKeeper:
         self._telemetry = telemetry
         self._told = ""
         self._gone = False
+        self.trouble = ""
 
     def look(self, tell: Tell) -> None:
         """Say when the wall has gone off or come back, and once when the watcher has ended."""
@@ -40,6 +44,7 @@ class HoldKeeper:
         self._gone = True
         troubles = [json.loads(line)["trouble"] for line in self._watcher.lines()]
         why = "; ".join(troubles) or f"its process {self._watcher.exit_text()}"
+        self.trouble = f"--hold: {why}; from then on the wall was off"
         tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
 
     def _tell_change(self, tell: Tell) -> None:

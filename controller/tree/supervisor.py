@@ -89,6 +89,8 @@ class Supervisor:
             reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
             self._cause = "; ".join(filter(None, (found, self._cause)))
             self._warnings += [*log.end(), *self._outside.notes()]
+            if hold is not None and hold.trouble:
+                self._warnings.append(hold.trouble)
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
