@@ -159,6 +159,12 @@ class OwnMotion:
         return self._backstop.backlash
 
     @property
+    def moved(self) -> int:
+        """Probes that found a hand."""
+        moved = self._backstop.moved
+        return moved if self._bounces is None else moved + self._bounces.moved
+
+    @property
     def counts(self) -> tuple[int, int, int, int]:
         """Probes, probes that found a hand, alarms, and alarms that were taken back."""
         one, other = self._backstop, self._bounces

@@ -189,9 +189,9 @@ class Watch:
 
     def _backstop(self, own: OwnMotion, away: float, stiffness: float) -> None:
         """Watch what the believed values do not explain, and the energy of a contact."""
-        moved = own.counts[1]
+        moved = own.moved
         own.update(away, self._sent, self.spanned * self._period, stiffness)
-        if own.counts[1] > moved:
+        if own.moved > moved:
             self._take_back()
         if own.alarm or own.steady:
             self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
