@@ -106,7 +106,7 @@ def settings_at(config: Config, interval: float) -> GuardSettings:
 
 
 def situation_of(config: Config, servo: Servo) -> Situation:
-    """What the wall is rendered on: the belief, the period, the servo's limits."""
+    """The situation of the wall: the belief, the period, the limits of the servo."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,

@@ -81,7 +81,7 @@ _HURRY = 0.9
 
 
 class Phase(IntEnum):
-    """What the backstop does."""
+    """Phases of the backstop."""
 
     WATCHING = 0
     PROBING = 1

@@ -1,4 +1,4 @@
-"""What a motion says about who makes it, the wall or a hand: pure questions, with their thresholds.
+"""Evidence of who makes a motion, the wall or a hand: pure questions, with their thresholds.
 
 The thresholds of what hands do, and of what a probe shows, are measured: docs/detector-table.md
 says how often they are wrong.

@@ -19,7 +19,7 @@ _FINEST = 1e-6
 
 
 class Repeated(Protocol):
-    """What repeats in a motion: half-cycles, or contacts. The last four of them are known."""
+    """The last four half-cycles, or contacts, of a motion."""
 
     known: int
     duration: float

@@ -137,7 +137,7 @@ class OwnMotion:
 
     @property
     def reduced(self) -> tuple[float, float]:
-        """What alarms have left of the stiffness and of the damping; a probe counts for nothing."""
+        """Scales of stiffness and damping after alarms; a probe does not count."""
         both = [self._backstop] if self._bounces is None else [self._backstop, self._bounces]
         taken = [one for one in both if one.phase == Phase.REDUCED]
         return (
