@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
@@ -75,6 +76,24 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
     return value
 
 
+@dataclass(slots=True)
+class _Command:
+    answered: bool = False
+
+
+_command = _Command()
+
+
+def begin() -> None:
+    """A command begins, which has not answered yet."""
+    _command.answered = False
+
+
+def is_answered() -> bool:
+    """Whether the command has printed its answer: on standard output there is one at most."""
+    return _command.answered
+
+
 def say(text: str) -> None:
     """Tell a person on standard error; that nobody listens is no reason to end."""
     with suppress(OSError):
@@ -83,6 +102,7 @@ def say(text: str) -> None:
 
 def answer(text: str) -> None:
     """Print a command's answer on standard output; a reader that leaves early is no error."""
+    _command.answered = True
     try:
         click.echo(text)
         sys.stdout.flush()
