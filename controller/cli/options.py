@@ -7,7 +7,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -165,20 +164,6 @@ def refuse_other_pictures(option: str, path: Path) -> None:
             f"{option} {path}: found a name ending in {path.suffix}, wanted one ending in .png:"
             " pictures are PNG"
         )
-
-
-def refuse_unwritable(option: str, path: Path) -> None:
-    """See that a file can be written there, whole, before time is spent on what it is to hold.
-
-    Raises:
-        UserError: It cannot.
-    """
-    if path.is_dir():
-        raise UserError(f"{option}: {path} is a folder; name a file")
-    with writing(option, path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not path.exists() or path.is_file():  # as whole() does: beside it, then in its place
-            tempfile.TemporaryFile(dir=path.resolve().parent).close()
 
 
 @contextmanager
