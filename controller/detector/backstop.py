@@ -48,6 +48,8 @@ _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
 """Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
+_EARLY = 0.15
+"""Part of a half-cycle within which a probe has begun at its turning point [1]"""
 _FADE_SIZE = 2.5
 """Motions whose period stays in a probe and that are smaller than so many thresholds may be tremor;
 larger ones may be a load that swings on its transmission."""
@@ -157,6 +159,7 @@ class Backstop:
         "_begun",
         "_cause",
         "_count",
+        "_distance",
         "_fading",
         "_first",
         "_hands",
@@ -171,6 +174,7 @@ class Backstop:
         "_stop",
         "_streak",
         "_time",
+        "_whole",
         "alarm",
         "backlash",
         "damping_scale",
@@ -197,8 +201,8 @@ class Backstop:
         self._motion = motion
         self._steadiness = Steadiness(settings.period, settings.position_step)
         self._time = self._since = self._begun = 0.0
-        self._stiffness = 0.0
-        self._streak = self._count = self._step = 0
+        self._stiffness = self._distance = 0.0
+        self._streak = self._count = self._step = self._whole = 0
         self._first = self._fading = 0.0
         self._cause = Cause.STOPPED
         self._probed = self._hands = self._stop = NEVER
@@ -215,18 +219,26 @@ class Backstop:
         motion = self._motion
         return min(motion.amplitude, motion.amplitude_2) >= self._settings.threshold
 
-    def passed(self, span: float, elongation: float, stiffness: float) -> None:
-        """Let time pass; to be called once a sample, before ``ended``.
+    def update(self, span: float, elongation: float, stiffness: float, *, ended: bool) -> None:
+        """Take a sample.
 
         Args:
-            span: Since the sample before [s].
+            span: Time since the sample before [s].
             elongation: Of the wall's spring, either sign [rad].
             stiffness: K without this object's scale [N·m/rad].
+            ended: A half-cycle, or a contact, has ended.
         """
         self._time += span
         self._stiffness = stiffness
-        phase = self.phase
+        distance, phase = abs(elongation), self.phase
+        lets_go = distance < self._distance
+        self._distance = distance
+        if ended:
+            self._ended()
+            return
         if phase == Phase.WATCHING:
+            if self.suspected and lets_go and not self._settings.bounces:
+                self._probe_a_suspicion(begun=True)
             return
         if phase == Phase.PROBING:
             motion = self._motion
@@ -238,6 +250,7 @@ class Backstop:
             if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
                 self.stiffness_scale = self.damping_scale = 1.0
                 self.phase = Phase.WATCHING
+                self._whole = -1  # the present half-cycle began on a softer wall
         elif self.alarm and self._motion.elapsed > _STOPPED * self._motion.interval:
             self.alarm = False  # the reduced wall is at rest
 
@@ -255,7 +268,7 @@ class Backstop:
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
 
-    def ended(self) -> None:
+    def _ended(self) -> None:
         """Take notice that a half-cycle, or a contact, has ended."""
         motion, settings = self._motion, self._settings
         self._count += 1
@@ -269,7 +282,11 @@ class Backstop:
             self.steady = self.steady or self._streak >= settings.unprobed
         if not self._streak:
             self._since = self._time - motion.duration - motion.duration_2
+        self._whole += 1
         if self.phase == Phase.WATCHING:
+            if self.suspected:
+                self._probe_a_suspicion(begun=False)
+                return
             if size < settings.threshold:
                 regular = self.steady
             else:
@@ -277,8 +294,7 @@ class Backstop:
                 even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
                 limit = settings.torque_limit
                 regular = even or saturates(motion, limit)
-            regular = regular and motion.gain > _LEAST_GAIN
-            if regular or (self.suspected and size >= settings.threshold and motion.known >= 2):
+            if regular and motion.gain > _LEAST_GAIN:
                 self._consider()
             else:
                 self.alarm = False
@@ -297,8 +313,6 @@ class Backstop:
             self._alarm(Cause.BEYOND_HANDS)
         elif not settings.acts:
             return
-        elif self.suspected:
-            self._probe()
         elif self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
@@ -308,6 +322,29 @@ class Backstop:
             or settings.light < seen.inertia < settings.heavy
         ):
             self._probe()
+
+    def _probe_a_suspicion(self, *, begun: bool) -> None:
+        """Probe a motion as soon as somebody suspects the wall.
+
+        Args:
+            begun: A half-cycle has begun some time ago; its length will say little.
+        """
+        motion, settings = self._motion, self._settings
+        known = min(motion.known, self._whole)
+        if not settings.acts or known < 1 or motion.amplitude < settings.small:
+            return
+        self._begun = self._time - motion.elapsed - motion.duration
+        self._settled = False
+        seen = sighting(motion, self._time)
+        if known < 2:
+            seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
+        self._probed = seen
+        if motion.amplitude >= settings.threshold and self._beyond_hands(seen):
+            self._alarm(Cause.BEYOND_HANDS)
+            return
+        self._probe()
+        if begun and motion.elapsed > _EARLY * motion.duration:
+            self._count = -1
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -332,6 +369,8 @@ class Backstop:
         motion = self._motion
         before, now = self._probed, sighting(motion, self._time)
         ratio = 2.0 * motion.duration / before.cycle
+        if self._count < 1:
+            return
         if self._count == 1:
             self._first = ratio
         elif self._count == 2:
@@ -368,10 +407,11 @@ class Backstop:
         again = self._time - self._stop.at < _AGAIN_S and alike(
             before, self._stop, _AGAIN_PERIOD, _AGAIN_AMPLITUDE
         )
-        if again or self.suspected:
+        if again or (self.suspected and before.amplitude >= self._settings.threshold):
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
+        self.suspected = False
         self.phase = Phase.RETURNING
 
     def _alarm(self, cause: Cause) -> None:
@@ -389,7 +429,7 @@ class Backstop:
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
         self.stiffness_scale = PROBE
-        self.damping_scale = 1.0 if cause == Cause.LONGER else PROBE
+        self.damping_scale = PROBE if cause == Cause.STOPPED else 1.0
 
     def _judge(self, undying: bool) -> None:
         """Go on reducing a motion that does not die; give the wall back if a hand makes it."""

@@ -31,7 +31,7 @@ _CONTACT, _CONTACTS = 1.6, 3.5
 lasts longer at a softer wall too, but not that much."""
 _LONGEST = 3.2
 """A half-cycle in which the motion has changed altogether"""
-_APPARENT = 0.5, 1.3
+_APPARENT = 0.5, 1.6
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
 _FADES_HZ = 8.0
