@@ -16,8 +16,10 @@ from enum import IntEnum
 from controller.detector.evidence import (
     DYING,
     NEVER,
+    Answer,
     Sighting,
     alike,
+    as_unsure,
     beyond_hands,
     is_limit_cycle,
     lasts,
@@ -174,6 +176,7 @@ class Backstop:
         "_stop",
         "_streak",
         "_time",
+        "_unsure",
         "_whole",
         "alarm",
         "backlash",
@@ -205,6 +208,7 @@ class Backstop:
         self._streak = self._count = self._step = self._whole = 0
         self._first = self._fading = 0.0
         self._cause = Cause.STOPPED
+        self._unsure: tuple[Answer, Sighting] | None = None
         self._probed = self._hands = self._stop = NEVER
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
@@ -233,26 +237,28 @@ class Backstop:
         distance, phase = abs(elongation), self.phase
         lets_go = distance < self._distance
         self._distance = distance
-        if ended:
-            self._ended()
-            return
         if phase == Phase.WATCHING:
-            if self.suspected and lets_go and not self._settings.bounces:
+            if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
-            return
-        if phase == Phase.PROBING:
+        elif phase == Phase.PROBING:
             motion = self._motion
             if motion.elapsed > _STOPPED * max(motion.interval, 0.5 * self._probed.cycle):
                 self._stopped()
         elif phase == Phase.RETURNING:
-            missing = (1.0 - self.stiffness_scale) * stiffness * elongation
-            least = _LEAST_STEPS * self._settings.position_step
-            if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
-                self.stiffness_scale = self.damping_scale = 1.0
-                self.phase = Phase.WATCHING
-                self._whole = -1  # the present half-cycle began on a softer wall
+            self._return(elongation)
         elif self.alarm and self._motion.elapsed > _STOPPED * self._motion.interval:
             self.alarm = False  # the reduced wall is at rest
+        if ended:
+            self._ended()
+
+    def _return(self, elongation: float) -> None:
+        """Give the wall back if its spring is at rest."""
+        missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
+        least = _LEAST_STEPS * self._settings.position_step
+        if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
+            self.stiffness_scale = self.damping_scale = 1.0
+            self.phase = Phase.WATCHING
+            self._whole = -1  # the present half-cycle began on a softer wall
 
     def raise_again(self) -> None:
         """Give back what was taken, as soon as the spring is at rest, and begin to watch anew."""
@@ -374,9 +380,9 @@ class Backstop:
         if self._count == 1:
             self._first = ratio
         elif self._count == 2:
-            contacts = self._settings.bounces
             inertia = now.inertia / before.inertia if before.inertia else 0.0
-            if took_longer(self._first, ratio, inertia, contacts=contacts):
+            answer = Answer(self._first, ratio, inertia, now.amplitude / before.amplitude)
+            if self._wall_moves_it(answer):
                 self._alarm(Cause.LONGER)
             elif now.amplitude < _COLLAPSED * before.amplitude:
                 self._stopped()
@@ -388,6 +394,19 @@ class Backstop:
             self._stopped()
         elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
             self._somebody_moves_it()
+
+    def _wall_moves_it(self, answer: Answer) -> bool:
+        """Whether a probe shows that, or two like it that do not show a hand's motion."""
+        contacts, before, unsure = self._settings.bounces, self._probed, self._unsure
+        if took_longer(answer, contacts=contacts):
+            return True
+        self._unsure = answer, before
+        return (
+            unsure is not None
+            and not contacts
+            and as_unsure(answer, unsure[0])
+            and alike(before, unsure[1], _AGAIN_PERIOD, _AGAIN_AMPLITUDE)
+        )
 
     def _may_fade(self) -> bool:
         """Whether a probed motion whose period stays may be a load on its transmission."""
