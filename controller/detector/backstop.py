@@ -57,8 +57,9 @@ _FADE_SIZE = 2.5
 larger ones may be a load that swings on its transmission."""
 _FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
 """Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
-_COLLAPSED = 0.6
-"""Ratio of amplitudes below which a motion has stopped in the probe"""
+_COLLAPSED, _QUICKER = 0.6, 0.8
+"""Ratio of amplitudes below which a motion has stopped in the probe, and of durations below which
+it is another one"""
 _STOPPED = 3.0
 """The same, in times between turning points, without another one"""
 _AGAIN_S, _AGAIN_PERIOD, _AGAIN_AMPLITUDE = 5.0, 0.1, 0.5
@@ -339,11 +340,14 @@ class Backstop:
         known = min(motion.known, self._whole)
         if not settings.acts or known < 1 or motion.amplitude < settings.small:
             return
-        self._begun = self._time - motion.elapsed - motion.duration
-        self._settled = False
         seen = sighting(motion, self._time)
         if known < 2:
             seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
+        hands = self._hands
+        if seen.at - hands.at < _HOLD_OFF_S and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude:
+            return
+        self._begun = self._time - motion.elapsed - motion.duration
+        self._settled = False
         self._probed = seen
         if motion.amplitude >= settings.threshold and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
@@ -385,7 +389,7 @@ class Backstop:
             if self._wall_moves_it(answer):
                 self._alarm(Cause.LONGER)
             elif now.amplitude < _COLLAPSED * before.amplitude:
-                self._stopped()
+                self._collapsed()
             elif self._may_fade():
                 self._fading = now.amplitude
             else:
@@ -407,6 +411,18 @@ class Backstop:
             and as_unsure(answer, unsure[0])
             and alike(before, unsure[1], _AGAIN_PERIOD, _AGAIN_AMPLITUDE)
         )
+
+    def _collapsed(self) -> None:
+        """Take notice that the motion has become small; what does so by being quicker is another.
+
+        The wall makes no motion quicker by giving way.
+        """
+        if self._first > _QUICKER:
+            self._stopped()
+        elif self.suspected:
+            self._somebody_moves_it()
+        else:
+            self.phase = Phase.RETURNING
 
     def _may_fade(self) -> bool:
         """Whether a probed motion whose period stays may be a load on its transmission."""

@@ -29,15 +29,16 @@ longer than this; relative to the half-cycles before"""
 _CONTACT, _CONTACTS = 1.6, 3.5
 """The same of the two contacts of a probe: least ratio of each, and of their sum. A hand's contact
 lasts longer at a softer wall too, but not that much."""
-_EXPLAINED, _EACH, _SUM, _GROWN = 0.78, 1.1, 2.4, 1.3
-"""Or if both are a little longer, by each and by the sum, while the torque explains the motion to so
-much of the apparent inertia, and the amplitude has not grown as where a hand meets less resistance
-"""
+_GROWN, _FIRST_GROWN = 1.3, 1.25
+"""Growth from which the first one must be longer: a hand meets less resistance in the probe"""
+_EXPLAINED, _EACH, _SUM = 0.78, 1.1, 2.4
+"""Or if both are a little longer, by each and by the sum, while the torque explains the motion to
+so much of the apparent inertia, and the amplitude has not grown"""
 _UNSURE, _UNSURE_INERTIA, _AS_UNSURE = (1.18, 1.45), (0.35, 0.7), 0.06
 """Range of the second half-cycle and of the apparent inertia of a probe that does not tell a hand's
 motion from one that a hand only holds; and how well two such answers agree"""
-_LONGEST = 3.2
-"""A half-cycle in which the motion has changed altogether"""
+_LONGEST, _LARGEST = 3.2, 3.2
+"""A half-cycle, and an amplitude, by which the motion has changed altogether"""
 _APPARENT = 0.5, 1.6
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
@@ -171,8 +172,9 @@ def took_longer(answer: Answer, *, contacts: bool) -> bool:
     elif inertia > _EXPLAINED and amplitude < _GROWN:
         long = min(first, second) > _EACH and first + second > _SUM
     else:
-        long = first > _FIRST and second > _SECOND and first + second > _BOTH
-    return long and second < _LONGEST and least < inertia < most
+        least_first = _FIRST if amplitude < _GROWN else _FIRST_GROWN
+        long = first > least_first and second > _SECOND and first + second > _BOTH
+    return long and second < _LONGEST and amplitude < _LARGEST and least < inertia < most
 
 
 def as_unsure(one: Answer, other: Answer) -> bool:
