@@ -293,22 +293,30 @@ class Backstop:
         if self.phase == Phase.WATCHING:
             if self.suspected:
                 self._probe_a_suspicion(begun=False)
-                return
-            if size < settings.threshold:
-                regular = self.steady
-            else:
-                before = min(motion.amplitude_3, motion.amplitude_4)
-                even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
-                limit = settings.torque_limit
-                regular = even or saturates(motion, limit)
-            if regular and motion.gain > _LEAST_GAIN:
-                self._consider()
-            else:
-                self.alarm = False
+            if self.phase == Phase.WATCHING:
+                self._watch(size)
         elif self.phase == Phase.PROBING:
             self._answer()
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
+
+    def _watch(self, size: float) -> None:
+        """Answer a motion that is regular and does not die.
+
+        Args:
+            size: Smaller amplitude of the last two half-cycles [rad].
+        """
+        motion, settings = self._motion, self._settings
+        if size < settings.threshold:
+            regular = self.steady
+        else:
+            before = min(motion.amplitude_3, motion.amplitude_4)
+            even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
+            regular = even or saturates(motion, settings.torque_limit)
+        if regular and motion.gain > _LEAST_GAIN:
+            self._consider()
+        else:
+            self.alarm = False
 
     def _consider(self) -> None:
         """Decide what a regular motion that does not die is answered with."""

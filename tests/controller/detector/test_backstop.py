@@ -215,6 +215,18 @@ def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_m
     assert stop.alarm
 
 
+def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands():
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    stop.update(1e-3, 0.0, 10.0, ended=False)
+    stop.suspected = True
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
+    assert stop.probes == 1, "a hand was found not long ago"
+    assert stop.alarm, "but none is so even"
+
+
 def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with():
     stop, seen = probing()
     for _ in range(2):
