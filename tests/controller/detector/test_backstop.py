@@ -234,10 +234,10 @@ def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with():
     stop.suspected = True
     stop.update(1e-3, 0.0, 10.0, ended=False)
     assert stop.phase == Phase.WATCHING
-    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.3)  # larger than the hand's, and so not left alone
     stop.update(1e-3, -0.001, 10.0, ended=False)
     assert stop.phase == Phase.WATCHING
-    take(stop, seen, 0.1, 0.1)
+    take(stop, seen, 0.1, 0.3)
     assert stop.phase == Phase.PROBING
 
 
