@@ -16,20 +16,17 @@ from enum import IntEnum
 from controller.detector.evidence import (
     DYING,
     NEVER,
-    Answer,
     Sighting,
     alike,
-    as_unsure,
     beyond_hands,
     is_limit_cycle,
     lasts,
-    may_be_a_load,
     same_period,
     saturates,
     sighting,
-    took_longer,
 )
 from controller.detector.half_cycles import Repeated
+from controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
 from controller.detector.steady import Steadiness
 
 PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
@@ -50,21 +47,8 @@ _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
 """Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
-_EARLY = 0.15
-"""Part of a half-cycle within which a probe has begun at its turning point [1]"""
-_FADE_SIZE = 2.5
-"""Motions whose period stays in a probe and that are smaller than so many thresholds may be tremor;
-larger ones may be a load that swings on its transmission."""
-_FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
-"""Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
-_COLLAPSED, _QUICKER = 0.6, 0.8
-"""Ratio of amplitudes below which a motion has stopped in the probe, and of durations below which
-it is another one"""
-_STOPPED = 3.0
-"""The same, in times between turning points, without another one"""
-_AGAIN_S, _AGAIN_PERIOD, _AGAIN_AMPLITUDE = 5.0, 0.1, 0.5
-"""A motion that stopped in a probe and is back within this time, as fast and as large but for these
-logarithms, is the wall's."""
+_AGAIN_S = 5.0
+"""A motion that stopped in a probe and is back within this time is the wall's."""
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
@@ -163,11 +147,9 @@ class Backstop:
         "_cause",
         "_count",
         "_distance",
-        "_fading",
-        "_first",
         "_hands",
         "_motion",
-        "_probed",
+        "_probe",
         "_settings",
         "_settled",
         "_since",
@@ -177,7 +159,6 @@ class Backstop:
         "_stop",
         "_streak",
         "_time",
-        "_unsure",
         "_whole",
         "alarm",
         "backlash",
@@ -207,10 +188,9 @@ class Backstop:
         self._time = self._since = self._begun = 0.0
         self._stiffness = self._distance = 0.0
         self._streak = self._count = self._step = self._whole = 0
-        self._first = self._fading = 0.0
         self._cause = Cause.STOPPED
-        self._unsure: tuple[Answer, Sighting] | None = None
-        self._probed = self._hands = self._stop = NEVER
+        self._probe = Probe(settings.threshold, contacts=settings.bounces)
+        self._hands = self._stop = NEVER
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
         self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
@@ -242,12 +222,11 @@ class Backstop:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
         elif phase == Phase.PROBING:
-            motion = self._motion
-            if motion.elapsed > _STOPPED * max(motion.interval, 0.5 * self._probed.cycle):
+            if self._probe.still(self._motion):
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation)
-        elif self.alarm and self._motion.elapsed > _STOPPED * self._motion.interval:
+        elif self.alarm and self._motion.elapsed > STILL * self._motion.interval:
             self.alarm = False  # the reduced wall is at rest
         if ended:
             self._ended()
@@ -296,7 +275,7 @@ class Backstop:
             if self.phase == Phase.WATCHING:
                 self._watch(size)
         elif self.phase == Phase.PROBING:
-            self._answer()
+            self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
 
@@ -323,7 +302,7 @@ class Backstop:
         motion, settings = self._motion, self._settings
         self._begun = self._since
         self._settled = is_limit_cycle(motion, settings.torque_limit)
-        self._probed = seen = sighting(motion, self._time)
+        self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
         elif not settings.acts:
@@ -336,7 +315,7 @@ class Backstop:
             or self._streak >= _UNLIKELY
             or settings.light < seen.inertia < settings.heavy
         ):
-            self._probe()
+            self._ask(within=False)
 
     def _probe_a_suspicion(self, *, begun: bool) -> None:
         """Probe a motion as soon as somebody suspects the wall.
@@ -356,13 +335,11 @@ class Backstop:
             return
         self._begun = self._time - motion.elapsed - motion.duration
         self._settled = False
-        self._probed = seen
+        self._probe.before = seen
         if motion.amplitude >= settings.threshold and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
             return
-        self._probe()
-        if begun and motion.elapsed > _EARLY * motion.duration:
-            self._count = -1
+        self._ask(within=begun)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -376,79 +353,32 @@ class Backstop:
             and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude
         )
 
-    def _probe(self) -> None:
+    def _ask(self, *, within: bool) -> None:
+        """Begin a probe; ``within`` a half-cycle that has begun before."""
         self.phase = Phase.PROBING
         self.probes += 1
-        self._count = 0
+        self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self.damping_scale = PROBE
 
-    def _answer(self) -> None:
-        """Judge a probe when a half-cycle of it has ended."""
-        motion = self._motion
-        before, now = self._probed, sighting(motion, self._time)
-        ratio = 2.0 * motion.duration / before.cycle
-        if self._count < 1:
-            return
-        if self._count == 1:
-            self._first = ratio
-        elif self._count == 2:
-            inertia = now.inertia / before.inertia if before.inertia else 0.0
-            answer = Answer(self._first, ratio, inertia, now.amplitude / before.amplitude)
-            if self._wall_moves_it(answer):
-                self._alarm(Cause.LONGER)
-            elif now.amplitude < _COLLAPSED * before.amplitude:
-                self._collapsed()
-            elif self._may_fade():
-                self._fading = now.amplitude
-            else:
-                self._somebody_moves_it()
-        elif now.amplitude < _FADE_ALL * self._fading:
+    def _answer(self, verdict: Verdict) -> None:
+        """Do what follows from a probe."""
+        if verdict == Verdict.WALL:
+            self._alarm(Cause.LONGER)
+        elif verdict == Verdict.STOPPED:
             self._stopped()
-        elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
+        elif verdict == Verdict.HAND or (verdict == Verdict.CHANGED and self.suspected):
             self._somebody_moves_it()
-
-    def _wall_moves_it(self, answer: Answer) -> bool:
-        """Whether a probe shows that, or two like it that do not show a hand's motion."""
-        contacts, before, unsure = self._settings.bounces, self._probed, self._unsure
-        if took_longer(answer, contacts=contacts):
-            return True
-        self._unsure = answer, before
-        return (
-            unsure is not None
-            and not contacts
-            and as_unsure(answer, unsure[0])
-            and alike(before, unsure[1], _AGAIN_PERIOD, _AGAIN_AMPLITUDE)
-        )
-
-    def _collapsed(self) -> None:
-        """Take notice that the motion has become small; what does so by being quicker is another.
-
-        The wall makes no motion quicker by giving way.
-        """
-        if self._first > _QUICKER:
-            self._stopped()
-        elif self.suspected:
-            self._somebody_moves_it()
-        else:
+        elif verdict == Verdict.CHANGED:
             self.phase = Phase.RETURNING
-
-    def _may_fade(self) -> bool:
-        """Whether a probed motion whose period stays may be a load on its transmission."""
-        settings, before = self._settings, self._probed
-        return (
-            not settings.bounces
-            and may_be_a_load(before.cycle)
-            and before.amplitude > _FADE_SIZE * settings.threshold
-        )
 
     def _stopped(self) -> None:
         """Take notice that the motion has stopped in the probe.
 
         It was the wall's if somebody suspected that, or if it comes again and stops again.
         """
-        before = self._probed
+        before = self._probe.before
         again = self._time - self._stop.at < _AGAIN_S and alike(
-            before, self._stop, _AGAIN_PERIOD, _AGAIN_AMPLITUDE
+            before, self._stop, SAME_PERIOD, SAME_AMPLITUDE
         )
         if again or (self.suspected and before.amplitude >= self._settings.threshold):
             self._alarm(Cause.STOPPED)
@@ -462,9 +392,9 @@ class Backstop:
         self.reductions += not self.alarm
         self.alarm = True
         self.suspected = False
-        self.small_cycle = self._probed.amplitude < self._settings.threshold
+        self.small_cycle = self._probe.before.amplitude < self._settings.threshold
         self.backlash = (
-            self._settled and self._probed.amplitude < _BACKLASH * self._settings.threshold
+            self._settled and self._probe.before.amplitude < _BACKLASH * self._settings.threshold
         )
         if not self._settings.acts:
             return
@@ -491,7 +421,7 @@ class Backstop:
             return
         self.alarm = True
         cycle = motion.duration + motion.duration_2
-        if self._hand_after_all(cycle / self._probed.cycle):
+        if self._hand_after_all(cycle / self._probe.before.cycle):
             self._was_wrong()
         elif size >= settings.threshold and self._own(cycle) and self._is_last():
             self.failed = True
@@ -527,7 +457,7 @@ class Backstop:
             cycle: Its period [s].
         """
         if self._cause == Cause.LONGER:
-            return self._streak > 0 and cycle / self._probed.cycle > _OWN[self._step - 1]
+            return self._streak > 0 and cycle / self._probe.before.cycle > _OWN[self._step - 1]
         return self._cause == Cause.BEYOND_HANDS or self.steady
 
     def _is_last(self) -> bool:
@@ -550,5 +480,5 @@ class Backstop:
         """Give the wall back, and leave this motion alone for a while."""
         self.moved += 1
         self.suspected = False
-        self._hands = self._probed._replace(at=self._time)
+        self._hands = self._probe.before._replace(at=self._time)
         self.phase = Phase.RETURNING
