@@ -52,6 +52,9 @@ _AGAIN_S = 5.0
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
+_AS_LARGE = 0.4
+"""Amplitude over that before the alarm from which the periods may be compared: where the torque
+saturated before, what the softer wall keeps up has the same period when it is much smaller."""
 _OWN = 1.3, 2.0, 3.0
 """Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
 makes it 2, 4 and 8"""
@@ -435,12 +438,14 @@ class Backstop:
             self._count = 0
 
     def _hand_after_all(self, ratio: float) -> bool:
-        """Whether the reduced wall is moved as fast as before, which only a hand does.
+        """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
 
         Args:
             ratio: Of the period to that before the alarm.
         """
         least, most, later = _AS_BEFORE
+        if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
+            return False
         if self._cause == Cause.LONGER:
             return least < ratio < (most if self._step == 1 else later)
         return (

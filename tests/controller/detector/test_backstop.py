@@ -291,3 +291,27 @@ def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspec
             assert stop.damping_scale in SCALES
             if stop.stiffness_scale > before:
                 assert elongation == 0.0, "a loaded spring is never made stiffer"
+
+
+@pytest.mark.parametrize(("amplitude", "returned"), [(0.015, 0), (0.1, 1)])
+def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
+    amplitude, returned
+):
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.2, 0.1)
+    for _ in range(6):
+        take(stop, seen, 0.1, amplitude + 0.001)
+    assert stop.reductions == 1
+    assert stop.returned == returned
+
+
+def test_a_saturated_oscillation_that_the_softer_wall_keeps_up_small_does_not_get_the_wall_back():
+    """Small, it has the period that it had large; a hand would be left alone for ten seconds."""
+    bench = bench_of("xl330-m288")
+    truth = Truth(0.0027213, 0.0073234, 0.025666, torque_gain=2.0, delay=0.005, torque_limit=0.52)
+    push = operator_of(0.0, 0.0, np.zeros(8000), push=-0.052)
+    wall = WallAsked(12.03, 0.0025)
+    trial = run_trial(truth, bench.sets, wall, push, duration_s=8.0, position=-0.3)
+    assert trial.counts[3] == 0
+    assert trial.trip or np.ptp(trial.output[-1000:]) < 0.05
