@@ -169,6 +169,31 @@ def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_ba
     assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
 
 
+def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regular():
+    seen = motion()
+    stop = backstop(seen)
+    for k in range(40):
+        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3])
+    assert stop.alarm
+
+
+def test_such_a_motion_that_dies_is_left_alone():
+    seen = motion()
+    stop = backstop(seen)
+    for k in range(40):
+        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3] * 0.97**k)
+        assert not stop.alarm
+
+
+def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest():
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    for elongation in (0.04, -0.02):  # 0.3 and 0.15 N·m of the 10 N·m/rad are missing
+        stop.update(1e-3, elongation, 10.0, ended=False)
+    assert stop.stiffness_scale == 1.0
+
+
 def test_a_motion_like_the_hands_is_not_probed_again_soon():
     stop, seen = probing()
     for _ in range(30):
