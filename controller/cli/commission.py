@@ -166,12 +166,14 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     from controller.commission.picture import NAME, draw_allowed
     from controller.commission.report import report
     from controller.commission.verdict import Question
+    from controller.experiments.kept_folder import without_link
 
     folder = store.folder
     data = report(ended, name, folder)
-    allowed: Path | None = folder / NAME
+    picture = folder / NAME
+    allowed: Path | None = picture
     try:
-        draw_allowed(Question.of(ended.config, data["delay"]), data, folder / NAME)
+        draw_allowed(Question.of(ended.config, data["delay"]), data, without_link(picture))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         say(f"the picture of the verdict could not be drawn ({error}); the report is without it")
         allowed = None

@@ -13,6 +13,7 @@ from controller.commission.plan import has_doctor
 from controller.commission.steps import Bench, Draw, Measured, identified
 from controller.commission.store import settings_of
 from controller.errors import HapticWallError
+from controller.experiments.kept_folder import without_link
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.report import exit_status
 from controller.settings.config import Config
@@ -51,6 +52,7 @@ def run_steps(bench: Bench) -> Ended:
 
     Raises:
         OSError: Results could not be written.
+        UserError: A file of an earlier commissioning is not what was written.
     """
     outcomes: dict[Step, Outcome] = {}
     config = bench.config
@@ -85,8 +87,8 @@ def run_steps(bench: Bench) -> Ended:
                 bench.tell(f"{step}: interrupted")
                 interrupted = True
         if step == "identify" and (found := done(outcomes, step)) is not None:
+            config = identified(found["config_text"], bench.config)
             bench.store.keep_config(found["config_text"])
-            config = identified(found["config_text"])
     return Ended(outcomes, config, interrupted)
 
 
@@ -148,7 +150,7 @@ def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
     """The step, which is kept, with its picture if that can be drawn."""
     picture = bench.picture(outcome.step)
     try:
-        with whole(picture) as part:
+        with whole(without_link(picture)) as part:
             draw(part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from controller import __version__
+from controller.commission.found import read_outcome
 from controller.commission.outcome import STEPS, Outcome, Step
 from controller.errors import UserError
-from controller.experiments.kept_folder import fingerprint, made, replaced
+from controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
 from controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
-_FORMAT = "haptic-wall commission 1"
+_FORMAT: Final = "haptic-wall commission 1"
+AGAIN = "delete {0}.json to take that step again, or give --fresh"
+"""What to do where a step's file cannot be used"""
 
 Encode = Callable[[Mapping[str, Any]], str]
 """One JSON object as text; what is not finite is null"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What the folder is, in its main file."""
+
+    format: Literal["haptic-wall commission 1"]
+    program: str
+    fingerprint: str
+    name: str
+    """Of the configuration, for people"""
+
+
+_HEAD = TypeAdapter(_Head)
 
 
 def settings_of(config: Config, reach: float) -> str:
@@ -77,28 +96,24 @@ class CommissionStore:
         made(folder, LOGS)
         if fresh:
             self._forget()
-        head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
-        self._replace(MAIN, self._encode(head))
+        self._replace(MAIN, self._encode(asdict(_Head(_FORMAT, __version__, asked, name))))
 
     def _ours(self, asked: str, fresh: bool) -> bool:
         """Whether an earlier commissioning was here; of other settings it is refused."""
         path = self.folder / MAIN
-        if not path.exists():
+        if not os.path.lexists(path):
             return False
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
-            right = held["format"] == _FORMAT
-        except (OSError, ValueError, KeyError, TypeError):
-            right = False
-        if not right:
+            held = _HEAD.validate_json(kept_bytes(path, "name another folder"), strict=True)
+        except ValidationError:
             raise UserError(
                 f"--out {self.folder}: {MAIN} there is not a commissioning of ours; name another"
                 " folder"
-            )
-        if held["fingerprint"] != asked and not fresh:
+            ) from None
+        if held.fingerprint != asked and not fresh:
             raise UserError(
                 f"--out {self.folder}: it holds a commissioning with other settings"
-                f" ({held['name']}, haptic-wall {held['program']}); name another folder, or give"
+                f" ({held.name}, haptic-wall {held.program}); name another folder, or give"
                 " --fresh to begin anew and replace it"
             )
         return True
@@ -110,15 +125,16 @@ class CommissionStore:
     def _resume(self) -> None:
         for step in STEPS:
             path = self.folder / f"{step}.json"
-            if not path.exists():
+            if not os.path.lexists(path):
                 continue
+            text = kept_bytes(path, AGAIN.format(step))
             try:
-                self.outcomes[step] = Outcome(**json.loads(path.read_text(encoding="utf-8")))
-            except (OSError, ValueError, TypeError) as error:
+                self.outcomes[step] = read_outcome(text, step)
+            except ValueError as error:
                 raise UserError(
-                    f"--out {self.folder}: {path.name} cannot be read ({error}); delete it to do"
-                    " that step again, or give --fresh"
-                ) from error
+                    f"--out {self.folder}: {path.name} is not what this program writes ({error});"
+                    f" {AGAIN.format(step)}"
+                ) from None
 
     @property
     def done(self) -> list[Step]:
@@ -147,7 +163,7 @@ class CommissionStore:
             OSError: It cannot be written.
         """
         text = self._encode(asdict(outcome))
-        kept = Outcome(**json.loads(text))
+        kept = read_outcome(text, outcome.step)
         if outcome.step == "identify":  # what comes after it was measured of another model
             for later in STEPS[STEPS.index("identify") + 1 :]:
                 if self.outcomes.pop(later, None) is not None:
