@@ -163,14 +163,15 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     """The report's data, and its page written."""
     from controller.commission.page import page
-    from controller.commission.picture import NAME, draw_allowed
+    from controller.commission.picture import draw_allowed
     from controller.commission.report import report
+    from controller.commission.store import ALLOWED
     from controller.commission.verdict import Question
     from controller.experiments.kept_folder import without_link
 
     folder = store.folder
     data = report(ended, name, folder)
-    picture = folder / NAME
+    picture = folder / ALLOWED
     allowed: Path | None = picture
     try:
         draw_allowed(Question.of(ended.config, data["delay"]), data, without_link(picture))

@@ -146,6 +146,11 @@ def read_outcome(text: str | bytes, step: Step) -> Outcome:
     return outcome
 
 
+def file_name(step: Step) -> str:
+    """The name of a step's JSON file in the folder."""
+    return f"{step}.json"
+
+
 def picture_name(step: Step) -> str:
     """The name of a step's picture in the folder."""
     return f"{step}.png"

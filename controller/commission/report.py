@@ -10,8 +10,7 @@ from controller import __version__
 from controller.commission import agreement
 from controller.commission.outcome import STEPS, TITLES, done
 from controller.commission.sequence import Ended
-from controller.commission.steps import SWEEP
-from controller.commission.store import AGAIN, CONFIG
+from controller.commission.store import AGAIN, CONFIG, SWEEP
 from controller.commission.verdict import Question, verdict
 from controller.errors import UserError
 from controller.experiments.sweep_store import JSON

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from controller.commission.found import picture_name
 from controller.commission.outcome import Step
 from controller.commission.plan import BURSTS, DELAY_STEPS
-from controller.commission.store import AGAIN, LOGS, CommissionStore
+from controller.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
 from controller.commission.sweep_points import OPTIONS, short_sweep
 from controller.errors import UserError
 from controller.experiments.identification import identify
@@ -39,8 +39,6 @@ from controller.settings.config import Config
 Tell = Callable[[str], None]
 Draw = Callable[[Path], None]
 
-SWEEP = "sweep"
-"""Folder of the sweep within the commissioning's"""
 _HARMLESS = frozenset(
     {
         "return delay",

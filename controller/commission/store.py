@@ -11,13 +11,18 @@ from typing import Any, Final, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from controller import __version__
-from controller.commission.found import read_outcome
+from controller.commission.found import file_name, picture_name, read_outcome
 from controller.commission.outcome import STEPS, Outcome, Step
 from controller.errors import UserError
 from controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
 from controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
+ALLOWED = "allowed.png"
+"""The picture of the verdict"""
+SWEEP = "sweep"
+"""Folder of the sweep"""
+_WRITTEN = (CONFIG, PAGE, ALLOWED, SWEEP, *map(file_name, STEPS), *map(picture_name, STEPS))
 _FORMAT: Final = "haptic-wall commission 1"
 AGAIN = "delete {0}.json to take that step again, or give --fresh"
 """What to do where a step's file cannot be used"""
@@ -84,11 +89,7 @@ class CommissionStore:
         if folder.exists() and not folder.is_dir():
             raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
         ours = self._ours(asked, fresh)
-        if not ours and (folder / CONFIG).exists():
-            raise UserError(
-                f"--out {folder}: it holds a {CONFIG} that no commissioning wrote; name another"
-                " folder, so that it is not lost"
-            )
+        self._refuse_what_is_not_ours(ours)
         if ours and not fresh:
             self._resume()
         if only_look:
@@ -97,6 +98,21 @@ class CommissionStore:
         if fresh:
             self._forget()
         self._replace(MAIN, self._encode(asdict(_Head(_FORMAT, __version__, asked, name))))
+
+    def _refuse_what_is_not_ours(self, ours: bool) -> None:
+        """Nothing that somebody else has put here is lost, nor anything that a link leads to."""
+        for name in () if ours else _WRITTEN:
+            if os.path.lexists(self.folder / name):
+                raise UserError(
+                    f"--out {self.folder}: it holds a {name} that no commissioning wrote; name"
+                    " another folder, so that it is not lost"
+                )
+        for name in (LOGS, SWEEP):
+            if (self.folder / name).is_symlink():
+                raise UserError(
+                    f"--out {self.folder}: found a link {name}, wanted a folder or nothing; remove"
+                    " the link, or name another folder"
+                )
 
     def _ours(self, asked: str, fresh: bool) -> bool:
         """Whether an earlier commissioning was here; of other settings it is refused."""
@@ -119,12 +135,12 @@ class CommissionStore:
         return True
 
     def _forget(self) -> None:
-        for name in (MAIN, CONFIG, PAGE, *(f"{step}.json" for step in STEPS)):
+        for name in (MAIN, CONFIG, PAGE, *map(file_name, STEPS)):
             (self.folder / name).unlink(missing_ok=True)
 
     def _resume(self) -> None:
         for step in STEPS:
-            path = self.folder / f"{step}.json"
+            path = self.folder / file_name(step)
             if not os.path.lexists(path):
                 continue
             text = kept_bytes(path, AGAIN.format(step))
@@ -167,9 +183,9 @@ class CommissionStore:
         if outcome.step == "identify":  # what comes after it was measured of another model
             for later in STEPS[STEPS.index("identify") + 1 :]:
                 if self.outcomes.pop(later, None) is not None:
-                    (self.folder / f"{later}.json").unlink(missing_ok=True)
+                    (self.folder / file_name(later)).unlink(missing_ok=True)
         self.outcomes[outcome.step] = kept
-        self._replace(f"{outcome.step}.json", text)
+        self._replace(file_name(outcome.step), text)
         return kept
 
     def keep_config(self, text: str) -> None:

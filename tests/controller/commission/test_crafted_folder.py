@@ -162,6 +162,27 @@ def test_nothing_is_written_through_a_link(folder, capsys):
     assert (folder / "report.html").read_text().startswith("<!DOCTYPE html>")
 
 
+@pytest.mark.parametrize("name", ["sweep", "logs"])
+def test_no_folder_is_followed_out(folder, capsys, name):
+    """A sweep somewhere else would be replaced."""
+    if (folder / name).exists():
+        shutil.rmtree(folder / name)
+    (folder / name).symlink_to(folder.parent)
+    assert f"found a link {name}" in refused(folder, capsys)
+
+
+@pytest.mark.parametrize(
+    "name", ["config.yaml", "report.html", "allowed.png", "delay.json", "delay.png", "sweep"]
+)
+def test_nothing_that_somebody_else_put_there_is_replaced(tmp_path, capsys, name):
+    """What delay or sweep wrote there, for instance."""
+    (tmp_path / name).symlink_to("nowhere")
+    for words in ((), ("--fresh",), ("--plan",)):
+        assert call("commission", *SIMULATED, "--out", tmp_path, *words) == 2
+        assert f"it holds a {name} that no commissioning wrote" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 def test_what_comes_from_files_is_text_in_the_page(folder, capsys):
     edit(folder, "doctor", lambda outcome: outcome.update(reason="<script>alert(1)</script>"))
     assert report_of(folder, capsys)[0] == 0
