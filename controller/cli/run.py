@@ -54,6 +54,7 @@ SIMULATED_S = 5.0
 @click.option(
     "--stream-rate", type=float, metavar="HZ", help="How many rows a second (default: 100)."
 )
+@click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
 @click.option(
     "--hold",
     metavar="SOURCE",
@@ -71,6 +72,7 @@ def command(
     witness: Path | None,
     stream: str | None,
     stream_rate: float | None,
+    stream_anywhere: bool,
     hold: tuple[str, ...],
     as_json_wanted: bool,
 ) -> None:
@@ -91,7 +93,7 @@ def command(
             "--witness: only an emulated bus in its own process keeps a record; run"
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
-    streamed = _stream(effective, stream, stream_rate)
+    streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
     log, plot = _places(log_path, plot_path, witness, loaded.name)
     plan = Plan(
@@ -125,11 +127,16 @@ def command(
     sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"]))
 
 
-def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:
+def _stream(
+    config: Config, place: str | None, rate_hz: float | None, anywhere: bool
+) -> Stream | None:
     """Where rows go to be watched live."""
     if place is None:
-        if rate_hz is not None:
-            raise UserError("--stream-rate: found without --stream; say where to, or leave it out")
+        for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
+            if given:
+                raise UserError(
+                    f"--stream-{option}: found without --stream; say where to, or leave it out"
+                )
         return None
     if _in_memory(config):
         raise UserError(
@@ -138,7 +145,7 @@ def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream 
         )
     from controller.tree.stream import RATE_HZ, stream_to
 
-    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
+    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
 
 def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
