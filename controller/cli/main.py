@@ -69,7 +69,6 @@ class _Commands(click.Group):
                 "machine or a virtual one"
             )
         command = importlib.import_module(COMMANDS[cmd_name][0]).command
-        interrupt.raise_again()  # it is loaded, and from here on knows what to do
         assert isinstance(command, click.Command)
         return command
 

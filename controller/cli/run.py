@@ -25,7 +25,7 @@ from controller.cli.text import report_text
 from controller.errors import UserError
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
-from controller.signals import on_signals
+from controller.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
     from controller.tree.hold import Hold
@@ -241,7 +241,7 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
     if not log.exists():
         return "no picture: there is no log"
     try:
-        with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
+        with interrupting(STOPPING):  # whoever cannot wait for it need not
             from controller.log.reader import LogReader
             from controller.log.rows import LogRows
             from controller.plots.run import plot_log

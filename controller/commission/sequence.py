@@ -17,6 +17,7 @@ from controller.experiments.kept_folder import without_link
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.report import exit_status
 from controller.settings.config import Config
+from controller.signals import interrupting
 from controller.whole_file import whole
 from hw.errors import ServoError
 
@@ -67,11 +68,12 @@ def run_steps(bench: Bench) -> Ended:
         elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
             try:
-                outcome, draw = (
-                    (Outcome(step, "skipped", basis, why_not), None)
-                    if why_not is not None
-                    else _taken(step, replace(bench, config=config), basis)
-                )
+                with interrupting():
+                    outcome, draw = (
+                        (Outcome(step, "skipped", basis, why_not), None)
+                        if why_not is not None
+                        else _taken(step, replace(bench, config=config), basis)
+                    )
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
                 interrupted = True  # what was measured before stays in the report
