@@ -16,6 +16,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 
+_MOST_TOLD = 30
+"""Problems of a configuration that its message names"""
+
+
 class HapticWallError(Exception):
     """Anything this program refuses, with the exit status of the command that met it."""
 
@@ -41,9 +45,10 @@ class ConfigError(UserError):
 
     def __init__(self, source: str, problems: list[str]) -> None:
         count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
-        super().__init__(
-            "\n".join([f"configuration {source}: {count}", *map("  {}".format, problems)])
-        )
+        told = [f"  {problem}" for problem in problems[:_MOST_TOLD]]
+        if len(problems) > _MOST_TOLD:
+            told.append(f"  ... and {len(problems) - _MOST_TOLD} more")
+        super().__init__("\n".join([f"configuration {source}: {count}", *told]))
         self.problems = tuple(problems)
 
 

@@ -18,6 +18,7 @@ from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
 from controller.cli.options import say, writing
 from controller.errors import PlatformError, UserError
+from controller.printable import printable
 from controller.signals import on_signals
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
 from hw.dynamixel.emulated.bus import EmulatedBus
@@ -206,7 +207,7 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
 
 def _say(text: str) -> None:
     with suppress(OSError):  # whoever started the bus may have stopped reading
-        click.echo(text)
+        click.echo(printable(text))
 
 
 @contextmanager

@@ -14,7 +14,6 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 
 import click
 
@@ -104,13 +103,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _fill_missing_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
+    logging.basicConfig(level=logging.WARNING, handlers=[_Said()])
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        with suppress(OSError):  # nobody listens
-            error.show()
+        shown = io.StringIO()
+        error.show(shown)
+        say(shown.getvalue().rstrip("\n"))
         return USER
     except (click.Abort, KeyboardInterrupt):
         return interrupt.INTERRUPTED
@@ -144,6 +144,13 @@ def _fill_missing_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
+
+
+class _Said(logging.Handler):
+    """What the program logs, said to a person."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
 
 
 def _say(error: Exception, status: int) -> int:
