@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-
 _MOST_TOLD = 30
 """Problems of a configuration that its message names"""
 

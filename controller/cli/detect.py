@@ -110,13 +110,15 @@ def _text(report: dict[str, Any]) -> str:
         value = report[name]
         return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
 
+    from controller.log.recording import seconds
+
     alarm = report["first_alarm_s"]
     lines = [
         f"state       {report['state']}",
         f"frequency   {known('frequency_hz', 'Hz')}",
         f"amplitude   {known('amplitude_rad', 'rad')}",
         f"growth      {known('growth_per_s', '1/s')}",
-        f"alarm       {'none' if alarm is None else f'first after {alarm:.4g} s'}",
+        f"alarm       {'none' if alarm is None else f'first after {seconds(alarm)} s'}",
         f"record      {report['samples']} samples, one each {1e3 * report['period_s']:.4g} ms",
         *(f"note        {note}" for note in report["notes"]),
     ]

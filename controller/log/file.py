@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
-from controller.log.blocks import encoded
-from controller.log.reader import FORMAT, SUFFIX, Damage, LogReader
+from controller.log.blocks import MOST_BYTES, encoded
+from controller.log.reader import FORMAT, SUFFIX, Head, LogReader
 
 __all__ = ["SUFFIX", "LogWriter", "append_end", "being_written", "read_log"]
 
@@ -98,14 +98,15 @@ class LogWriter:
         return log
 
     def append(self, rows: NDArray[np.void]) -> None:
-        """Write a block of rows, shape (n,); none writes nothing.
+        """Write rows, shape (n,), in blocks that a reader takes; none writes nothing.
 
         Raises:
-            OSError: It could not be written (a full disk); the file is what it was before, and
-                may be appended to again.
+            OSError: It could not be written (a full disk); the file ends with a whole block, with
+                none of these up to 16 MB, and may be appended to again.
         """
-        if len(rows):
-            self._write(rows.astype(self._dtype, copy=False))
+        most = MOST_BYTES // self._dtype.itemsize
+        for start in range(0, len(rows), most):
+            self._write(rows[start : start + most].astype(self._dtype, copy=False))
 
     def end(self, ended: Mapping[str, Any]) -> None:
         """Write how the run ended, the last of a log, as JSON can hold it.
@@ -219,7 +220,8 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
         path: A file written by ``LogWriter``.
 
     Returns:
-        The metadata, and all rows, shape (n,); of no field where no block was written.
+        The metadata, and all rows as they are in the file, shape (n,); of no field where no block
+        was written.
 
     Raises:
         LogFormatError: The file is not a log of ours.
@@ -228,10 +230,12 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
     log = LogReader(path)
     blocks: list[NDArray[np.void]] = []
     for piece in log.pieces():
-        if isinstance(piece, Damage):
-            log.warn(piece)
-        elif isinstance(piece, np.ndarray):
+        if isinstance(piece, np.ndarray):
             blocks.append(piece)
+        elif isinstance(piece, Head):
+            raise LogFormatError(f"{path}: another log is joined to it; part them with --cut")
+        else:
+            log.warn(piece)
     return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
 
 

@@ -35,7 +35,7 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
     """
     count = sum(len(block) for block in rows.blocks())
     sketch = sketched(rows.blocks(), count, rows.origin_ns)
-    plot_run(sketch, rows.log.metadata, path, stop_reason)
+    plot_run(sketch, rows.metadata, path, stop_reason)
 
 
 def plot_run(

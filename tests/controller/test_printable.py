@@ -40,7 +40,13 @@ def test_all_that_is_said_or_answered_is_printable(capsys):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["log", HOSTILE], ["detect", HOSTILE], ["config", HOSTILE], [HOSTILE], ["log", "--" + HOSTILE]],
+    [
+        ["log", HOSTILE],
+        ["detect", HOSTILE],
+        ["config", HOSTILE],
+        [HOSTILE],
+        ["log", "--" + HOSTILE],
+    ],
 )
 def test_a_name_on_the_command_line_is_told_as_escapes(arguments, capsys):
     assert main(arguments) == 2
