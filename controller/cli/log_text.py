@@ -134,7 +134,7 @@ def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
     oscillation = summary["oscillation"]
     first = oscillation["first_s"]
     when = "" if first is None else f", first at {first:.6g} s, for {oscillation['ticks']} ticks"
-    yield f"oscillation {oscillation['state']}{when}"
+    yield f"oscillation {oscillation['state'] or 'not watched'}{when}"
     late = summary["lateness_us"]
     if late["max"]:  # on the simulated clock nothing is ever late
         yield (

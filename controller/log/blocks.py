@@ -35,7 +35,9 @@ _BEGIN = re.compile(re.escape(MAGIC) + rb"[\s\S]{2}\{'descr': ")
 """Of a block: without its first words magic bytes alone, millions of them, would be looked into."""
 _BEGIN_BYTES = len(MAGIC) + 12
 _PIECE = 1 << 20
-"""Bytes looked through at a time for the next block."""
+"""Bytes looked through at a time for the next block, at most"""
+_FIRST_PIECE = 1 << 12
+"""And at first, since it may be near"""
 MOST_BYTES = 1 << 24
 """No block of ours has more data: what a recorder may have to catch up with is 11 MB."""
 _MOST_HEADER = 1 << 12
@@ -160,10 +162,12 @@ def next_begin(file: BinaryIO, start: int, end: int) -> int:
     Where nothing was ever written (a hole in the file) nothing is read.
     """
     overlap = _BEGIN_BYTES - 1
+    length = _FIRST_PIECE
     while start < end:
-        start = _written_from(file, start, end)
+        start = _written_from(file, start, end) if length > _FIRST_PIECE else start
         file.seek(start)
-        piece = file.read(min(_PIECE, end - start))
+        piece = file.read(min(length, end - start))
+        length = min(4 * length, _PIECE)
         found = _BEGIN.search(piece)
         if found is not None:
             return start + found.start()

@@ -160,7 +160,8 @@ def _begin_anew(times: Floats) -> NDArray[np.intp]:
     at = np.flatnonzero(np.diff(backs) > 0) + 1
     at = at[at + LEAST <= times.size]
     goes_on = backs[at + LEAST - 1] == backs[at]
-    return at[goes_on & (times[at + LEAST - 1] <= latest[at - 1])]
+    anew: NDArray[np.intp] = at[goes_on & (times[at + LEAST - 1] <= latest[at - 1])]
+    return anew
 
 
 def _gaps(times: Floats, found: list[Stretch]) -> Iterator[str]:

@@ -29,6 +29,7 @@ _MOST_IN_LINE = 1 << 16
 """Characters"""
 _MOST_LINES = 100
 """Of one row: a quoted cell may hold line ends"""
+_LARGEST = 1e12
 _CONTROL = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
 
 
@@ -122,17 +123,18 @@ def _read(path: Path, text: TextIO) -> tuple[list[str], array[float]]:
             except ValueError:
                 raise UserError(
                     f"LOG {path}: line {line}, column {name}: found {cell[:40]!r}, wanted a number"
-                    " or an empty cell"
+                    f" up to {_LARGEST:g} or an empty cell"
                 ) from None
     return names, numbers
 
 
 def _number(text: str) -> float:
-    """As ``float``, but 1_000 is none.
+    """As ``float``, but 1_000 is none, nor is what no one can have measured.
 
     Raises:
         ValueError: It is no number.
     """
-    if "_" in text:
+    number = float(text)
+    if "_" in text or (math.isfinite(number) and abs(number) > _LARGEST):
         raise ValueError(text)
-    return float(text)
+    return number

@@ -51,14 +51,14 @@ def fault(rows: NDArray[Any]) -> str | None:
     columns = _columns(rows.dtype)
     if columns is None:
         return "its columns are not a loop's"
-    numbers = rows.view(np.int64).reshape(rows.size, -1)
-    if rows.size == 0 or not numbers.size:
+    if rows.size == 0 or not rows.dtype.names:
         return "it has no rows"
+    numbers = rows.view(np.int64).reshape(rows.size, -1)
     whole = numbers[:, columns.whole]
     wrong = np.argwhere((whole < columns.low) | (whole > columns.high))
     if wrong.size:
         row, place = wrong[0]
-        name = rows.dtype.names[columns.whole[place]]  # type: ignore[index]  # it has names
+        name = rows.dtype.names[columns.whole[place]]
         return (
             f"{name} is {whole[row, place]} in it, wanted {columns.low[place]} to"
             f" {columns.high[place]}"
@@ -67,11 +67,11 @@ def fault(rows: NDArray[Any]) -> str | None:
     wrong = np.argwhere((np.abs(real) > _LARGEST) & np.isfinite(real))
     if wrong.size:
         row, place = wrong[0]
-        name = rows.dtype.names[columns.real[place]]  # type: ignore[index]
+        name = rows.dtype.names[columns.real[place]]
         return f"{name} is {real[row, place]:g} in it, which is too large"
     back = np.argwhere(np.diff(numbers[:, columns.grow], axis=0) <= 0)
     if back.size:
-        name = rows.dtype.names[columns.grow[back[0][1]]]  # type: ignore[index]
+        name = rows.dtype.names[columns.grow[back[0][1]]]
         return f"{name} does not increase in it"
     return None
 

@@ -32,7 +32,7 @@ _AGAIN = 4
 """How often what looks like a block, and is none, may lead over the bytes of a file again..."""
 _AGAIN_BYTES = 1 << 26
 """...and this in a small one [bytes]; then the rest is damage"""
-_LEAST_LOOK = 1 << 10
+_LEAST_LOOK = 1 << 12
 """What every such look counts as at least [bytes]"""
 
 

@@ -48,6 +48,8 @@ class LogRows:
     metadata: Mapping[str, Any]
     """Of the log that they are from, the first where logs are joined"""
     stretch: Stretch = WHOLE
+    watched: bool = True
+    """Its rows say what the oscillation detector saw; the first logs had none"""
 
     @classmethod
     def of(cls, log: LogReader, stretch: Stretch = WHOLE) -> LogRows:
@@ -59,7 +61,8 @@ class LogRows:
         for piece in log.pieces():
             if isinstance(piece, np.ndarray):
                 first = todays(piece[:1], log.path)
-                return cls(log, int(first["deadline_ns"][0]), log.metadata, stretch)
+                watched = "oscillation" in (piece.dtype.names or ())
+                return cls(log, int(first["deadline_ns"][0]), log.metadata, stretch, watched)
         return cls(log, 0, log.metadata, stretch)
 
     def blocks(self) -> Iterator[NDArray[np.void]]:

@@ -45,14 +45,16 @@ class LogSummary:
         begins: Whether the first row should be the run's first: else rows that lack before it were
             cut away on purpose.
         metadata: Of the log.
+        watched: Whether its rows say what the oscillation detector saw.
 
     Attributes:
         rows: Rows that are there.
         parts: One, or more where logs are joined in one file.
     """
 
-    def __init__(self, begins: bool, metadata: Mapping[str, Any]) -> None:
+    def __init__(self, begins: bool, metadata: Mapping[str, Any], watched: bool = True) -> None:
         self.rows = 0
+        self._watched = watched
         self.parts = [LogPart(metadata)]
         self._statistics = RunStatistics()
         self._next_seq: int | None = 0 if begins else None
@@ -202,7 +204,7 @@ class LogSummary:
             "warm_up_ticks": self._warm_up if some else None,
             "contact_ticks": self._contact if some else None,
             "oscillation": {
-                "state": self._worst.name.lower() if some else None,
+                "state": self._worst.name.lower() if some and self._watched else None,
                 "first_s": since(self._first_oscillation_ns),
                 "ticks": self._oscillating,
             },
@@ -216,7 +218,7 @@ class LogSummary:
 def summarised(rows: LogRows) -> LogSummary:
     """The summary of a log, or of a stretch of it."""
     begins = rows.stretch.start_s <= 0.0 and "cut" not in rows.metadata
-    summary = LogSummary(begins, rows.metadata)
+    summary = LogSummary(begins, rows.metadata, rows.watched)
     for piece in gathered(rows.pieces()):
         summary.add(piece)
         del piece  # or it would be there while the next one is put together
