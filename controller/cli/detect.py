@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from controller.log.detected import Detected
 
 _NUMBER = click.FLOAT
+_LIGHTEST, _MOST = 1e-12, 1e6
+"""Of what is known of a servo, in SI units"""
 
 
 @click.command()
@@ -51,15 +53,16 @@ def command(
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
     from controller.log.detected import detect_all
-    from controller.log.recordings import read_recordings
+    from controller.log.recordings import MOST_LAG_S, read_recordings
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
-        least = 0.0 if name != "inertia" else math.ulp(0.0)
-        if value is not None and not (least <= value < math.inf):
+        least = 0.0 if name != "inertia" else _LIGHTEST
+        most = MOST_LAG_S if name == "lag" else _MOST
+        if value is not None and not (least <= value <= most):
             option = "delay" if name == "lag" else name
             wanted = "above 0" if name == "inertia" else "from 0 up"
-            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted}")
+            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted} to {most:g}")
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
         refuse_other_pictures("--plot", plot)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from controller import json_text
 from controller.log.blocks import Block
 from controller.log.pieces import End, Head, Piece
 from controller.log.plausible import fault, refusal
@@ -77,19 +76,7 @@ def from_json(array: NDArray[Any]) -> dict[str, Any] | None:
     if array.dtype != np.uint8 or array.size > MOST_JSON:
         return None
     try:
-        content = json.loads(array.tobytes(), parse_constant=_finite, parse_float=_finite)
+        content = json_text.parse(array.tobytes())
     except (ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
-
-
-def _finite(text: str) -> float:
-    """A number as JSON may hold it: NaN, Infinity and 1e400 are none, though Python reads them.
-
-    Raises:
-        ValueError: It is none.
-    """
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text} is no number in JSON")
-    return number

@@ -192,14 +192,16 @@ def _alike(found: list[Stretch]) -> Iterator[list[Stretch]]:
 def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
     """The parts in pieces of bounded size, and from when on each piece is new [s]."""
     held: list[Part] = []
+    samples = 0
     for part in parts:
-        if part.times.size > WINDOW or sum(other.times.size for other in held) > WINDOW:
-            if held:
-                yield tuple(held), -math.inf
-            held = []
+        samples += part.times.size
+        if held and samples > WINDOW:
+            yield tuple(held), -math.inf
+            held, samples = [], part.times.size
         if part.times.size <= WINDOW:
             held.append(part)
             continue
+        samples = 0
         for start in range(0, part.times.size, WINDOW):
             since_s = float(part.times[start]) if start else -math.inf
             again = int(np.searchsorted(part.times, since_s - BEFORE_S))

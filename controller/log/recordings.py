@@ -26,7 +26,7 @@ from controller.telemetry import FLAG_WARM_UP
 from controller.wall import SIGNS
 from hw.servo import Outcome
 
-_MOST_LAG_S = 10.0
+MOST_LAG_S = 10.0
 """Between a sample and its torque [s]; what acted is kept for so long"""
 _MOST_TOLD = 5
 """Damaged places that are told one by one"""
@@ -172,13 +172,13 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
     if not good.all():
         notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
     lag = age + belief.delay.value
-    if lag > _MOST_LAG_S:
-        notes.append(f"torques are {lag:.4g} s late in it: counted as {_MOST_LAG_S:g} s")
+    if lag > MOST_LAG_S:
+        notes.append(f"torques are {lag:.4g} s late in it: counted as {MOST_LAG_S:g} s")
     known = Knowledge(
         inertia=belief.inertia.value / gain,
         damping=belief.damping.value / gain,
         coulomb=belief.coulomb.value / gain,
-        lag=min(lag, _MOST_LAG_S),
+        lag=min(lag, MOST_LAG_S),
         position_step=position_count(whole.positions),
         virtual_damping=float(np.median(rows["damping"])),
         surface=surface,
