@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -30,12 +31,16 @@ def _log(contents: list[object], made: list[np.ndarray[Any, Any]], sparse: int =
     return Log(content, [listed], even=False, sparse=sparse)
 
 
+def _odd(random: Random, *others: float) -> object:
+    return copy.deepcopy(random.choice((*ODD, *others)))
+
+
 def changed_head(random: Random) -> Log:
     """Anything for a part of the metadata."""
     names = ("name", "program", "config", "cut", "phases", "checksum", "version", "format", "more")
     head = metadata()
     for _ in range(random.choice((1, 1, 3))):
-        head[random.choice(names)] = random.choice(ODD)
+        head[random.choice(names)] = _odd(random)
     made = rows(300)
     return _log([head, made], [made])
 
@@ -48,9 +53,9 @@ def changed_config(random: Random) -> Log:
         section = random.choice(list(config))
         held = config[section]
         if random.random() < 0.2 or not isinstance(held, dict) or not held:
-            config[section] = random.choice(ODD)
+            config[section] = _odd(random)
         else:
-            held[random.choice(list(held))] = random.choice((*ODD, 1e-9, 50, 10_000, 1e6))
+            held[random.choice(list(held))] = _odd(random, 1e-9, 50, 10_000, 1e6)
     made = rows(300)
     return _log([head, made], [made])
 
@@ -60,9 +65,9 @@ def changed_end(random: Random) -> Log:
     made = rows(300)
     end: dict[str, Any] = {"stop_reason": "duration", "message": "", "rows": 300}
     for _ in range(random.choice((1, 2))):
-        end[random.choice(list(end))] = random.choice(ODD)
+        end[random.choice(list(end))] = _odd(random)
     contents: list[object] = [metadata(), made[:100], made[100:]]
-    contents.insert(random.choice((1, 2, 3)), random.choice((end, random.choice(ODD), [end])))
+    contents.insert(random.choice((1, 2, 3)), random.choice((end, _odd(random), [end])))
     return _log(contents, [made])
 
 

@@ -158,7 +158,7 @@ def _with_wall_on(rows: LogRows) -> Iterator[tuple[int, NDArray[np.void]]]:
 
 def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> Recording:
     rows = window.rows
-    good = rows["outcome"] == Outcome.OK
+    good = (rows["outcome"] == Outcome.OK) & np.isfinite(rows["position"])
     belief = config.belief()
     gain = belief.torque_gain.value
     age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
