@@ -65,13 +65,18 @@ class Result:
     """Beyond what the process had taken before"""
 
 
-def work(base: Path) -> None:
-    """Try the files that are named on standard input, within bounds; results on standard output."""
+def work(base: Path, kinds: Sequence[str]) -> None:
+    """Try the files that are named on standard input, within bounds; results on standard output.
+
+    Args:
+        base: A commissioning that is finished.
+        kinds: Of the files that may come.
+    """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for kind in KINDS:  # what loads with the first of each counts as the program's own
-            tried(kind, 0, 1, folder, base, limited=False) if kind != "folders" else None
+        for kind in kinds:  # what loads with the first of each counts as the program's own
+            tried(kind, 0, 1, folder, base, limited=False)
         grown = _status("VmSize") + MOST_MB * 2**20
         resource.setrlimit(resource.RLIMIT_AS, (grown, grown))
         for line in sys.stdin:
@@ -97,14 +102,18 @@ def _status(name: str) -> int:
 class _Worker:
     """A process that tries files; another one takes its place when it dies."""
 
-    def __init__(self, base: Path) -> None:
+    def __init__(self, base: Path, kinds: Sequence[str]) -> None:
         self._base = base
+        self._kinds = kinds
         self._process: subprocess.Popen[str] | None = None
 
     def trial(self, kind: str, number: int, seed: int) -> Result:
         if self._process is None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "scripts.mutations", "--work", str(self._base)],
+                [
+                    *(sys.executable, "-m", "scripts.mutations"),
+                    *("--work", str(self._base), "--only", *self._kinds),
+                ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -134,12 +143,15 @@ class _Worker:
             self._process = None
 
 
-def results(cases: Iterable[tuple[str, int, int]], base: Path, workers: int) -> Iterator[Result]:
+def results(
+    cases: Iterable[tuple[str, int, int]], base: Path, kinds: Sequence[str], workers: int
+) -> Iterator[Result]:
     """Try all of them in several processes; results as they come.
 
     Args:
         cases: Kind, number and seed of each.
         base: A commissioning that is finished.
+        kinds: Of all of them.
         workers: How many processes.
     """
     waiting: queue.SimpleQueue[tuple[str, int, int] | None] = queue.SimpleQueue()
@@ -148,7 +160,7 @@ def results(cases: Iterable[tuple[str, int, int]], base: Path, workers: int) -> 
         waiting.put(case)
 
     def run() -> None:
-        worker = _Worker(base)
+        worker = _Worker(base, kinds)
         for case in iter(waiting.get, None):
             done.put(worker.trial(*case))
         worker.close()
@@ -209,7 +221,7 @@ def main() -> None:
     """Try all, say what was found, and write the page if all of it was tried."""
     options = _options()
     if options.work is not None:
-        work(options.work)
+        work(options.work, options.only)
         return
     cases = [
         (kind, number, options.seed)
@@ -222,7 +234,7 @@ def main() -> None:
         base = Path(name)
         if "folders" in options.only:
             base = finished_commissioning(base)
-        for result in results(cases, base, options.workers):
+        for result in results(cases, base, options.only, options.workers):
             found.append(result)
             _say(result.tried, sys.stderr)
     lines = [f"{line}\n" for line in table(found, options.seed)]

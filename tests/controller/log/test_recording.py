@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from controller.errors import UserError
 from controller.log import csv_table
@@ -234,6 +236,50 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, messa
     with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
         read_recording(path)
     assert message in str(error.value)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(
+        st.sampled_from(
+            [
+                "0.001",
+                "5",
+                "-1",
+                "1e9",
+                "1.7e9",
+                "nan",
+                "inf",
+                "",
+                " ",
+                ",",
+                "\n",
+                "\r\n",
+                '"',
+                "x",
+                "\x1b",
+                "1e300",
+                "1_0",
+                "time_s",
+                "position_rad",
+            ]
+        ),
+        max_size=80,
+    ),
+    st.integers(0, 3),
+)
+def test_any_cells_are_refused_or_read(tmp_path_factory, cells, even):
+    path = tmp_path_factory.mktemp("csv") / "a.csv"
+    rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))
+    path.write_text(f"time_s,position_rad\n{rows}{''.join(cells)}", newline="")
+    try:
+        found = list(read_recordings(path))
+    except UserError as error:
+        assert str(error).isprintable()
+    else:
+        for part in (part for each in found for part in each.parts):
+            assert np.all(np.diff(part.times) > 0.0)
+            assert part.times.size < 1000
 
 
 def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path):

@@ -504,6 +504,15 @@ def test_any_yaml_is_read_or_refused_in_words(value):
         assert str(error).startswith("text: ")
 
 
+@settings(deadline=None)
+@given(st.text(st.sampled_from("[]{}&*ab:,\n -<!|>'\"#?%@`~1.\x1b\x00\ud800\u202e"), max_size=60))
+def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text):
+    try:
+        parse(text, "text")
+    except UserError as error:
+        assert str(error).startswith("text: ")
+
+
 def test_the_manual_shows_the_messages_as_they_are():
     changes = ["wall.stifness=20", "guard.margin=1.2", "wall.side=abov"]
     manual = Path(__file__).parents[3] / "docs" / "configuration.md"
