@@ -18,29 +18,20 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from random import Random
-from typing import Any
-
-import yaml
 
 from controller.cli.main import main
 from controller.experiments.identification import UnidentifiableError
-from controller.log.columns import COLUMNS
 from controller.printable import printable
-from controller.telemetry import FLAG_WARM_UP
-from scripts import mutated_folders, mutated_texts
+from scripts import mutated_folders, mutated_texts, mutation_judges
 from scripts.crafted_logs import crafted
-from scripts.mutated_logs import Key, Log, mutated
-from scripts.mutated_texts import NUMBER, Table
+from scripts.mutated_logs import Log, mutated
 
 COMMISSION = ("commission", "simulated", "--set", "loop.clock=simulated", "--out")
 LONGEST_S = 5.0
 """Of processor time, or waiting, for one command"""
 _LONGEST_WAIT_S = 60.0
-_STEP_S = 1e-3
-"""Between rows of a log that was made here"""
 
 
 class TooLongError(BaseException):
@@ -160,6 +151,12 @@ def _in_time(limited: bool) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
+def _note(trial: Tried, wrong: str) -> None:
+    """Note what was wrong without a word, if anything was."""
+    if wrong:
+        trial.faults["wrong"] = wrong
+
+
 # Logs
 
 
@@ -179,77 +176,12 @@ def _try_log(make: Callable[[Random], tuple[str, Log]]) -> Callable[..., None]:
             called(["log", path, "--from", "0.05", option, out], trial, limited)
             called(["detect", path, "--plot", out], trial, limited)
         if summary.status == 0 and csv.exists():
-            _judge_log(log, json.loads(summary.out), csv, detected, trial)
+            seen = json.loads(detected.out) if detected.status == 0 else None
+            report = json.loads(summary.out)
+            trial.outcome, wrong = mutation_judges.of_log(log, report, csv, seen)
+            _note(trial, wrong)
 
     return attempt
-
-
-def _judge_log(
-    log: Log, summary: dict[str, Any], csv: Path, detected: Answer, trial: Tried
-) -> None:
-    """Whether all rows that were read were written, and what is missing was told."""
-    lines = csv.read_text("utf-8").splitlines()[1:]
-    cells = [line.split(",") for line in lines]
-    times = [float(row[0]) for row in cells]
-    read: list[Key] = [tuple(float(x) if x else None for x in row[1:]) for row in cells]
-    said = bool(
-        summary["damaged"]["places"]
-        or any(summary["misplaced_rows"].values())
-        or summary["unrecorded_rows"]
-        or len(summary["parts"]) > 1
-    )
-    trial.outcome = "told" if said else "read"
-    wrong = []
-    if summary["rows"] != len(read):
-        wrong.append(f"{summary['rows']} rows are summarised, {len(read)} exported")
-    if any(b <= a for a, b in pairwise(times)):
-        wrong.append("time does not increase")
-    if not set(read) <= {row for truth in log.written for row in truth}:
-        wrong.append("rows that were never written")
-    at = 0
-    for part in summary["parts"]:
-        rows = read[at : at + part["rows"]]
-        places = next(filter(None, (_places(rows, truth) for truth in log.written)), None)
-        if places is None and rows and not said:
-            wrong.append("rows of several logs, or in another order, without a word")
-        elif log.even and places:
-            spans = [times[at + k] - times[at] for k in range(len(rows))]
-            steps = [_STEP_S * (place - places[0]) for place in places]
-            if any(abs(a - b) > 1e-9 for a, b in zip(spans, steps, strict=True)):
-                wrong.append("rows at another time than they were written")
-        at += part["rows"]
-    first = log.written[0]
-    ended = summary["stop_reason"] is not None
-    whole = read == first or (not ended and read == first[: len(read)])
-    if not whole and not said:
-        wrong.append(f"{len(read)} rows of {len(first)} without a word")
-    if detected.status == 0:
-        wrong += _disagreement(cells, json.loads(detected.out))
-    if wrong:
-        trial.faults["wrong"] = "; ".join(wrong)
-
-
-def _places(rows: list[Key], truth: list[Key]) -> list[int] | None:
-    """Where these rows stand among others, in their order; None: not all do."""
-    places, at = [], 0
-    for row in rows:
-        while at < len(truth) and truth[at] != row:
-            at += 1
-        if at == len(truth):
-            return None
-        places.append(at)
-        at += 1
-    return places
-
-
-def _disagreement(cells: list[list[str]], report: dict[str, Any]) -> Iterator[str]:
-    """Where ``detect`` has looked at other rows than ``log`` has exported."""
-    flags = list(COLUMNS).index("flags")
-    on = [row for row in cells if not int(row[flags]) & FLAG_WARM_UP]
-    short = any("too few" in note or "too short" in note for note in report["notes"])
-    short = short or any("readings failed" in note for note in report["notes"])
-    if report["samples"] > len(on) or (not short and report["samples"] != len(on)):
-        yield f"detect looked at {report['samples']} samples, log exported {len(on)}"
 
 
 # Texts
@@ -264,21 +196,8 @@ def _try_configuration(
     called(["config", path], trial, limited)
     if answer.status == 0:
         trial.outcome = "read"
-        _judge_configuration(path.read_text("utf-8-sig"), json.loads(answer.out), trial)
-
-
-def _judge_configuration(text: str, report: dict[str, Any], trial: Tried) -> None:
-    """Whether the numbers that are in force are those in the file, by another reader."""
-    held = yaml.load(text, yaml.BaseLoader)
-    if not isinstance(held, dict) or "<<" in text:
-        return
-    for section, keys in held.items():
-        for key, value in keys.items() if isinstance(keys, dict) else ():
-            found = report["fields"].get(f"{section}.{key}")
-            if found is None or not isinstance(value, str) or not NUMBER.fullmatch(value):
-                continue
-            if found["value"] != float(value):
-                trial.faults["wrong"] = f"{section}.{key}: {value} became {found['value']}"
+        text = path.read_text("utf-8-sig")
+        _note(trial, mutation_judges.of_configuration(text, json.loads(answer.out)))
 
 
 def _try_csv(random: Random, folder: Path, _base: Path, trial: Tried, limited: bool) -> None:
@@ -289,22 +208,8 @@ def _try_csv(random: Random, folder: Path, _base: Path, trial: Tried, limited: b
     if random.random() < 0.05:
         called(["detect", path, "--plot", folder / "out.png"], trial, limited)
     if answer.status == 0:
-        _judge_csv(path, table, json.loads(answer.out), trial)
-
-
-def _judge_csv(path: Path, table: Table | None, report: dict[str, Any], trial: Tried) -> None:
-    """Whether all rows were looked at, or what was not was told."""
-    notes = [note for note in report["notes"] if "no column" not in note]
-    trial.outcome = "told" if notes else "read"
-    if table is None:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:  # any line end
-            rows = sum(bool(line.strip()) for line in file) - 1
-        if not notes and report["samples"] != rows:
-            trial.faults["wrong"] = f"{report['samples']} samples of {rows} rows without a word"
-    elif abs(report["samples"] - table.rows) > 0.02 * table.rows:
-        trial.faults["wrong"] = f"{report['samples']} samples of {table.rows} rows"
-    elif not abs(report["period_s"] / table.periods[0] - 1.0) < 0.1:
-        trial.faults["wrong"] = f"a period of {report['period_s']} s, not {table.periods[0]}"
+        trial.outcome, wrong = mutation_judges.of_csv(path, table, json.loads(answer.out))
+        _note(trial, wrong)
 
 
 # Folders

@@ -46,7 +46,7 @@ def command(
     plot: Path | None,
     as_json_wanted: bool,
 ) -> None:
-    """Look for an oscillation in LOG: a .hwlog of run, or a CSV.
+    """Look for an oscillation in LOG: a log of run, whatever its name, or a CSV.
 
     A CSV needs the columns time_s and position_rad; torque_nm, the torque commanded at that sample,
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -111,7 +112,7 @@ class LogRows:
                 if joined and last_ns is not None:
                     shift_ns = last_ns + JOINT_NS - int(rows["deadline_ns"][0])
                 joined = False
-                rows = _shifted(rows, shift_ns)
+                rows = _shifted(rows, shift_ns, self.log.path)
                 last_ns = int(rows["deadline_ns"][-1])
                 yield rows
                 continue
@@ -136,11 +137,13 @@ class LogRows:
         return block[after & before], bool(len(time)) and not bool(before[-1])
 
 
-def _shifted(rows: NDArray[np.void], shift_ns: int) -> NDArray[np.void]:
+def _shifted(rows: NDArray[np.void], shift_ns: int, path: Path) -> NDArray[np.void]:
     if shift_ns == 0:
         return rows
     if int(rows["deadline_ns"][-1]) + shift_ns > _LAST_NS:
-        raise LogFormatError("the logs that are joined in one file last more than 146 years")
+        raise LogFormatError(
+            f"{path}: found logs of more than 146 years in all, wanted shorter ones"
+        )
     moved = rows.copy()
     moved["deadline_ns"] += shift_ns
     moved["sampled_ns"] += shift_ns

@@ -14,7 +14,7 @@ from scripts.uncertainty import PART as COMPUTED
 from tests.controller.commission.test_commission import SIMULATED, call, steps_taken
 from tests.docs.pages import ROOT
 
-SOME = {"logs": 30, "crafted": 30, "configurations": 25, "csvs": 25}
+SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
 SEED = 0
 
 
@@ -77,8 +77,8 @@ def test_the_page_is_of_this_script():
 
 def test_files_are_tried_in_processes_of_their_own(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.02", "--workers", "1",
-         "--out", str(tmp_path / "none.md")],
+        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.02",
+         "--workers", "1", "--out", str(tmp_path / "none.md")],
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
     assert "| configurations | 10 |" in done.stdout
