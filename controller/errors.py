@@ -13,8 +13,6 @@ What is wrong with hardware is ``hw.errors.ServoError``.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 _MOST_TOLD = 30
 """Problems of a configuration that its message names"""
 
@@ -22,7 +20,7 @@ _MOST_TOLD = 30
 class HapticWallError(Exception):
     """Anything this program refuses, with the exit status of the command that met it."""
 
-    exit_status: ClassVar[int] = 4
+    exit_status: int = 4
 
 
 class UserError(HapticWallError, ValueError):

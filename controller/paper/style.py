@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from controller.file_kinds import SOFTWARE
 from controller.printable import in_line
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Fig
         FigureCanvasAgg(figure)
         yield figure
         with any_writing():
-            figure.savefig(path, format="png", metadata={"Software": None})
+            figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 
 @contextmanager
