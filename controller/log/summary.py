@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from controller.detector.oscillation import State
 from controller.log.pieces import Damage, End, Head, Misplaced, Piece
 from controller.log.rows import LogRows, gathered
+from controller.printable import in_line
 from controller.statistics import RunStatistics
 from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
 from hw.servo import Outcome
@@ -92,7 +93,11 @@ class LogSummary:
         """Go on with another log, which is joined to the one before."""
         if self.parts[-1].rows == 0 and self.parts[-1].ended is None:
             self.parts.pop()
-        names = {name: metadata.get(name) for name in ("name", "program")}
+        names = {
+            name: in_line(text)
+            for name in ("name", "program")
+            if isinstance(text := metadata.get(name), str)
+        }
         self.parts.append(LogPart(names if self.parts else metadata))
         self._next_seq = None if "cut" in metadata else 0
         self._unknown = self._unknown or self._after_damage
