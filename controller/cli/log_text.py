@@ -109,7 +109,7 @@ def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
     """The logs that are joined in one file, where there are several."""
     if len(parts) == 1:
         return
-    yield f"joined      {len(parts)} logs in one file: each goes on one second after the other"
+    yield f"joined      {len(parts)} logs in one file: the time of each goes on 1 s after the last"
     for number, part in enumerate(parts, 1):
         where = "no rows"
         if part["rows"]:

@@ -77,10 +77,10 @@ def test_the_page_is_of_this_script():
 
 def test_files_are_tried_in_processes_of_their_own(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.02",
+        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.01",
          "--workers", "1", "--out", str(tmp_path / "none.md")],
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
-    assert "| configurations | 10 |" in done.stdout
+    assert "| configurations | 5 |" in done.stdout
     assert "MB beyond the program's own" in done.stdout
     assert not (tmp_path / "none.md").exists(), "a page holds all or nothing"
