@@ -223,5 +223,5 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:
-        return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
+        return f"no picture: interrupted; `haptic-wall log {log} --plot {plot}` draws it"
     return ""
