@@ -24,7 +24,7 @@ TORQUE = "No torque was enabled."
 
 
 @click.command()
-@config_argument()
+@config_argument(default="simulated")
 @set_option
 @click.option("--fix", is_flag=True, help="Mend what can be mended, and read it back.")
 @click.option("--yes", is_flag=True, help="With --fix: do not ask before each change.")
