@@ -142,8 +142,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
-            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --rtprio=95"
-            " --pid $$",
+            "`sudo scripts/setup-testbed` and log in again, or once: `sudo prlimit --rtprio=95"
+            " --pid $$`",
         )
     )
     settings.append(
@@ -151,8 +151,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "memory",
             "all memory locked",
             _memory,
-            "sudo scripts/setup-testbed and log in again, or once: sudo prlimit --memlock=unlimited"
-            " --pid $$",
+            "`sudo scripts/setup-testbed` and log in again, or once:"
+            " `sudo prlimit --memlock=unlimited --pid $$`",
         )
     )
     settings.append(_attempt("timer slack", "1 ns", _timer_slack, ""))
@@ -161,8 +161,8 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "cpu latency",
             "0 µs",
             _cpu_latency,
-            "sudo scripts/setup-testbed and log in again, or until the next boot: sudo chmod o+w"
-            " /dev/cpu_dma_latency",
+            "`sudo scripts/setup-testbed` and log in again, or until the next boot:"
+            " `sudo chmod o+w /dev/cpu_dma_latency`",
         )
     )
     return settings

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from controller.safety import EXPLANATIONS, Trip
+from controller.safety import EMULATOR_LATE, EXPLANATIONS, Trip
 from controller.settings.config import Config
+from controller.settings.servo import Servo
 from controller.tree.plan import Ended, LogState
 
 
@@ -38,7 +40,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "oscillation": result.get("oscillation"),
         "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
         "stop_reason": ended.stop_reason,
-        "explanation": explanation(ended),
+        "explanation": explanation(ended, config.servo),
         "wall_came_on": bool(result.get("wall_came_on")),
         "waited_for": result.get("waited_for") or None,
         "torque_off": ended.torque_off,
@@ -52,15 +54,31 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
     }
 
 
-def explanation(ended: Ended) -> str | None:
-    """What a trip means and what to do; None where the run ended as planned."""
+def explanation(ended: Ended, servo: Servo) -> str | None:
+    """What a trip means and what to do; None where the run ended as planned.
+
+    Args:
+        ended: What is known of the run.
+        servo: Of its configuration: behind a pseudo-terminal there is no cable.
+    """
     kind, _, name = ended.stop_reason.partition(":")
     if kind != "trip":
         return None
+    trip = Trip(name)
+    means = EXPLANATIONS[trip]
+    if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
+        means = EMULATOR_LATE[trip]
     if ended.cause:
-        return f"{ended.cause}; {EXPLANATIONS[Trip(name)]}"
+        return f"{ended.cause}; {means}"
     message = (ended.result or {}).get("message", "")
-    return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
+    return means + (f" ({message})" if message else "")
+
+
+def _on_pseudo_terminal(servo: Servo) -> bool:
+    """Whether an emulator is at the other end of the port, and no adapter."""
+    if servo.kind != "hardware":
+        return servo.kind == "emulated"
+    return servo.port is not None and Path(servo.port).resolve().parent == Path("/dev/pts")
 
 
 def exit_status(

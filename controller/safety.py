@@ -81,6 +81,25 @@ EXPLANATIONS = {
 }
 
 
+EMULATOR_LATE = {
+    trip: f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator was"
+    " not run in time; end what keeps the cores busy, give both real-time rights"
+    f" (`sudo scripts/setup-testbed`), run the preset emulated-port, or raise {limit}"
+    for trip, what, limit in (
+        (
+            Trip.LOSSES_IN_ROW,
+            "all readings failed for longer than safety.max_silence_s allows",
+            "safety.max_silence_s",
+        ),
+        (
+            Trip.LOSS_RATE,
+            "a larger share of the readings failed than safety.max_loss allows",
+            "safety.max_loss",
+        ),
+    )
+}
+"""What these mean where an emulated bus is at the other end, which has no cable"""
+
 LEAST_FAILED = 3
 """Readings that must fail one after the other before their silence trips: at low rates the allowed
 time is over after one or two, and a stall of the loop itself is no fault of the bus [1]"""

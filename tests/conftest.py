@@ -9,6 +9,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
+# What is said is as wide on every terminal.
+os.environ["COLUMNS"] = "98"
+
 
 def pytest_addoption(parser):
     parser.addoption(

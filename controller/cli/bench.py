@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import signal
 import sys
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from controller.benchmarks import words
 from controller.cli import interrupt
 from controller.cli.options import answer, as_json, json_option, say, writing
 from controller.cli.places import force_option, take_file
+from controller.cli.wrapping import wrapped
 from controller.file_kinds import Kind
 from controller.signals import on_signals
 from controller.whole_file import whole
@@ -46,7 +46,6 @@ ABOUT_S = {
     "detector": 1,
 }
 """What each takes with its peers [s]; a busy machine takes up to half as long again"""
-_WIDTH = 98
 _PAGE = Kind(
     "a report of haptic-wall bench",
     re.compile(rb"<!DOCTYPE html>.{0,400}<title>haptic-wall ", re.DOTALL),
@@ -131,4 +130,4 @@ def _line(row: Mapping[str, Any]) -> str:
 
 def _folded(text: str, indent: int) -> list[str]:
     space = " " * indent
-    return textwrap.wrap(text, _WIDTH, initial_indent=space, subsequent_indent=space)
+    return wrapped(text, space, space)

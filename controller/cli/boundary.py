@@ -10,7 +10,14 @@ import click
 
 from controller.cli.boundary_text import boundary_text
 from controller.cli.numbers import numbers, span
-from controller.cli.options import answer, as_json, json_option, refuse_other_pictures, writing
+from controller.cli.options import (
+    FileToWrite,
+    answer,
+    as_json,
+    json_option,
+    refuse_other_pictures,
+    writing,
+)
 from controller.cli.places import force_option, take_file
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
@@ -60,7 +67,7 @@ _WIDEST = 10_000
 @click.option(
     "--latency-timer", type=float, metavar="MS", help="An adapter's, part of the delay [ms]."
 )
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the K-B plane there as PNG.")
+@click.option("--plot", type=FileToWrite(), help="Draw the K-B plane there as PNG.")
 @force_option
 @json_option
 def command(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from controller.cli.wrapping import wrapped
 from controller.guard.delay_parts import ms
 
-_WIDTH = 98
 _LOWER = 0.98
 """What lowers the stiffness by more is told apart."""
 _UNITS = {
@@ -60,7 +59,7 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
         parts.append(f"torque gain {_span(settings['torque_gain'])}")
     if settings["velocity_samples"] > 1:
         parts.append(f"velocity over {settings['velocity_samples']} samples")
-    yield from textwrap.wrap(", ".join(parts), _WIDTH)
+    yield from wrapped(", ".join(parts))
 
 
 def _points(found: Mapping[str, Any]) -> Iterator[str]:
@@ -96,7 +95,7 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
         for part in parts
         if part["seconds"] > 0
     )
-    yield from textwrap.wrap(f"delay    {ms(total)} = {named}", _WIDTH, subsequent_indent=" " * 9)
+    yield from wrapped(f"delay    {ms(total)} = {named}", "", " " * 9)
     better = [each for each in design["improvements"] if each["buys"]]
     if better:
         yield ""
@@ -125,7 +124,7 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
                 else each["description"]
                 for each in changes
             )
-            yield from textwrap.wrap(f"{what}: {listed}", _WIDTH, subsequent_indent="  ")
+            yield from wrapped(f"{what}: {listed}", "", "  ")
     yield from _not_counted(design)
 
 
@@ -162,10 +161,8 @@ def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:
         if not known
     ]
     if missing:
-        yield from textwrap.wrap(
-            f"not looked at, for nothing was said of it: {', '.join(missing)}",
-            _WIDTH,
-            subsequent_indent="  ",
+        yield from wrapped(
+            f"not looked at, for nothing was said of it: {', '.join(missing)}", "", "  "
         )
 
 

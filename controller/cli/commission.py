@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import sys
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +22,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import take_folder
+from controller.cli.wrapping import wrapped
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
 from controller.settings.load import Loaded, file_of, load_config
@@ -217,12 +216,4 @@ def _text(report: dict[str, Any], folder: Path) -> str:
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
-    width = max(60, shutil.get_terminal_size((100, 24)).columns)
-    return textwrap.wrap(
-        text,
-        width,
-        initial_indent=indent,
-        subsequent_indent=f"{indent}  " if indent else "",
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
+    return wrapped(text, indent, f"{indent}  " if indent else "")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import textwrap
 from typing import Any
 
 import click
 
 from controller.cli.options import answer, as_json, config_argument, json_option, set_option
+from controller.cli.wrapping import wrapped
 from controller.settings.fields import Field, fields
 from controller.settings.load import Loaded, load_config
 
@@ -32,14 +31,13 @@ def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
         answer(as_json({"name": loaded.name, "servo": _kind(loaded), "fields": listed}))
         return
     lines = [f"{loaded.name} ({_kind(loaded)} servo)"]
-    width = max(60, shutil.get_terminal_size((100, 24)).columns)
     section = ""
     for field in fields().values():
         name = field.path.split(".")[0]
         if name != section:
             lines.append("")
             section = name
-        lines.append(_row(loaded, field, width))
+        lines.append(_row(loaded, field))
     answer("\n".join(lines))
 
 
@@ -67,19 +65,13 @@ def _entry(loaded: Loaded, field: Field) -> dict[str, Any]:
     }
 
 
-def _row(loaded: Loaded, field: Field, width: int) -> str:
+def _row(loaded: Loaded, field: Field) -> str:
     """A field in two or more lines: name, value, unit and origin; then range and meaning."""
     origin = loaded.origins.get(field.path, "default")
     value = f"{_text(_value(loaded, field))} {field.unit}"
     mark = " " if _kind(loaded) in field.used_by else "-"
     head = f"{mark} {field.path:<24}  {value:<{_VALUE_WIDTH}}  {origin}"
-    meaning = textwrap.fill(
-        f"{field.meaning} ({field.wanted})",
-        width,
-        initial_indent=" " * 6,
-        subsequent_indent=" " * 6,
-    )
-    return f"{head}\n{meaning}"
+    return "\n".join([head, *wrapped(f"{field.meaning} ({field.wanted})", " " * 6, " " * 6)])
 
 
 def _text(value: Any) -> str:  # noqa: ANN401

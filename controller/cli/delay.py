@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from controller.cli.experiment import ask_to_move, endings, folder_for, keep, yes_option
-from controller.cli.numbers import numbers
+from controller.cli.numbers import periods
 from controller.cli.options import (
     answer,
     as_json,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @click.option(
     "--delay-steps",
     "steps",
-    callback=numbers,
+    callback=periods,
     metavar="n[,n...]",
     help="Whole periods to insert and to recover, beside those of CONFIG; default: 0 and 5 more.",
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from controller.cli.options import (
+    FileToWrite,
     answer,
     as_json,
     json_option,
@@ -37,7 +38,7 @@ _LIGHTEST, _MOST = 1e-12, 1e6
 @click.option(
     "--delay", type=_NUMBER, metavar="S", help="From a sample to its torque's action [s]."
 )
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw what was seen there as PNG.")
+@click.option("--plot", type=FileToWrite(), help="Draw what was seen there as PNG.")
 @force_option
 @json_option
 def command(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
-import textwrap
 from collections.abc import Iterator
 from typing import Any
 
 import click
 
 from controller.cli.options import answer, as_json, config_argument, json_option, say, set_option
+from controller.cli.wrapping import wrapped
 from controller.doctor.checkup import examine
 from controller.doctor.report import Consent, Report
 from controller.errors import UserError
@@ -26,7 +25,7 @@ TORQUE = "No torque was enabled."
 
 
 @click.command()
-@config_argument()
+@config_argument(default="simulated")
 @set_option
 @click.option("--fix", is_flag=True, help="Mend what can be mended, and read it back.")
 @click.option("--yes", is_flag=True, help="With --fix: do not ask before each change.")
@@ -112,11 +111,10 @@ def _ages(ages_ns: list[int]) -> dict[str, float] | None:
 
 
 def _text(name: str, report: Report) -> str:
-    width = max(60, shutil.get_terminal_size((100, 24)).columns)
     column = max((len(finding.name) for finding in report.findings.checks), default=0)
     lines = [f"{name}. {TORQUE}", ""]
     for finding in report.findings.checks:
-        lines += _rows(finding, column, width)
+        lines += _rows(finding, column)
     if report.changes:
         lines += ["", "Changed:"]
         lines += [f"  {change}" for change in report.changes]
@@ -126,27 +124,15 @@ def _text(name: str, report: Report) -> str:
     return "\n".join(lines)
 
 
-def _rows(finding: Finding, column: int, width: int) -> Iterator[str]:
+def _rows(finding: Finding, column: int) -> Iterator[str]:
     mark = "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
     wanted = f" (wanted: {finding.wanted})" if not finding.ok else ""
     head = f"{mark:<5}  {finding.name:<{column}}  "
     indent = " " * len(head)
-    yield _filled(finding.found + wanted, width, head, indent)
+    yield from wrapped(finding.found + wanted, head, indent)
     if finding.fix:
         hint = "fix: " if not finding.ok else "hint: "
-        yield _filled(finding.fix, width, indent + hint, indent)
-
-
-def _filled(text: str, width: int, first: str, other: str) -> str:
-    """Lines of a width, but no path or command broken at a hyphen: they are there to be copied."""
-    return textwrap.fill(
-        text,
-        width,
-        initial_indent=first,
-        subsequent_indent=other,
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
+        yield from wrapped(finding.fix, indent + hint, indent)
 
 
 def _verdict(report: Report) -> str:

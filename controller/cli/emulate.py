@@ -101,6 +101,9 @@ _MS_NS = 1_000_000
     "sets",
     multiple=True,
     metavar="servo.NAME=VALUE",
+    shell_complete=lambda _context, _parameter, begun: [
+        path for path in (f"servo.{name}=" for name in TRUTH) if path.startswith(begun)
+    ],
     help="What the servos truly are (repeatable): " + ", ".join(TRUTH) + ". SI units.",
 )
 @force_option

@@ -7,13 +7,13 @@ The object is ``{error, field, advice, exit_status}``. Messages have one style e
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import click
 
+from controller.cli.advice import for_option
 from controller.cli.options import answer, as_json, is_answered, say
 from controller.errors import ConfigError, HapticWallError
 from hw.errors import ServoError
@@ -40,25 +40,37 @@ def wants_json(arguments: Sequence[str]) -> bool:
     return "--json" in arguments
 
 
-def tell(error: BaseException, status: int, *, json: bool) -> int:
+def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[str] = ()) -> int:
     """Say an error; its exit status.
 
     Args:
         error: What happened; without a text it is Ctrl-C, which people know of.
         status: Exit status.
         json: Tell programs too, unless they have their answer already.
+        arguments: Of the command line.
     """
     text = str(error) or "interrupted"
     if isinstance(error, click.ClickException):
-        text = error.format_message()
-        shown = io.StringIO()
-        error.show(shown)
-        say(shown.getvalue().rstrip("\n"))
-    elif str(error):
+        text = _in_one_style(error, arguments)
+    if str(error):
         say(f"haptic-wall: {text}")
     if json and not is_answered():
         answer(as_json(_failure(error, text, status)))
     return status
+
+
+def _in_one_style(error: click.ClickException, arguments: Sequence[str]) -> str:
+    """What click has found, in the words of the other errors."""
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    more = f"`{context.command_path} --help` lists what there is" if context else ""
+    if isinstance(error, click.NoSuchOption):
+        advice = for_option(error, arguments) or more
+        return "; ".join(filter(None, [f"{error.option_name}: no such option", advice]))
+    if isinstance(error, click.MissingParameter) and error.param is not None:
+        return "; ".join(filter(None, [f"{_field(error, '')}: missing", more]))
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        return f"{_field(error, '')}: {error.message}"
+    return error.format_message()
 
 
 def _failure(error: BaseException, text: str, status: int) -> dict[str, Any]:

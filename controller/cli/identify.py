@@ -15,6 +15,7 @@ from controller.cli.experiment import ask_to_move, yes_option
 from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
+    FileToWrite,
     answer,
     as_json,
     config_argument,
@@ -47,11 +48,11 @@ _CONFIG = Kind(
 @config_argument()
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=FileToWrite(),
     metavar="FILE",
     help="Where CONFIG goes with its model section replaced by what was found.",
 )
-@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Where the PNG goes.")
+@click.option("--plot", "plot_path", type=FileToWrite(), help="Where the PNG goes.")
 @click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
               help="Where the logs of all motions go; default: a folder in ./runs/.")  # fmt: skip
 @click.option(

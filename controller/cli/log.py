@@ -13,6 +13,7 @@ import click
 
 from controller.cli.log_text import config_line, summary_text
 from controller.cli.options import (
+    FileToWrite,
     answer,
     as_json,
     json_option,
@@ -45,9 +46,9 @@ _KINDS = {
 @click.argument("log", type=_FILE)
 @click.option("--from", "start_s", type=float, metavar="S", help="Only from there on [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="Only up to there [s].")
-@click.option("--csv", "csv_path", type=_FILE, help="Write all rows there as CSV.")
+@click.option("--csv", "csv_path", type=FileToWrite(), help="Write all rows there as CSV.")
 @click.option("--mcap", "mcap_path", type=_FILE, help="Write all rows there as MCAP.")
-@click.option("--plot", type=_FILE, help="Draw the run there as PNG.")
+@click.option("--plot", type=FileToWrite(), help="Draw the run there as PNG.")
 @click.option("--cut", "cut_path", type=_FILE, help="Write the stretch there as a log of its own.")
 @force_option
 @json_option

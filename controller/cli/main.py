@@ -41,6 +41,8 @@ COMMANDS = {
     "rendered": ("controller.cli.rendered", "What the servo renders, against the commanded."),
     "log": ("controller.cli.log", "What a log holds; export it, draw it, cut it."),
     "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
+    "init": ("controller.cli.init", "A commented configuration of your own, to be edited."),
+    "help": ("controller.cli.help", "The help of a command."),
     "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
@@ -82,7 +84,7 @@ class _Commands(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: haptic-wall run",
 )
-@click.version_option(__version__, prog_name="haptic-wall")
+@click.version_option(__version__, "-V", "--version", prog_name="haptic-wall")
 def haptic_wall() -> None:
     """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard.
 
@@ -107,12 +109,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, handlers=[_Said()])
     begin()
     interrupt.say_nothing_after(is_answered)
-    json = wants_json(sys.argv[1:] if arguments is None else arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    json = wants_json(given)
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        return tell(error, USER, json=json)
+        return tell(error, USER, json=json, arguments=given)
     except (click.Abort, KeyboardInterrupt):
         return tell(KeyboardInterrupt(), interrupt.INTERRUPTED, json=json)
     except HapticWallError as error:

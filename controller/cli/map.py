@@ -14,7 +14,7 @@ import click
 
 from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
-from controller.cli.numbers import numbers
+from controller.cli.numbers import numbers, periods
 from controller.cli.options import (
     answer,
     as_json,
@@ -24,7 +24,7 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.cli.places import force_option, take_folder
+from controller.cli.places import force_option, new_stem, take_folder
 from controller.errors import UserError
 from controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from controller.settings.load import load_config
@@ -46,9 +46,9 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
 
 
 @click.command()
-@config_argument()
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", required=True,
-              help="Where map.csv, map.json and map.png go; a map there is replaced.")  # fmt: skip
+@config_argument(default="simulated")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Where map.csv, map.json and map.png go; default: a folder in ./runs/.")  # fmt: skip
 @click.option(
     "--virtual-damping",
     "dampings",
@@ -59,7 +59,7 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
 @click.option(
     "--delay-steps",
     "steps",
-    callback=numbers,
+    callback=periods,
     metavar="n[,n...]",
     help="Whole periods inserted, on top of servo.delay; default: 0 to 5.",
 )
@@ -76,7 +76,7 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
 @json_option
 def command(
     config: str,
-    out: Path,
+    out: Path | None,
     dampings: list[float] | None,
     steps: list[float] | None,
     kicks: list[float] | None,
@@ -100,7 +100,12 @@ def command(
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    take_folder("--out", out, _FILES, force=force)
+    if out is None:
+        folder = new_stem("--out", "map")
+        folder.mkdir()
+    else:
+        folder = out
+        take_folder("--out", folder, _FILES, force=force)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
     label = f"{loaded.name}: {total} points"
@@ -126,7 +131,7 @@ def command(
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
     report = _report(found, loaded.name)
-    files = _write(found, report, out, force=force)
+    files = _write(found, report, folder, force=force)
     report["files"] = files
     answer(as_json(report) if as_json_wanted else _text(found, files))
     if interrupted:

@@ -33,6 +33,24 @@ def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> l
     return good
 
 
+def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
+    """Numbers of whole periods with commas between: ``0,5``.
+
+    Raises:
+        BadParameter: One is not a whole number from 0 up.
+    """
+    if text is None:
+        return None
+    found = [_number(part) for part in text.split(",")]
+    good = [number for number in found if number is not None and number >= 0 == number % 1]
+    if len(good) < len(found):
+        raise click.BadParameter(
+            f"found {text!r}, wanted whole periods with commas between, such as 0,5",
+            param=parameter,
+        )
+    return good
+
+
 def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:
     """A number, or ``LOW:HIGH``: somewhere between, and the middle is the best guess.
 

@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from controller.errors import UserError
 from controller.printable import printable
@@ -28,8 +29,29 @@ def config_argument(default: str | None = None) -> Callable[[Command], Command]:
         default: What it is when it is left out; None: it must be given.
     """
     if default is None:
-        return click.argument("config", metavar="CONFIG")
-    return click.argument("config", metavar="[CONFIG]", default=default)
+        return click.argument("config", metavar="CONFIG", shell_complete=_configurations)
+    return click.argument(
+        "config", metavar="[CONFIG]", default=default, shell_complete=_configurations
+    )
+
+
+def _configurations(
+    _context: click.Context, _parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    """Presets and files that begin so, for a shell that completes a word."""
+    from controller.settings.load import preset_names
+
+    presets = [CompletionItem(name) for name in preset_names() if name.startswith(begun)]
+    return [*presets, CompletionItem(begun, type="file")]
+
+
+def _paths_of_config(
+    _context: click.Context, _parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    """Paths of the configuration that begin so."""
+    from controller.settings.fields import fields
+
+    return [CompletionItem(f"{path}=") for path in fields() if path.startswith(begun)]
 
 
 def set_option(command: Command) -> Command:
@@ -39,6 +61,7 @@ def set_option(command: Command) -> Command:
         "sets",
         multiple=True,
         metavar="PATH=VALUE",
+        shell_complete=_paths_of_config,
         help="Change one value of CONFIG, e.g. --set wall.stiffness=20 (repeatable).",
     )(command)
 
@@ -80,6 +103,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
 @dataclass(slots=True)
 class _Command:
     answered: bool = False
+    output_taken: bool = False
 
 
 _command = _Command()
@@ -87,12 +111,28 @@ _command = _Command()
 
 def begin() -> None:
     """A command begins, which has not answered yet."""
-    _command.answered = False
+    _command.answered = _command.output_taken = False
 
 
 def is_answered() -> bool:
     """Whether the command has printed its answer: on standard output there is one at most."""
     return _command.answered
+
+
+class FileToWrite(click.Path):
+    """A file's place; ``-`` is standard output, which is then the file's alone."""
+
+    name = "file"
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401 - click's signature
+        """The path."""
+        if str(value) != "-":
+            return super().convert(value, param, ctx)
+        _command.output_taken = True
+        return Path("/dev/stdout")
 
 
 def say(text: str) -> None:
@@ -105,10 +145,13 @@ def say(text: str) -> None:
 
 
 def answer(text: str) -> None:
-    """Print a command's answer on standard output; a reader that leaves early is no error."""
+    """Print a command's answer on standard output; a reader that leaves early is no error.
+
+    Where a file goes there (``-``), the answer goes to standard error.
+    """
     _command.answered = True
     try:
-        click.echo(printable(text))
+        click.echo(printable(text), err=_command.output_taken)
         sys.stdout.flush()
     except OSError as error:
         # ``| head``, or the terminal is closed: the exit status still tells how the command ended

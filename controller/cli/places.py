@@ -48,6 +48,11 @@ def take_file(
         UserError: A folder or a file that is not of that kind is there, or another command is
             writing it, or it cannot be written.
     """
+    if str(path) == "-":
+        raise UserError(
+            f"{option} -: found standard output, wanted a file: it is not written from its"
+            " beginning to its end; name one"
+        )
     refuse_same_file({option: path})  # as one that cannot be looked at
     if path.is_dir():
         raise UserError(f"{option}: {path} is a folder; name a file")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import click
 
 from controller import __version__
 from controller.cli.options import (
+    FileToWrite,
     answer,
     as_json,
     config_argument,
@@ -24,14 +26,18 @@ from controller.cli.places import force_option, new_stem, take_file
 from controller.cli.text import report_text
 from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, RECORD
+from controller.log.reader import SUFFIX
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
 from controller.signals import STOPPING, interrupting, on_signals
+from controller.telemetry import ROW
 
 if TYPE_CHECKING:
     from controller.tree.hold import Hold
     from controller.tree.stream import Stream
 
+MUCH = 1e8
+"""A log of so many bytes is told of before the run"""
 SIMULATED_S = 5.0
 """Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
 
@@ -41,7 +47,8 @@ SIMULATED_S = 5.0
 @set_option
 @click.option("--duration", type=float, metavar="S", help="How long the wall is on [s].")
 @click.option("--log", "log_path", type=click.Path(path_type=Path), help="Where the log goes.")
-@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Where the PNG goes.")
+@click.option("--plot", "plot_path", type=FileToWrite(), help="Where the PNG goes.")
+@click.option("--no-plot", is_flag=True, help="Draw no picture.")
 @click.option(
     "--witness",
     type=click.Path(path_type=Path),
@@ -71,6 +78,7 @@ def command(
     duration: float | None,
     log_path: Path | None,
     plot_path: Path | None,
+    no_plot: bool,
     witness: Path | None,
     stream: str | None,
     stream_rate: float | None,
@@ -82,7 +90,7 @@ def command(
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
     On hardware it runs until Ctrl-C; simulated and emulated for 5 s unless --duration says
-    otherwise. Whatever ends it, the torque is off when it ends.
+    otherwise; --duration inf: until Ctrl-C. Whatever ends it, the torque is off when it ends.
     """
     from controller import report as reports
     from controller.run import run
@@ -91,6 +99,8 @@ def command(
     loaded = load_config(config, sets)
     effective = loaded.config
     seconds = _duration(effective, duration)
+    if no_plot and plot_path is not None:
+        raise UserError("--no-plot: found with --plot; leave one of them out")
     if witness is not None and (effective.servo.kind != "emulated" or _in_memory(effective)):
         raise UserError(
             "--witness: only an emulated bus in its own process keeps a record; run"
@@ -98,7 +108,7 @@ def command(
         )
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
-    log, plot = _places(log_path, plot_path, witness, loaded.name, force=force)
+    log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
     plan = Plan(
         config=effective,
         duration_s=seconds,
@@ -113,11 +123,11 @@ def command(
         hold=held,
         force=force,
     )
-    say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
+    say(f"{loaded.name}: {_length(effective, seconds)}")
     ended = run(plan, say)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
-        warning = "no picture: there is no log"
-        if ended.logged:
+        warning = "" if plot is None else "no picture: there is no log"
+        if ended.logged and plot is not None:
             warning = _draw(log, plot, ended.stop_reason, force=force)
         if warning:
             ended.warnings.append(warning)
@@ -125,7 +135,7 @@ def command(
             effective,
             ended,
             str(log) if ended.logged else None,
-            None if warning else str(plot),
+            None if warning or plot is None else str(plot),
         )
         answer(as_json(report) if as_json_wanted else report_text(report))
     sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
@@ -182,15 +192,40 @@ def _in_memory(config: Config) -> bool:
 def _duration(config: Config, asked: float | None) -> float | None:
     if asked is None:
         return None if config.servo.kind == "hardware" else SIMULATED_S
-    if not 0.0 < asked < float("inf"):
+    if asked == math.inf:
+        return None
+    if not asked > 0.0:
         raise UserError(f"--duration: found {asked:g}, wanted a time above 0 s")
     return asked
 
 
+def _length(config: Config, seconds: float | None) -> str:
+    """How long the run is, and what it will write if that is much."""
+    rate = config.loop.rate_hz * ROW.itemsize
+    if seconds is None:
+        clock = "simulated minute" if _in_memory(config) else "minute"
+        return f"until Ctrl-C; the log grows by {_size(60.0 * rate)} a {clock}"
+    whole = rate * seconds
+    return f"{seconds:g} s" + (f"; the log will have {_size(whole)}" if whole > MUCH else "")
+
+
+def _size(count: float) -> str:
+    """Bytes in words, two digits."""
+    return f"{count / 1e9:.2g} GB" if count >= 1e9 else f"{float(f'{count / 1e6:.2g}'):g} MB"
+
+
 def _places(
-    log: Path | None, plot: Path | None, witness: Path | None, name: str, *, force: bool
-) -> tuple[Path, Path]:
-    """Where log and picture go; what is not said goes into ./runs/."""
+    log: Path | None,
+    plot: Path | None,
+    witness: Path | None,
+    name: str,
+    *,
+    draws: bool,
+    force: bool,
+) -> tuple[Path, Path | None]:
+    """Where log and picture go: what is not said goes into ./runs/, the picture beside a log."""
+    if draws and plot is None and log is not None and (log.is_file() or not log.exists()):
+        plot = log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
@@ -204,12 +239,12 @@ def _places(
                 raise UserError(f"{option}: {path} is a pipe; name a file")
             # What cannot be written there is told, and the run goes on without it.
             take_file(option, path, kind, force=force, make=True, try_it=False)
-    if log is not None and plot is not None:
+    if log is not None and (plot is not None or not draws):
         return log, plot
     stem = new_stem("--log" if log is None else "--plot", Path(name).stem)
     return (
         stem.with_name(f"{stem.name}.hwlog") if log is None else log,
-        stem.with_name(f"{stem.name}.png") if plot is None else plot,
+        stem.with_name(f"{stem.name}.png") if plot is None and draws else plot,
     )
 
 
@@ -230,5 +265,5 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:
-        return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
+        return f"no picture: interrupted; `haptic-wall log {log} --plot {plot}` draws it"
     return ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import stat
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import click
@@ -14,6 +17,7 @@ from hw.clock import MonotonicClock
 from hw.dynamixel.codec import MAX_ID
 from hw.dynamixel.examine.adapter import kind_of_port, only_adapter
 from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
+from hw.dynamixel.holders import is_terminal
 from hw.dynamixel.tables import BAUD_RATES, model_by_number
 
 HARDWARE = 4
@@ -46,6 +50,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     if port == "":
         raise UserError("--port: found nothing, wanted a serial device such as /dev/ttyUSB0")
     path = only_adapter() if port is None else port
+    _refuse_no_port(path)
 
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
@@ -55,6 +60,17 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))
     return 0 if found["servos"] else HARDWARE
+
+
+def _refuse_no_port(path: str) -> None:
+    """Refuse what is there and is no serial port; what is not there, the search tells."""
+    with suppress(OSError):
+        found = Path(path).stat()
+        if not stat.S_ISCHR(found.st_mode) or not is_terminal(found.st_rdev):
+            raise UserError(
+                f"--port: found {path}, which is no serial port, wanted the adapter's device, such"
+                " as /dev/ttyUSB0"
+            )
 
 
 def _report(path: str, searches: list[Search]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import click
 
 from controller.cli.experiment import ask_to_move, yes_option
 from controller.cli.interrupt import INTERRUPTED
-from controller.cli.numbers import numbers
+from controller.cli.numbers import numbers, periods
 from controller.cli.options import (
     answer,
     as_json,
@@ -48,7 +48,7 @@ _MOST_STEPS = 1000
 @click.option(
     "--delay-steps",
     "steps",
-    callback=numbers,
+    callback=periods,
     metavar="n[,n...]",
     required=True,
     help="Whole periods inserted, on top of what the loop and the servo have.",

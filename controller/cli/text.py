@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-_WIDTH = 98
+from controller.cli.wrapping import wrapped
+
 _WORST = 3
 """How many of the worst ticks the text names"""
 _LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
@@ -207,14 +207,7 @@ def _notes(report: Mapping[str, Any]) -> Iterator[str]:
 
 def _entry(label: str, text: str) -> list[str]:
     """A label and its text, folded under itself."""
-    return textwrap.wrap(
-        text,
-        _WIDTH,
-        initial_indent=f"{label:<12}",
-        subsequent_indent=" " * 12,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return wrapped(text, f"{label:<12}", " " * 12)
 
 
 def _percentiles(times: Mapping[str, float | None]) -> str:

@@ -169,4 +169,4 @@ def _fatal_text(data: Mapping[str, Any]) -> str:
         if check["name"] in data["fatal"]
     ]
     mend = any(c["fixable"] for c in data["checks"] if c["name"] in data["fatal"])
-    return "; ".join(said) + ("; haptic-wall doctor CONFIG --fix mends it" if mend else "")
+    return "; ".join(said) + ("; `haptic-wall doctor CONFIG --fix` mends it" if mend else "")

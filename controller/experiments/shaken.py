@@ -106,7 +106,8 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     planned = shaking.bursts * PER_BURST
     missing = 1.0 - good(rows).size / rows.size
     out = (
-        f"{missing:.0%} of the samples came late or not at all; haptic-wall doctor says what helps"
+        f"{missing:.0%} of the samples came late or not at all; `haptic-wall doctor` says what"
+        " helps"
         if missing > _MISSING
         else f"the shaft left the ±{plan.reach:.2g} rad that the steps may take: it is lighter than"
         " model.inertia.low says, or something pulls it"

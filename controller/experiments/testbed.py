@@ -183,7 +183,7 @@ class Testbed:
             )
         if ended.stop_reason != "duration":
             raise ExperimentTrippedError(
-                ended.stop_reason, explanation(ended) or "", _fault(log, ended)
+                ended.stop_reason, explanation(ended, config.servo) or "", _fault(log, ended)
             )
         if fault := _fault(log, ended):
             raise UserError(fault)

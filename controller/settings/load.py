@@ -49,10 +49,14 @@ def preset_names() -> list[str]:
     )
 
 
+def preset_text(name: str) -> str:
+    """A preset as it stands in its file."""
+    return _presets().joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+
+
 def preset_summary(name: str) -> str:
     """What a preset is for: the first line of its file."""
-    first = _presets().joinpath(f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
-    return first.lstrip("# ")
+    return preset_text(name).splitlines()[0].lstrip("# ")
 
 
 def file_of(source: str) -> Path | None:
@@ -132,8 +136,7 @@ def _presets() -> resources.abc.Traversable:
 def _read(source: str) -> tuple[str, str]:
     """The text of a preset or file, and its title for messages."""
     if source in preset_names():
-        text = _presets().joinpath(f"{source}.yaml").read_text(encoding="utf-8")
-        return text, f"preset {source}"
+        return preset_text(source), f"preset {source}"
     path = Path(source)
     try:
         return regular_file.content(path, MOST_BYTES).decode("utf-8"), str(path)

@@ -49,6 +49,10 @@ SERVOS: Mapping[str, ServoFacts] = MappingProxyType(
 """Every servo known, by its name."""
 
 
+SISTERS: Mapping[str, str] = MappingProxyType({"XM430-W350": "MX-64"})
+"""Servos that nobody has published numbers of, and the known one that is built alike."""
+
+
 def servo(name: str) -> ServoFacts:
     """The servo of that name; upper and lower case, and hyphens, make no difference.
 
@@ -62,6 +66,12 @@ def servo(name: str) -> ServoFacts:
     found = plain.get(_plain(name))
     if found is not None:
         return found
+    for unknown, sister in SISTERS.items():
+        if _plain(unknown) == _plain(name):
+            raise ValueError(
+                f"nobody has published the inertia and friction of {unknown}; its sister is"
+                f" {sister}: choose that, or give its inertia and damping as numbers"
+            )
     near = get_close_matches(_plain(name), plain, n=1, cutoff=0.5)
     suggestion = f"did you mean {plain[near[0]].name}? Choose" if near else "choose"
     raise ValueError(

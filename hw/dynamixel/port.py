@@ -158,9 +158,14 @@ def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
 def _open_error(path: str, error: OSError) -> PortError:
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
+        if not Path(path).is_relative_to("/dev"):
+            return PortError(
+                f"Port {path} does not exist (there is {_candidates()}): start an emulated bus"
+                f" there (`haptic-wall emulate --link {path}`), or name another port."
+            )
         return PortError(
             f"Port {path} does not exist (there is {_candidates()}): "
-            "plug the adapter in, or set servo.port."
+            "plug the adapter in, or name another port."
         )
     if code in (errno.EACCES, errno.EPERM):
         return PortError(f"Port {path} may not be used by this user: {access_remedy(path)}.")
@@ -175,10 +180,7 @@ def _open_error(path: str, error: OSError) -> PortError:
 
 
 def _not_serial(path: str) -> str:
-    return (
-        f"Port {path} is not a serial port: set servo.port to the adapter's device, "
-        "e.g. /dev/ttyUSB0."
-    )
+    return f"Port {path} is not a serial port: name the adapter's device, e.g. /dev/ttyUSB0."
 
 
 def _candidates() -> str:

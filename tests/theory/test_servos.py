@@ -22,6 +22,11 @@ def test_a_wrong_name_gets_a_suggestion_and_the_list() -> None:
         servo("lathe")
 
 
+def test_a_servo_that_nobody_identified_names_its_sister() -> None:
+    with pytest.raises(ValueError, match=r"its sister is MX-64: choose that"):
+        servo("xm430w350")
+
+
 def test_one_count_is_its_share_of_a_turn() -> None:
     assert servo("XL-320").encoder_step == pytest.approx(2 * math.pi / 1024)
 

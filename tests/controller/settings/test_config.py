@@ -26,6 +26,7 @@ def test_a_child_process_gets_the_same_configuration_as_json(name):
 
 def test_the_presets_of_the_manual_are_there():
     assert preset_names() == [
+        "emulated-port",
         "emulated-xm430",
         "lwr3",
         "paper-table2",

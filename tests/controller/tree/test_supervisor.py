@@ -141,7 +141,7 @@ def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage):
     assert exit_status(ended.stop_reason) == 3
     assert ended.stop_reason == "trip:loop_died"
     assert "the loop's process ended with 1; the supervisor switched the torque off" in explanation(
-        ended
+        ended, stage.plan.config.servo
     )
     assert report["torque_off"] is True
 
@@ -150,8 +150,8 @@ def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage):
     ended, _ = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
     assert ended.stop_reason == "trip:loop_hung"
-    assert "no sign of life for 0.1" in explanation(ended)
-    assert "it was busy" in explanation(ended)
+    assert "no sign of life for 0.1" in explanation(ended, stage.plan.config.servo)
+    assert "it was busy" in explanation(ended, stage.plan.config.servo)
 
 
 def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
@@ -159,8 +159,8 @@ def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
     assert report["torque_off"] is False
-    assert "switch the servo's power off" in explanation(ended)
-    assert "switched the torque off" not in explanation(ended)
+    assert "switch the servo's power off" in explanation(ended, stage.plan.config.servo)
+    assert "switched the torque off" not in explanation(ended, stage.plan.config.servo)
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
@@ -191,7 +191,7 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
     )
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:loop_hung"
-    assert "being asked to" in explanation(ended)
+    assert "being asked to" in explanation(ended, stage.plan.config.servo)
 
 
 @pytest.fixture

@@ -1,0 +1,42 @@
+"""What a person who gave an option that is not there may have meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+
+def for_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
+    """The option that is called so, or the value of the configuration; empty: nothing is alike.
+
+    Args:
+        error: Which option there is not, for which command, and which are written alike.
+        arguments: Of the command line: the value that the option was given.
+    """
+    name = error.option_name
+    paths = _paths(error.ctx, name.lstrip("-").replace("-", "_")) if name.startswith("--") else []
+    if paths:
+        value = _value(name, arguments)
+        return "give " + " or ".join(f"`--set {path}={value}`" for path in paths)
+    near = sorted(error.possibilities or [])
+    return f"did you mean {' or '.join(near)}?" if near else ""
+
+
+def _paths(context: click.Context | None, name: str) -> list[str]:
+    """The paths that ``--set`` of a command takes and that end in a name, or are it."""
+    sets = [p for p in context.command.params if p.name == "sets"] if context else []
+    if not sets:
+        return []
+    known = [item.value.rstrip("=") for item in sets[0].shell_complete(context, "")]
+    return [path for path in known if name in (path, path.partition(".")[2])]
+
+
+def _value(name: str, arguments: Sequence[str]) -> str:
+    """The value that an option was given; ``VALUE`` where it had none."""
+    for here, following in zip(arguments, [*arguments[1:], ""], strict=True):
+        if here.startswith(f"{name}="):
+            return here.partition("=")[2]
+        if here == name and following and not following.startswith("--"):
+            return following
+    return "VALUE"

@@ -1,0 +1,110 @@
+"""``haptic-wall init``: a commented configuration of one's own, to be edited."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from controller.cli.options import FileToWrite, answer, say, writing
+from controller.cli.places import force_option, take_file
+from controller.errors import UserError
+from controller.file_kinds import Kind
+from controller.settings.fields import Field, fields, sections
+from controller.settings.load import DEFAULT_PRESET, load_config, preset_names, preset_text
+from controller.whole_file import whole
+
+_NO_FILE = Kind("empty", re.compile(rb"(?!)"))
+"""A configuration that somebody may have edited is never replaced unasked"""
+_HINT = """\
+#
+# Lines such as `# key: value` show what else can be set, and its default: take the first # away
+# to set it. `haptic-wall config FILE` checks the file and shows what is in force.
+"""
+
+
+def _presets(
+    _context: click.Context, _parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in preset_names() if name.startswith(begun)]
+
+
+@click.command()
+@click.argument("file", type=FileToWrite())
+@click.option(
+    "--from",
+    "preset",
+    default=DEFAULT_PRESET,
+    show_default=True,
+    metavar="PRESET",
+    shell_complete=_presets,
+    help="The preset to start from; `haptic-wall presets` lists them.",
+)
+@force_option
+def command(file: Path, preset: str, force: bool) -> None:
+    """Write a commented configuration to FILE, which every command takes as CONFIG.
+
+    It holds what the preset sets, with the preset's comments, and as comments whatever else can be
+    set: default, unit, range and meaning. A file that is there is kept unless --force is given.
+    """
+    if preset not in preset_names():
+        raise UserError(
+            f"--from: found {preset!r}, wanted a preset; presets are {', '.join(preset_names())}"
+        )
+    take_file("FILE", file, _NO_FILE, force=force)
+    text = commented(preset)
+    with writing("FILE", file), whole(file, _NO_FILE, force=force) as part:
+        part.write_text(text, encoding="utf-8")
+    if file == Path("/dev/stdout"):
+        say(f"the preset {preset}, commented")
+    else:
+        answer(f"{file}: the preset {preset}; `haptic-wall run {file}` runs it")
+
+
+def commented(preset: str) -> str:
+    """A preset's text with what else can be set as comments.
+
+    Args:
+        preset: Its name.
+    """
+    loaded = load_config(preset)
+    kind = loaded.config.servo.kind
+    others: dict[str, list[str]] = {name: [] for name in sections()}
+    for field in fields().values():
+        if field.path not in loaded.origins and kind in field.used_by:
+            section, key = field.path.split(".")
+            default = sections()[section].model_fields[key].get_default(call_default_factory=True)
+            others[section] += _shown(field, key, default)
+    lines = list(_with_others(preset_text(preset).splitlines(), others))
+    for section, unset in others.items():
+        if unset:
+            lines += ["", f"# {section}:", *unset]
+    return "\n".join(lines) + "\n"
+
+
+def _with_others(lines: list[str], others: dict[str, list[str]]) -> Iterator[str]:
+    """The lines of a preset; what else a section has is taken out of ``others`` and follows it."""
+    hinted, inside = False, ""
+    for line in [*lines, ""]:
+        if not hinted and not line.startswith("#"):
+            yield from _HINT.splitlines()
+            hinted = True
+        if inside and not line.startswith(" "):
+            yield from others.pop(inside, [])
+            inside = ""
+        opened = re.match(r"(\w+):", line)
+        if opened:
+            inside = opened[1]
+        yield line
+
+
+def _shown(field: Field, key: str, default: Any) -> list[str]:  # noqa: ANN401 - values are what they are
+    """A field that is not set, as comments."""
+    value = default if isinstance(default, str) else json.dumps(default)
+    unit = f"[{field.unit}] " if field.unit else ""
+    return [f"  # {key}: {value}  # {unit}{field.meaning} ({field.wanted})"]

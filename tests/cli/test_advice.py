@@ -1,0 +1,71 @@
+"""Advice fits the command that is asked, and completion knows what can be set."""
+
+import click
+import pytest
+
+from controller.cli import main as cli
+from controller.settings.fields import fields
+
+
+def said(capsys, *arguments):
+    """Standard error of a command that is refused."""
+    assert cli.main(arguments) == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "advice"),
+    [
+        (["run", "--stiffness", "20"], "give `--set wall.stiffness=20`"),
+        (["run", "--wall.stiffness=20"], "give `--set wall.stiffness=20`"),
+        (["sweep", "simulated", "--rate-hz"], "give `--set loop.rate_hz=VALUE`"),
+        (["run", "--inertia=0.1"], "`--set servo.inertia=0.1` or `--set model.inertia=0.1`"),
+        (["emulate", "--hand", "push"], "give `--set servo.hand=push`"),
+        (["boundary", "--inertai", "1"], "did you mean --inertia?"),
+        (["log", "x", "--stiffness", "20"], "`haptic-wall log --help` lists what there is"),
+        (["emulate", "--stiffness", "20"], "`haptic-wall emulate --help` lists what there is"),
+        (["delay", "--delay-steps", "x"], "wanted whole periods with commas between, such as 0,5"),
+        (["map", "--delay-steps", "0,-1"], "wanted whole periods with commas between"),
+        (["sweep", "simulated", "--delay-steps=0.5"], "wanted whole periods with commas"),
+        (["scan", "--port", "/dev/null"], "no serial port, wanted the adapter's device"),
+        (["run", "--log", "-"], "--log -: found standard output, wanted a file"),
+        (["run", "--no-plot", "--plot", "a.png"], "--no-plot: found with --plot"),
+    ],
+)
+def test_advice_fits_the_command(capsys, tmp_path, monkeypatch, arguments, advice):
+    monkeypatch.chdir(tmp_path)
+    message = said(capsys, *arguments)
+    assert advice in message
+    assert message.startswith("haptic-wall: ")
+    assert "--set" not in message or arguments[0] in ("run", "sweep", "emulate")
+
+
+@pytest.mark.parametrize(("command", "expected"), [("run", set(fields())), ("emulate", None)])
+def test_completion_knows_the_paths_of_set(command, expected):
+    context = click.Context(cli.haptic_wall, info_name="haptic-wall")
+    found = cli.haptic_wall.get_command(context, command)
+    (option,) = [each for each in found.params if each.name == "sets"]
+    every = {item.value.rstrip("=") for item in option.shell_complete(context, "")}
+    assert expected is None or every == expected
+    some = {item.value for item in option.shell_complete(context, "servo.in")}
+    assert some == {"servo.inertia="}
+
+
+def test_completion_knows_the_presets():
+    context = click.Context(cli.haptic_wall, info_name="haptic-wall")
+    (config,) = [
+        p for p in cli.haptic_wall.get_command(context, "run").params if p.name == "config"
+    ]
+    found = config.shell_complete(context, "emulated-p")
+    assert [item.value for item in found if item.type == "plain"] == ["emulated-port"]
+    assert [item.type for item in found if item.type != "plain"] == ["file"]
+
+
+def test_short_version_and_help(capsys):
+    assert cli.main(["-V"]) == 0
+    assert capsys.readouterr().out.startswith("haptic-wall, version ")
+    assert cli.main(["help"]) == 0
+    assert "Commands:" in capsys.readouterr().out
+    assert cli.main(["help", "run"]) == 0
+    assert capsys.readouterr().out.startswith("Usage: haptic-wall run ")
+    assert "did you mean run?" in said(capsys, "help", "rnu")

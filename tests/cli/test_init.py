@@ -1,0 +1,49 @@
+"""``init`` writes a preset with what else can be set, and keeps what is there."""
+
+import re
+
+import pytest
+
+from controller.cli import main as cli
+from controller.cli.init import commented
+from controller.settings.fields import fields
+from controller.settings.load import load_config, preset_names
+
+EMULATED = "emulated-port"
+
+
+@pytest.mark.parametrize("preset", preset_names())
+def test_the_file_is_the_preset(tmp_path, preset):
+    file = tmp_path / "mine.yaml"
+    assert cli.main(["init", str(file), "--from", preset]) == 0
+    assert load_config(str(file)).config == load_config(preset).config
+
+
+@pytest.mark.parametrize("preset", preset_names())
+def test_what_is_commented_out_can_be_set(tmp_path, preset):
+    """With every # taken away all values of this kind of servo are set, to their defaults."""
+    file = tmp_path / "mine.yaml"
+    text = re.sub(r"^# (\w+:)$", r"\1", commented(preset), flags=re.M)
+    file.write_text(re.sub(r"^  # (\w+: )", r"  \1", text, flags=re.M))
+    mine, plain = load_config(str(file)), load_config(preset)
+    assert mine.config == plain.config
+    kind = plain.config.servo.kind
+    assert set(mine.origins) == {f.path for f in fields().values() if kind in f.used_by}
+
+
+def test_a_file_that_is_there_is_kept(tmp_path, capsys):
+    file = tmp_path / "mine.yaml"
+    assert cli.main(["init", str(file)]) == 0
+    held = file.read_text() + "# mine\n"
+    file.write_text(held)
+    assert cli.main(["init", str(file)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert file.read_text() == held
+    assert cli.main(["init", str(file), "--force"]) == 0
+    assert file.read_text() != held
+
+
+def test_an_unknown_preset_is_refused(tmp_path, capsys):
+    assert cli.main(["init", str(tmp_path / "mine.yaml"), "--from", "nosuch"]) == 2
+    assert EMULATED in capsys.readouterr().err
+    assert not (tmp_path / "mine.yaml").exists()

@@ -1,0 +1,67 @@
+"""Where log and picture of a run go, and what is said of a long one."""
+
+import subprocess
+import sys
+
+import pytest
+
+from controller.cli import main as cli
+from controller.cli.run import _length
+from controller.settings.load import load_config
+
+BRIEF = ["--set=loop.clock=simulated", "--duration=0.05"]
+
+
+def run(*arguments):
+    """A brief run; its exit status."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", *BRIEF, *arguments])
+    return ended.value.code
+
+
+@pytest.mark.parametrize(
+    ("log", "picture"), [("a.hwlog", "a.png"), ("a", "a.png"), ("a.b", "a.b.png")]
+)
+def test_the_picture_goes_beside_an_explicit_log(tmp_path, monkeypatch, capsys, log, picture):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("controller.plots.run.plot_log", lambda _rows, path, _why: path.touch())
+    assert run("--log", log) == 0
+    assert {each.name for each in tmp_path.iterdir()} == {log, picture}
+    assert f"picture     {picture}" in capsys.readouterr().out
+
+
+def test_without_a_picture_none_is_drawn_and_none_is_missed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("--log", "a.hwlog", "--no-plot") == 0
+    assert [each.name for each in tmp_path.iterdir()] == ["a.hwlog"]
+    assert "picture" not in capsys.readouterr().out
+
+
+def test_a_foreign_picture_beside_the_log_is_kept(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.png").write_text("mine")
+    assert cli.main(["run", *BRIEF, "--log", "a.hwlog"]) == 2
+    assert "--plot a.png" in capsys.readouterr().err
+    assert (tmp_path / "a.png").read_text() == "mine"
+
+
+def test_a_long_run_says_how_much_it_will_write():
+    config = load_config("simulated").config
+    assert _length(config, 5.0) == "5 s"
+    assert _length(config, 3600.0) == "3600 s; the log will have 580 MB"
+    assert _length(config, None) == "until Ctrl-C; the log grows by 9.6 MB a minute"
+    simulated = load_config("simulated", ["loop.clock=simulated"]).config
+    assert _length(simulated, None).endswith("a simulated minute")
+
+
+def test_a_dash_is_standard_output(tmp_path):
+    """The file is there alone; what else is said goes to standard error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli.main", "init", "-", "--from", "lwr3"],
+        capture_output=True,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert done.stdout.startswith(b"# Axis 3")
+    assert b"lwr3" in done.stderr
+    assert not any(tmp_path.iterdir())

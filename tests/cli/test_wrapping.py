@@ -1,0 +1,29 @@
+"""Lines are as wide as COLUMNS says, and what is there to be copied is not broken."""
+
+import pytest
+
+from controller.cli import wrapping
+
+COMMAND = "`sudo prlimit --rtprio=95 --pid 4711`"
+
+
+@pytest.mark.parametrize("columns", [40, 60, 98, 200])
+def test_lines_are_as_wide_as_columns_says(monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = wrapping.wrapped("word " * 100, "note        ", " " * 12)
+    assert columns - 5 < max(map(len, lines)) <= columns
+    assert lines[0].startswith("note        word")
+    assert all(line.startswith(" " * 12 + "word") for line in lines[1:])
+
+
+@pytest.mark.parametrize("columns", range(40, 80))
+def test_a_command_stays_in_one_line(monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = wrapping.wrapped(f"log in again, or once: {COMMAND}, which lasts until the next boot")
+    assert sum(COMMAND in line for line in lines) == 1
+
+
+def test_nothing_is_lost_and_a_long_word_is_not_broken(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1")
+    text = f"see /a/very/long/path/{'x' * 50}/that-has-hyphens or {COMMAND}"
+    assert " ".join(wrapping.wrapped(text)) == text
