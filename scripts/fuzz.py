@@ -30,8 +30,7 @@ def main() -> None:
         import atheris
     except ImportError:
         sys.exit(
-            "scripts/fuzz: atheris is missing: pip install 'haptic-wall[fuzz]' "
-            "(Linux on x86-64 only)"
+            "scripts/fuzz: atheris is missing: pip install -e '.[fuzz]' (Linux on x86-64 only)"
         )
     sys.path.insert(0, str(ROOT))
     with atheris.instrument_imports(include=["hw.dynamixel.codec", "hw.dynamixel.emulated"]):

@@ -59,11 +59,11 @@ def run(words: Sequence[str], seconds: float, folder: Path) -> Run:
     Raises:
         RuntimeError: It did not start.
     """
+    places = ["--log", folder / "run.hwlog", "--plot", folder / "run.png", "--json"]
+    bus = ["--set", f"servo.port={folder / 'bus'}", "--duration", str(seconds)]
     with emulated_bus("--link", folder / "bus", "--set", "servo.hand=push"):
         done = subprocess.run(
-            [*PROGRAM, "run", *words, "--set", f"servo.port={folder / 'bus'}"]
-            + ["--duration", str(seconds), "--json"]
-            + ["--log", folder / "run.hwlog", "--plot", folder / "run.png"],
+            [*PROGRAM, "run", *words, *bus, *places],
             capture_output=True,
             text=True,
             check=False,

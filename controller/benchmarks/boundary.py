@@ -38,7 +38,7 @@ def measure() -> Section:
     if margins is None:
         notes = (
             "python-control is not installed, so nothing is compared with it: pip install "
-            "'haptic-wall[bench]' adds it",
+            "-e '.[bench]' in the clone adds it",
         )
     else:
         work["control"] = lambda: [margins(compared, i) for i in range(_COMPARED)]

@@ -60,7 +60,7 @@ def measure() -> Section:
     if compiled is None:
         notes.append(
             "rustypot is not installed, so nothing is compared with it: pip install "
-            "'haptic-wall[bench]' adds it, up to Python 3.13"
+            "-e '.[bench]' in the clone adds it, up to Python 3.13"
         )
     rows: list[Row] = []
     drawn: list[Histogram] = []

@@ -129,7 +129,7 @@ def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
     except PackageNotFoundError:
         notes.append(
             "loop-rate-limiters is not installed, so nothing is compared with it: pip install"
-            " 'haptic-wall[bench]' adds it"
+            " -e '.[bench]' in the clone adds it"
         )
     return clients, notes
 

@@ -174,7 +174,7 @@ def _mujoco(notes: list[str]) -> dict[str, Client]:
     except ImportError as error:
         notes.append(
             f"mujoco cannot be used ({error}), so nothing is compared with it: pip install"
-            " 'haptic-wall[bench]' adds it where it has a build"
+            " -e '.[bench]' in the clone adds it where it has a build"
         )
         return {}
 

@@ -25,7 +25,9 @@ def for_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
 
 def _paths(context: click.Context | None, name: str) -> list[str]:
     """The paths that ``--set`` of a command takes and that end in a name, or are it."""
-    sets = [p for p in context.command.params if p.name == "sets"] if context else []
+    if context is None:
+        return []
+    sets = [each for each in context.command.params if each.name == "sets"]
     if not sets:
         return []
     known = [item.value.rstrip("=") for item in sets[0].shell_complete(context, "")]

@@ -48,7 +48,7 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
 @click.command()
 @config_argument(default="simulated")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Where map.csv, map.json and map.png go; default: a folder in ./runs/.")  # fmt: skip
+              help="Where map.csv, map.json, map.png go; default: in ./runs/.")  # fmt: skip
 @click.option(
     "--virtual-damping",
     "dampings",

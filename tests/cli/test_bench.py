@@ -236,7 +236,7 @@ def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(monkeypatch)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     rows, notes = plant_alone.beside_peers()
     assert not [row for row in rows if "mujoco" in row.name]
-    assert any("haptic-wall[bench]" in note for note in notes)
+    assert any("'.[bench]' in the clone" in note for note in notes)
 
 
 def test_both_programs_find_the_same_margins():
@@ -252,7 +252,7 @@ def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(monk
     section = boundary.measure()
     assert [row.unit for row in section.rows] == ["ms", "settings/s"]
     (note,) = section.notes
-    assert "haptic-wall[bench]" in note
+    assert "'.[bench]' in the clone" in note
 
 
 @pytest.mark.realtime
@@ -282,7 +282,7 @@ def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(monkeyp
     monkeypatch.setattr(bus_cycle, "_COUNTS", (1,))
     section = bus_cycle.measure()
     assert not [row for row in section.rows if "rustypot" in row.name]
-    assert any("haptic-wall[bench]" in note for note in section.notes)
+    assert any("'.[bench]' in the clone" in note for note in section.notes)
 
 
 def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted():

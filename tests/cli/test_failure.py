@@ -32,7 +32,7 @@ def failed(capsys, *arguments):
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),
         (["log"], "LOG", "lists what there is", 2),
         (["log", "nowhere"], "LOG", "wanted a log of run", 2),
-        (["paper"], "--out", "lists what there is", 2),
+        (["boundary"], "--delay", "lists what there is", 2),
         (["boundary", "--delay=1:x"], "--delay", "wanted a number, or a range LOW:HIGH", 2),
         (["scan", "--port="], "--port", "wanted a serial device such as /dev/ttyUSB0", 2),
         (["presets", "--nosuch"], "--nosuch", "lists what there is", 2),

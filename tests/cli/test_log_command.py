@@ -265,7 +265,7 @@ def test_mcap_without_its_library_names_the_extra(log, tmp_path, monkeypatch):
         return load(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(UserError, match=r"pip install 'haptic-wall\[mcap\]'"):
+    with pytest.raises(UserError, match=r"pip install -e '\.\[mcap\]'"):
         answer(log, "--mcap", tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == [log]
 

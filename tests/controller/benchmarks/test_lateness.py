@@ -92,7 +92,7 @@ def test_whoever_is_missing_is_named_and_the_rest_is_measured(monkeypatch):
     assert not [name for name in names if "cyclictest" in name or "loop-rate" in name]
     assert "time.sleep(period), rate delivered of 1000 Hz asked" in names
     assert any("install rt-tests" in note for note in section.notes)
-    assert any("haptic-wall[bench]" in note for note in section.notes)
+    assert any("'.[bench]' in the clone" in note for note in section.notes)
 
 
 @pytest.mark.usefixtures("stubs")
