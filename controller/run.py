@@ -87,6 +87,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "ticks": ended.ticks,
         "missed": ended.missed,
         "rows": rows,
+        "servo": (ended.result or {}).get("facts"),
     }
     try:
         append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")

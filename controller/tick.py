@@ -17,6 +17,7 @@ from controller.safety import Safety, Trip
 from controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
+    FLAG_RAISED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
     Telemetry,
@@ -220,6 +221,10 @@ class Tick:
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
             may_raise = not contact or not on or self._may_rise()
+            if words[_RAISE] != self._raises:
+                self._raises = words[_RAISE]
+                flags |= FLAG_RAISED
+                watch.raise_again()
             self._follow_guard(age_ns, interval_ns, may_raise)
         parts.telemetry.write(
             deadline_ns,
@@ -358,9 +363,6 @@ class Tick:
         """Count age and interval; move the commanded stiffness and damping together if need be."""
         parts = self._parts
         wall = parts.wall
-        if self._words[_RAISE] != self._raises:
-            self._raises = self._words[_RAISE]
-            parts.watch.raise_again()
         changed = parts.schedule.observe(age_ns, interval_ns, may_raise)
         if changed and not self.warm_up:
             self._take_delay()

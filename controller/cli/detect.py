@@ -55,7 +55,9 @@ def command(
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
     from controller.log.detected import detect_all
+    from controller.log.reader import SUFFIX
     from controller.log.recordings import read_recordings
+    from controller.log.replayed import replayed
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
@@ -69,7 +71,11 @@ def command(
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, PICTURE, force=force)
     try:
-        detected = detect_all(read_recordings(log), given)
+        detected = None
+        if log.suffix == SUFFIX:
+            detected = replayed(log, given)
+        if detected is None:
+            detected = detect_all(read_recordings(log), given)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"

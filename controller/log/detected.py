@@ -94,20 +94,35 @@ def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, 
     new = np.flatnonzero(part.times >= recording.since_s)
     if new.size == 0:
         return
-    part, record = _taken(part, record, new)
-    detected.samples += new.size
-    goes_on = part.times[0] == recording.since_s
+    goes_on = bool(part.times[new[0]] == recording.since_s)
+    add(detected, *_taken(part, record, new), goes_on=goes_on, of=recording.of)
+
+
+def add(
+    detected: Detected, part: Part, record: DetectionRecord, *, goes_on: bool, of: int = 1
+) -> None:
+    """Add what was seen in a part.
+
+    Args:
+        detected: What was seen before.
+        part: The motion.
+        record: What was seen in it.
+        goes_on: It follows the part before without a gap.
+        of: How many parts there are at least.
+    """
+    detected.samples += part.times.size
     detected.parts += int(not goes_on)
     at = record.worst_at
     if (record.worst, record.amplitude[at]) > (detected.state, detected.amplitude):
         detected.state = record.worst
-        detected.frequency_hz = float(record.frequency_hz[at])
-        detected.amplitude = float(record.amplitude[at])
-        detected.growth = float(record.growth[at])
+        quiet = record.worst == State.QUIET
+        detected.amplitude = 0.0 if quiet else float(record.amplitude[at])
+        detected.frequency_hz = math.nan if quiet else float(record.frequency_hz[at])
+        detected.growth = math.nan if quiet else float(record.growth[at])
     if math.isnan(detected.first_alarm_s):
         detected.first_alarm_s = record.first_alarm_s
     if part.times.size > _WHOLE:
-        part, record = _taken(part, record, _telling(part, record, SLICES // recording.of + 1))
+        part, record = _taken(part, record, _telling(part, record, SLICES // of + 1))
     if goes_on and detected.drawn:
         part, record = _joined(detected.drawn.pop(), (part, record))
     detected.drawn.append((part, record))
