@@ -22,15 +22,15 @@ class WatchFacts(Protocol):
 
     @property
     def torque_limit(self) -> float:
-        """Largest torque it accepts [N·m]"""
+        """Largest torque it accepts [N·m]."""
 
     @property
     def stall_torque(self) -> float:
-        """The most it can make [N·m]; infinite: not known"""
+        """The most it can make [N·m]; infinite: not known."""
 
     @property
     def position_step(self) -> float:
-        """One count of the encoder [rad]; 0: the position is not quantised"""
+        """One count of the encoder [rad]; 0: the position is not quantised."""
 
 
 def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:

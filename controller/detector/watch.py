@@ -64,8 +64,8 @@ class Watch:
         frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
             NaN: none was seen.
         amplitude: Of it [rad].
-        first_alarm_s: Of the sample that raised the first alarm, from the first with the wall on [s];
-            NaN: none has.
+        first_alarm_s: When the sample came that raised the first alarm, from the first with the
+            wall on [s]; NaN: none has.
         current: What the motion does now.
         acted: Mean torque that acted between the last two samples [N·m].
         commanded: The same by what was commanded, where ``acted`` was measured [N·m].

@@ -120,6 +120,7 @@ def _replay(
             "coulomb": detector.coulomb,
             "lag": settings.lag + settings.inserted,
         },
+        wall={"stiffness": math.nan, "virtual_damping": math.nan, "wall_position": surface},
         position_step=facts.position_step,
     )
     return Replay(watch, law, config.period_ns, before_age_s), detected
@@ -133,6 +134,8 @@ def _seen(
     first, others = rows
     origin_ns = int(first["deadline_ns"][0])
     failed = 0
+    detected.wall["stiffness"] = float(first["stiffness"][0])
+    detected.wall["virtual_damping"] = float(first["damping"][0])
     block: NDArray[np.void] | None = first
     ages: list[float] = []
     while block is not None:
