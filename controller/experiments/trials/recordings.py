@@ -53,8 +53,8 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
         reached = np.maximum.accumulate(np.abs(trace.position))
         if reached[-1] < 2.0 * drawn.kick[i]:
             continue  # saturated, or too slow to tell
-        positions = trace.counts * COUNT
-        times = np.arange(positions.size) * PERIOD
+        positions = np.asarray(trace.counts * COUNT, dtype=np.float64)
+        times = np.asarray(np.arange(positions.size) * PERIOD, dtype=np.float64)
         m, b, c, delay = drawn.belief[i].tolist()
         settings = DetectorSettings(
             PERIOD,
