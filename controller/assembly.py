@@ -10,9 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from controller.delay import DelayRing
-from controller.detector.backstop import BackstopSettings, sizes
-from controller.detector.oscillation import DetectorSettings
-from controller.detector.watch import Answer, Watch, WatchSettings
+from controller.detector.watch import Watch
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from controller.guard.guard import Decision, GuardSettings, Situation, decide
 from controller.guard.plants import Plants, is_heavy
@@ -36,7 +34,8 @@ from controller.telemetry import Telemetry
 from controller.theory import peak
 from controller.tick import Tick, TickParts
 from controller.velocity import velocity_estimator
-from controller.wall import SIGNS, Law, Wall
+from controller.wall import Law, Wall
+from controller.watch_settings import watch_settings
 from hw.clock import Clock
 from hw.servo import Servo
 
@@ -44,10 +43,6 @@ COARSE = 6
 """Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
 RAMP_S = 0.05
 """How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
-UNPROBED = 12
-"""Regular half-cycles after which an oscillation is told where the wall must not be probed [1]"""
-LIGHTER, HEAVIER = 0.8, 1.6
-"""Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
 MEANT_KICK = 0.25 * math.tau
 """Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
 SLOWEST = 0.05
@@ -129,61 +124,6 @@ def situation_of(config: Config, servo: Servo) -> Situation:
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
         slow_replies=servo.facts.reply_s > 0.0,
-    )
-
-
-def _watch(config: Config, servo: Servo, law: Law) -> Watch:
-    """What notices an oscillation. A program is only watched; without a guard an alarm trips."""
-    belief = config.belief()
-    gain = belief.torque_gain.value  # torques are counted as they are commanded
-    answer: Answer = config.safety.on_oscillation
-    if config.guard.mode == "off":
-        answer = "trip"
-    return Watch(
-        WatchSettings(
-            detector=DetectorSettings(
-                period=config.period_ns * 1e-9,
-                inertia=belief.inertia.value / gain,
-                damping=belief.damping.value / gain,
-                coulomb=belief.coulomb.value / gain,
-                position_step=servo.facts.position_step,
-                torque_limit=min(servo.facts.torque_limit, law.clip),
-            ),
-            answer=answer if law.guarded else "report",
-            lag=belief.delay.value,
-            inserted=config.delay.steps * config.period_ns * 1e-9,
-            patient=law.guarded and config.wall.passivity_control,
-            side=SIGNS[config.wall.side],
-            backstop=_backstop(config, servo, law.clip, bounces=False) if law.guarded else None,
-            bounces=_backstop(config, servo, law.clip, bounces=True),
-            damping_high=belief.damping.high / belief.torque_gain.low,
-            heavy=belief.inertia.high / belief.torque_gain.low,
-        )
-    )
-
-
-def _backstop(
-    config: Config, servo: Servo, clip: float, *, bounces: bool
-) -> BackstopSettings | None:
-    """When the wall is probed for motion of its own; ``bounces``: by its contacts."""
-    if bounces and config.wall.side == "both":
-        return None
-    belief, facts = config.belief(), servo.facts
-    step = facts.position_step
-    threshold, small = sizes(step)
-    return BackstopSettings(
-        period=config.period_ns * 1e-9,
-        position_step=step,
-        threshold=threshold,
-        small=small,
-        light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
-        heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
-        heaviest=belief.inertia.high / belief.torque_gain.low,
-        rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
-        torque_limit=min(facts.torque_limit, clip),
-        acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
-        bounces=bounces,
-        unprobed=UNPROBED,
     )
 
 
@@ -291,7 +231,7 @@ def tick_parts(
         driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         missed=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
-        watch=_watch(config, servo, law),
+        watch=Watch(watch_settings(config, servo.facts, law)),
         passivity=(
             PassivityControl(period, SLOWEST)
             if law.guarded and config.wall.passivity_control

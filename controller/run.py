@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
 from types import FrameType
 
 from controller.errors import PlatformError
@@ -16,8 +17,11 @@ from controller.tree.recorder import rows_lacking
 from controller.tree.supervisor import Supervisor
 from controller.tree.teller import Teller
 
+Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
+"""Shows a run while it goes on, and gives what tells a person something meanwhile"""
 
-def run(plan: Plan, tell: Tell) -> Ended:
+
+def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
     """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
 
     In real time Ctrl-Z does the same; a SIGHUP that nohup has had ignored stays ignored.
@@ -26,6 +30,7 @@ def run(plan: Plan, tell: Tell) -> Ended:
     Args:
         plan: What to run.
         tell: Called with what a person should know meanwhile.
+        shown: Shows the run in real time; None: nothing does.
 
     Raises:
         ServoError: The servo could not be started.
@@ -39,7 +44,10 @@ def run(plan: Plan, tell: Tell) -> Ended:
             "ulimit -f and ulimit -v"
         ) from error
     with closing(memory) as telemetry:
-        return _run(plan, tell, telemetry)
+        if shown is None or plan.config.loop.clock == "simulated":
+            return _run(plan, tell, telemetry)
+        with shown(telemetry, tell) as told:
+            return _run(plan, told, telemetry)
 
 
 def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
@@ -87,6 +95,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "ticks": ended.ticks,
         "missed": ended.missed,
         "rows": rows,
+        "servo": (ended.result or {}).get("facts"),
     }
     try:
         append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")

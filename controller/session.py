@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -75,6 +76,8 @@ class Result:
     checks: list[Check] = field(default_factory=list)
     setup: list[Found] = field(default_factory=list)
     """The machine's, where the loop has a process of its own"""
+    facts: dict[str, float | None] = field(default_factory=dict)
+    """Of the servo, which the watch counts with; None: not known"""
     wall_came_on: bool = False
     waited_for: str = ""
     """What a wall that never came on waited for; empty: it came on, or did not get so far"""
@@ -178,6 +181,7 @@ def run_session(
         timing=None,
         torque_off=torque_off,
         checks=checks,
+        facts=_facts(servo),
         wall_came_on=tick.came_on,
         waited_for=waiting.lacking(),
     )
@@ -208,6 +212,15 @@ def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
     torque_off = servo.stop()
     words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
     return torque_off
+
+
+def _facts(servo: Servo) -> dict[str, float | None]:
+    facts = servo.facts
+    return {
+        "counts_per_rev": facts.counts_per_rev,
+        "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
+        "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
+    }
 
 
 def _with_defect(result: Result, error: Exception) -> Result:

@@ -55,6 +55,8 @@ FLAG_WARM_UP = 4
 """The wall is not on yet: torque is zero while the delay is measured."""
 FLAG_OFF = 8
 """The wall is off in the middle of a run: the dead man was let go, or the spring is loaded."""
+FLAG_RAISED = 16
+"""It was asked to go back to the full wall."""
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
 _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size

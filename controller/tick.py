@@ -17,6 +17,7 @@ from controller.safety import Safety, Trip
 from controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
+    FLAG_RAISED,
     FLAG_SATURATED,
     FLAG_WARM_UP,
     Telemetry,
@@ -224,7 +225,7 @@ class Tick:
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
             may_raise = not contact or not on or self._may_rise()
-            self._follow_guard(age_ns, interval_ns, may_raise)
+            flags |= self._follow_guard(age_ns, interval_ns, may_raise)
         parts.telemetry.write(
             deadline_ns,
             woke_ns - deadline_ns,
@@ -358,12 +359,18 @@ class Tick:
         if parts.missed.count(deadline_ns, missed) and parts.trips_on_missed:
             self.trip = Trip.MISSED_PERIODS
 
-    def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> None:
-        """Count age and interval; move the commanded stiffness and damping together if need be."""
+    def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> int:
+        """Count age and interval; move the commanded stiffness and damping together if need be.
+
+        Returns:
+            ``FLAG_RAISED`` where it was asked to go back to the full wall; else 0.
+        """
         parts = self._parts
         wall = parts.wall
+        asked = 0
         if self._words[_RAISE] != self._raises:
             self._raises = self._words[_RAISE]
+            asked = FLAG_RAISED
             parts.watch.raise_again()
         changed = parts.schedule.observe(age_ns, interval_ns, may_raise)
         if changed and not self.warm_up:
@@ -383,6 +390,7 @@ class Tick:
             else:
                 wall.stiffness = self._target
                 wall.damping = self._target_damping
+        return asked
 
     def _begin_ramp(self, may_raise: bool) -> None:
         """Set out for what is allowed from now on."""

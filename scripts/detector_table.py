@@ -29,6 +29,7 @@ from controller.experiments.trials.beyond_limit import LIMIT
 from controller.experiments.trials.bouncing import BOUNCES
 from controller.experiments.trials.hand_hours import HOURS
 from controller.experiments.trials.own_walls import WALLS
+from controller.experiments.trials.recordings import RECORDINGS
 from controller.experiments.trials.sections import measured
 from controller.experiments.trials.small_cycles import BACKLASH_CYCLES
 from scripts.page_sections import add_options, amount_of, command_of, write
@@ -46,7 +47,7 @@ QUICK = 5
 
 BELIEF = "belief"
 """The part of the page on the detector that uses the believed servo"""
-SECTIONS = {one.name: one for one in (WALLS, HOURS, LIMIT, BOUNCES, BACKLASH_CYCLES)}
+SECTIONS = {one.name: one for one in (WALLS, HOURS, LIMIT, BOUNCES, BACKLASH_CYCLES, RECORDINGS)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -23,7 +23,7 @@ from controller.file_kinds import PICTURE
 from controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.log.detected import Detected
+    from controller.log.detected import Detected, GivenWall
 
 _NUMBER = click.FLOAT
 _LIGHTEST, _MOST = 1e-12, 1e6
@@ -38,6 +38,11 @@ _LIGHTEST, _MOST = 1e-12, 1e6
 @click.option(
     "--delay", type=_NUMBER, metavar="S", help="From a sample to its torque's action [s]."
 )
+@click.option(
+    "--stiffness", type=_NUMBER, metavar="K", help="Of the wall that was rendered [N·m/rad]."
+)
+@click.option("--virtual-damping", type=_NUMBER, metavar="B", help="Likewise [N·m·s/rad].")
+@click.option("--wall-position", type=_NUMBER, metavar="X", help="Where the wall stands [rad].")
 @click.option("--plot", type=FileToWrite(), help="Draw what was seen there as PNG.")
 @force_option
 @json_option
@@ -47,6 +52,9 @@ def command(
     damping: float | None,
     coulomb: float | None,
     delay: float | None,
+    stiffness: float | None,
+    virtual_damping: float | None,
+    wall_position: float | None,
     plot: Path | None,
     force: bool,
     as_json_wanted: bool,
@@ -55,10 +63,13 @@ def command(
 
     A CSV needs the columns time_s and position_rad; torque_nm, the torque commanded at that sample,
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
-    comes from a log's own configuration; for a CSV, and in place of that, give the options.
+    comes from a log's own configuration; for a CSV, and in place of that, give the options. The
+    wall of a CSV that is not given is estimated from torque against position.
     """
-    from controller.log.detected import detect_all
+    from controller.log.detected import NO_WALL, detect_all
+    from controller.log.reader import is_log
     from controller.log.recordings import MOST_LAG_S, read_recordings
+    from controller.log.replayed import replayed
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
@@ -68,12 +79,17 @@ def command(
             option = "delay" if name == "lag" else name
             wanted = "above 0" if name == "inertia" else "from 0 up"
             raise UserError(f"--{option}: found {value:g}, wanted a number {wanted} to {most:g}")
+    wall = _given_wall(stiffness, virtual_damping, wall_position)
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, PICTURE, force=force)
     try:
-        detected = detect_all(read_recordings(log), given)
+        detected = None
+        if wall == NO_WALL and is_log(log):
+            detected = replayed(log, given)
+        if detected is None:
+            detected = detect_all(read_recordings(log), given, wall)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"
@@ -88,6 +104,19 @@ def command(
             plot_detection(parts, found, part)
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))
+
+
+def _given_wall(
+    stiffness: float | None, virtual_damping: float | None, position: float | None
+) -> GivenWall:
+    from controller.log.detected import GivenWall
+
+    if stiffness is not None and not 0.0 < stiffness < math.inf:
+        raise UserError(f"--stiffness: found {stiffness:g}, wanted a number above 0")
+    for name, value in (("virtual-damping", virtual_damping), ("wall-position", position)):
+        if value is not None and not math.isfinite(value):
+            raise UserError(f"--{name}: found {value:g}, wanted a finite number")
+    return GivenWall(stiffness, virtual_damping, position)
 
 
 def _report(detected: Detected, plot: Path | None) -> dict[str, Any]:
@@ -108,6 +137,7 @@ def _report(detected: Detected, plot: Path | None) -> dict[str, Any]:
             "coulomb": known["coulomb"],
             "delay": known["lag"],
             "position_step": detected.position_step,
+            **detected.wall,
         },
         "notes": detected.notes,
         "plot": plot,

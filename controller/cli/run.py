@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,9 +91,11 @@ def command(
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
     On hardware it runs until Ctrl-C; simulated and emulated for 5 s unless --duration says
-    otherwise; --duration inf: until Ctrl-C. Whatever ends it, the torque is off when it ends.
+    otherwise; --duration inf: until Ctrl-C. Whatever ends it, the torque is off when it ends. In a
+    terminal one line shows it while it goes on; space or q ends it, torque off.
     """
     from controller import report as reports
+    from controller.cli.live_line import is_wanted, live_line
     from controller.run import run
     from controller.tree.plan import Plan
 
@@ -124,7 +127,10 @@ def command(
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")
-    ended = run(plan, say)
+    shown = None
+    if is_wanted(json=as_json_wanted):
+        shown = partial(live_line, effective)
+    ended = run(plan, say, shown)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
         if ended.logged and plot is not None:

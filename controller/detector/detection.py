@@ -56,6 +56,8 @@ class KnownWall:
     """Where it stands [rad]"""
     side: int = 0
     """0: two-sided; +1 or -1: it fills the positions above or below, and never pulls"""
+    inserted: float = 0.0
+    """From a sample to the torque that was computed from it being commanded [s]"""
 
 
 def detect(
@@ -160,7 +162,7 @@ def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
 def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detector:
     detector = Detector(settings)
     balance = detector.balance
-    balance.surface, balance.side, balance.lag = wall.surface, wall.side, lag
+    balance.surface, balance.side, balance.lag = wall.surface, wall.side, lag + wall.inserted
     balance.virtual_damping = wall.virtual_damping
     return detector
 

@@ -64,7 +64,8 @@ class Watch:
         frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
             NaN: none was seen.
         amplitude: Of it [rad].
-        first_alarm_s: When the first alarm came, from when the wall went on [s]; NaN: none has.
+        first_alarm_s: When the sample came that raised the first alarm, from the first with the
+            wall on [s]; NaN: none has.
         current: What the motion does now.
         acted: Mean torque that acted between the last two samples [N·m].
         commanded: The same by what was commanded, where ``acted`` was measured [N·m].
@@ -181,7 +182,7 @@ class Watch:
         self._follow(position, law.position, periods)
         if detector.alarm:
             if isnan(self.first_alarm_s):
-                self.first_alarm_s = self._ticks * self._period
+                self.first_alarm_s = (self._ticks - 1) * self._period
             if not self._settings.patient or self._outgrown(position - law.position):
                 self._answer()
         else:
@@ -197,7 +198,7 @@ class Watch:
             self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
             self._note(self.current, own.amplitude, own.frequency_hz)
             if own.alarm and isnan(self.first_alarm_s):
-                self.first_alarm_s = self._ticks * self._period
+                self.first_alarm_s = (self._ticks - 1) * self._period
         if own.failed or (own.alarm and self._settings.answer == "trip"):
             self.failed = True
         side = self._settings.side
@@ -252,6 +253,15 @@ class Watch:
     @property
     def _acts(self) -> bool:
         return self._settings.answer != "report"
+
+    @property
+    def seen(self) -> tuple[float, float, float, bool]:
+        """Frequency [Hz], amplitude [rad] and growth [1/s] of the motion now, and an alarm."""
+        detector, own = self._detector, self.own
+        if own is not None and (own.alarm or own.steady) and detector.state < State.SUSTAINED:
+            return own.frequency_hz, own.amplitude, math.nan, own.alarm or detector.alarm
+        alarm = detector.alarm or (own is not None and own.alarm)
+        return detector.frequency_hz, detector.amplitude, detector.growth, alarm
 
     @property
     def scale(self) -> float:

@@ -90,7 +90,9 @@ class SustainedTrial:
 
 
 @dataclass(frozen=True, slots=True)
-class _Drawn:
+class Drawn:
+    """Walls at their limit or above, and what goes with them."""
+
     walls: Walls
     """Their stiffness is the limit"""
     who: IntArray
@@ -134,7 +136,7 @@ def _draw(count: int, random: np.random.Generator) -> tuple[Walls, IntArray]:
 
 def _at_limit(
     walls: Walls, who: IntArray, kick: FloatArray, tolerance: float, random: np.random.Generator
-) -> _Drawn:
+) -> Drawn:
     """Those whose limit for the kick is known, and leaves the encoder's steps their bound."""
     limit = onset(walls, kick, tolerance)
     step = (limit + walls.virtual_damping / PERIOD) * COUNT
@@ -147,7 +149,7 @@ def _at_limit(
     shape = (large.size, 4)
     corner = random.choice([-WRONG, WRONG], shape)
     wrong = np.where(random.random(shape) < 0.5, corner, random.uniform(-WRONG, WRONG, shape))
-    return _Drawn(some.take(large), who[index][large], start[large], 1.0 + wrong)
+    return Drawn(some.take(large), who[index][large], start[large], 1.0 + wrong)
 
 
 def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTrial]:
@@ -266,3 +268,13 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
             )
         )
     return trials
+
+
+def above_limit(count: int, shares: tuple[float, float], random: np.random.Generator) -> Drawn:
+    """Walls without damping, stiffer by a share in this range than is stable for their kick."""
+    walls, who = _draw(count, random)
+    walls = replace(walls, virtual_damping=np.zeros(count))
+    kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
+    drawn = _at_limit(walls, who, kick, _KICK_TOLERANCE, random)
+    share = random.uniform(*shares, drawn.walls.size)
+    return replace(drawn, walls=replace(drawn.walls, stiffness=drawn.walls.stiffness * share))

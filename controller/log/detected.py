@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from controller.detector.detection import DetectionRecord, KnownWall, detect
 from controller.detector.oscillation import DetectorSettings, State
+from controller.detector.wall_fit import fitted_wall
 from controller.log.recording import Part, Recording
 
 SLICES = 2500
@@ -30,6 +31,9 @@ class Detected:
     """[s]"""
     known: dict[str, float] = field(default_factory=dict)
     """What was taken to be known of the servo, from the first recording"""
+    wall: dict[str, float] = field(default_factory=dict)
+    """What was taken to be known of the wall, from the first part: ``stiffness``,
+    ``virtual_damping``, ``wall_position``"""
     position_step: float = math.nan
     """[rad]"""
     state: State = State.QUIET
@@ -48,13 +52,31 @@ class Detected:
     """What a picture is drawn from, of so many stretches"""
 
 
-def detect_all(recordings: Iterable[Recording], given: Mapping[str, float | None]) -> Detected:
+@dataclass(frozen=True, slots=True)
+class GivenWall:
+    """What somebody says of the wall that was rendered; None: nothing."""
+
+    stiffness: float | None = None
+    """K [N·m/rad]"""
+    virtual_damping: float | None = None
+    """B [N·m·s/rad]"""
+    surface: float | None = None
+    """Where it stands [rad]"""
+
+
+NO_WALL = GivenWall()
+
+
+def detect_all(
+    recordings: Iterable[Recording], given: Mapping[str, float | None], wall: GivenWall = NO_WALL
+) -> Detected:
     """Run the detector over recordings.
 
     Args:
         recordings: Of one motion.
         given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of what they know; None:
             as they know it.
+        wall: In place of what they know of the wall, or of what torque against position tells.
     """
     detected = Detected()
     more = 0
@@ -72,7 +94,7 @@ def detect_all(recordings: Iterable[Recording], given: Mapping[str, float | None
         detected.notes += new[:room]
         more += len(new[room:])
         for part in recording.parts:
-            _see(detected, recording, part, known)
+            _see(detected, recording, part, known, wall)
     if detected.parts > _DRAWN:
         detected.notes.append(f"a picture shows the first {_DRAWN} stretches")
     if more:
@@ -80,7 +102,13 @@ def detect_all(recordings: Iterable[Recording], given: Mapping[str, float | None
     return detected
 
 
-def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, float]) -> None:
+def _see(
+    detected: Detected,
+    recording: Recording,
+    part: Part,
+    known: dict[str, float],
+    given: GivenWall,
+) -> None:
     settings = DetectorSettings(
         period=recording.period,
         inertia=known["inertia"],
@@ -88,30 +116,73 @@ def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, 
         coulomb=known["coulomb"],
         position_step=recording.known.position_step,
     )
-    wall = KnownWall(
-        math.nan if part.stiffness is None else part.stiffness,
-        recording.known.virtual_damping,
-        recording.known.surface,
-        recording.known.side,
-    )
+    wall = _wall(detected, recording, part, given)
     record = detect(part.times, part.positions, part.torques, settings, lag=known["lag"], wall=wall)
     new = np.flatnonzero(part.times >= recording.since_s)
     if new.size == 0:
         return
-    part, record = _taken(part, record, new)
-    detected.samples += new.size
-    goes_on = part.times[0] == recording.since_s
+    goes_on = bool(part.times[new[0]] == recording.since_s)
+    add(detected, *_taken(part, record, new), goes_on=goes_on, of=recording.of)
+
+
+def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall) -> KnownWall:
+    """The wall as it is given, as the recording knows it, or as it can be estimated."""
+    knows = recording.known
+    if part.stiffness is not None:
+        wall = KnownWall(part.stiffness, knows.virtual_damping, knows.surface, knows.side)
+    else:
+        found = None
+        if part.torques is not None and None in (given.stiffness, given.surface):
+            found = fitted_wall(part.positions, part.torques, recording.period)
+        wall = found or KnownWall()
+        if found is not None and not detected.wall:
+            detected.notes.append(_estimated(found))
+    told = {name: getattr(given, name) for name in ("stiffness", "virtual_damping", "surface")}
+    wall = replace(wall, **{name: value for name, value in told.items() if value is not None})
+    if not detected.wall:
+        detected.wall = {
+            "stiffness": float(np.asarray(wall.stiffness).flat[0]),
+            "virtual_damping": wall.virtual_damping,
+            "wall_position": wall.surface,
+        }
+    return wall
+
+
+def _estimated(wall: KnownWall) -> str:
+    sides = {0: "two-sided", 1: "above its position", -1: "below its position"}
+    late = f", {1e3 * wall.inserted:.4g} ms before its torque" if wall.inserted else ""
+    return (
+        f"torque against position is a wall's, {sides[wall.side]}:"
+        f" {float(np.asarray(wall.stiffness)):.4g} N·m/rad,"
+        f" {wall.virtual_damping:.3g} N·m·s/rad, at {wall.surface:.4g} rad{late}"
+    )
+
+
+def add(
+    detected: Detected, part: Part, record: DetectionRecord, *, goes_on: bool, of: int = 1
+) -> None:
+    """Add what was seen in a part.
+
+    Args:
+        detected: What was seen before.
+        part: The motion.
+        record: What was seen in it.
+        goes_on: It follows the part before without a gap.
+        of: How many parts there are at least.
+    """
+    detected.samples += part.times.size
     detected.parts += int(not goes_on)
     at = record.worst_at
     if (record.worst, record.amplitude[at]) > (detected.state, detected.amplitude):
         detected.state = record.worst
-        detected.frequency_hz = float(record.frequency_hz[at])
-        detected.amplitude = float(record.amplitude[at])
-        detected.growth = float(record.growth[at])
+        quiet = record.worst == State.QUIET
+        detected.amplitude = 0.0 if quiet else float(record.amplitude[at])
+        detected.frequency_hz = math.nan if quiet else float(record.frequency_hz[at])
+        detected.growth = math.nan if quiet else float(record.growth[at])
     if math.isnan(detected.first_alarm_s):
         detected.first_alarm_s = record.first_alarm_s
     if part.times.size > _WHOLE:
-        part, record = _taken(part, record, _telling(part, record, SLICES // recording.of + 1))
+        part, record = _taken(part, record, _telling(part, record, SLICES // of + 1))
     if goes_on and detected.drawn and detected.parts <= _DRAWN:
         part, record = _joined(detected.drawn.pop(), (part, record))
     if len(detected.drawn) < _DRAWN:

@@ -76,6 +76,30 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
     assert seen["first_alarm_s"] is None
 
 
+def test_the_wall_of_a_csv_is_given_or_estimated(log, tmp_path):
+    csv = tmp_path / "a.csv"
+    assert main(["log", str(log), "--csv", str(csv)]) == 0
+    servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
+    estimated = found(csv, *servo)
+    assert estimated["known"]["stiffness"] == pytest.approx(3.743, rel=0.01)
+    assert estimated["known"]["virtual_damping"] == pytest.approx(0.0, abs=1e-3)
+    assert any("torque against position is a wall's" in note for note in estimated["notes"])
+    given = found(csv, *servo, "--stiffness", 3.743, "--virtual-damping", 0, "--wall-position", 0)
+    assert given["first_alarm_s"] == pytest.approx(estimated["first_alarm_s"], abs=0.02)
+    assert not given["notes"]
+
+
+def test_a_constant_sine_does_not_grow(tmp_path):
+    times = np.arange(0.0, 8.0, 1e-3)
+    path = tmp_path / "sine.csv"
+    for hertz, state in ((3.0, "sustained"), (1.0, "quiet")):
+        rows = np.column_stack([times, 0.1 * np.sin(math.tau * hertz * times)])
+        np.savetxt(path, rows, delimiter=",", header="time_s,position_rad", comments="")
+        seen = found(path)
+        assert seen["state"] == state
+        assert seen["growth_per_s"] is None or abs(seen["growth_per_s"]) < 0.01
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -83,6 +107,8 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
         (["{}", "--inertia", "0"], "--inertia: found 0, wanted a number above 0"),
         (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0 up"),
         (["{}", "--coulomb", "nan"], "--coulomb: found nan"),
+        (["{}", "--stiffness", "0"], "--stiffness: found 0, wanted a number above 0"),
+        (["{}", "--wall-position", "inf"], "--wall-position: found inf, wanted a finite number"),
         (["{}", "--plot", "a.pdf"], "wanted one ending in .png"),
     ],
 )

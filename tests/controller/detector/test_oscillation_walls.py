@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.detector.oscillation import State
+from controller.detector.detection import detect
+from controller.detector.oscillation import DetectorSettings, State
+from controller.detector.wall_fit import fitted_wall
 from controller.experiments.detector_trials import kick_trials
 from controller.experiments.hands import HANDS, draw_hands, goes_on, handled
 from controller.experiments.listening import COUNT, listen
@@ -140,6 +142,24 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share):
     # With every value believed a fifth wrong one in fifteen may be a little late.
     assert sorted(reached)[-2] < 2.0
     assert max(reached) < 2.1
+
+
+@pytest.mark.parametrize("share", [1.3, 2.2])
+def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share):
+    """B = 0; the file tells positions and torques, the servo is believed a fifth wrong."""
+    walls = some_walls(share)
+    walls = walls.take(np.flatnonzero(walls.virtual_damping == 0.0))
+    kick = np.full(walls.size, 30 * COUNT)
+    for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
+        m, b, _, delay = wrong_beliefs(walls.size)[i].tolist()
+        settings = DetectorSettings(T, m * M, b * B_SERVO, 0.0)
+        positions = trace.counts * COUNT
+        wall = fitted_wall(positions, trace.torque, T)
+        lag = float(walls.whole[i]) * T * delay
+        times = np.arange(positions.size) * T
+        found = detect(times, positions, trace.torque, settings, lag=lag, wall=wall)
+        alarm = round(found.first_alarm_s / T)
+        assert np.abs(trace.position[: alarm + 1]).max() < 2.0 * kick[i]
 
 
 def test_motion_that_dies_is_no_alarm():

@@ -1,0 +1,242 @@
+"""The line of a terminal that shows a run while it goes on, and the keys that end it."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from controller.detector.oscillation import State
+from controller.settings.config import Config
+from controller.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    Telemetry,
+    Word,
+)
+from controller.wall import SIGNS
+from hw.servo import Outcome
+
+EVERY_S: Final = 0.1
+BAR: Final = 11
+"""Characters of the bar, one of them its middle"""
+ENDING_KEYS: Final = b" q"
+_CLEAR: Final = "\r\x1b[K"
+_RED, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[0m"
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What the line shows."""
+
+    state: str
+    wrong: int
+    """0: all is well; 1: something is limited; 2: something is wrong"""
+    position: float
+    """[rad]"""
+    depth: float
+    """In the wall [rad]; from it, where the wall is two-sided"""
+    torque: float
+    """[N·m]"""
+    largest: float
+    """Largest torque until now [N·m]"""
+    stiffness: float
+    """[N·m/rad]"""
+    lost: int
+    age_ms: float
+
+
+def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
+    """The line, no wider than ``columns`` - 1."""
+    text = (
+        f"{shown.state:9} {bar_of(shown.torque, shown.largest)} {shown.torque:+7.3f} N·m"
+        f"  x {shown.position:+8.4f} rad  depth {shown.depth:+8.4f}  K {shown.stiffness:.4g}"
+        f"  lost {shown.lost}  age {shown.age_ms:.2f} ms"
+    )[: max(0, columns - 1)]
+    if not (colour and shown.wrong):
+        return text
+    return (_RED if shown.wrong > 1 else _YELLOW) + text + _PLAIN
+
+
+def bar_of(torque: float, largest: float) -> str:
+    """A bar from the middle to the side that the torque pushes to."""
+    half = BAR // 2
+    share = abs(torque) / largest if largest > 0.0 and math.isfinite(torque) else 0.0
+    filled = "#" * min(half, round(share * half))
+    left = filled.rjust(half) if torque < 0.0 else " " * half
+    right = filled.ljust(half) if torque > 0.0 else " " * half
+    return f"[{left}|{right}]"
+
+
+class RunView:
+    """What a run's newest row says, read from its shared memory."""
+
+    def __init__(self, config: Config, telemetry: Telemetry) -> None:
+        self._config = config
+        self._telemetry = telemetry
+        self._tail = 0
+        self._lost = 0
+        self._largest = 0.0
+        self._surface = math.nan
+
+    def look(self) -> Shown | None:
+        """What to show; None: there is no row yet."""
+        rows, self._tail = self._telemetry.read(self._tail)
+        if not len(rows):
+            return None
+        fine = (rows["outcome"] == Outcome.OK) | (rows["outcome"] == Outcome.WAITING)
+        self._lost += int(np.count_nonzero(~fine))
+        self._largest = max(self._largest, float(np.abs(rows["torque"]).max()))
+        known = rows["position"][np.isfinite(rows["position"])]
+        if math.isnan(self._surface) and known.size:
+            self._surface = self._config.surface(float(known[0]))
+        row = rows[-1]
+        depth = float(row["position"]) - self._surface
+        sign = SIGNS[self._config.wall.side]
+        if sign:
+            depth = max(0.0, sign * depth)
+        state, wrong = _state(row, lost=not bool(fine.all()))
+        return Shown(
+            state,
+            wrong,
+            float(row["position"]),
+            depth,
+            float(row["torque"]),
+            self._largest,
+            float(row["stiffness"]),
+            self._lost,
+            float(row["age_ns"]) * 1e-6,
+        )
+
+
+def _state(row: Any, *, lost: bool) -> tuple[str, int]:  # noqa: ANN401 - a record
+    flags, oscillation = int(row["flags"]), State(int(row["oscillation"]))
+    if oscillation >= State.SUSTAINED:
+        return oscillation.name.lower(), 2
+    if lost:
+        return "losses", 2
+    if flags & FLAG_WARM_UP:
+        return "warm-up", 0
+    if flags & FLAG_OFF:
+        return "wall off", 1
+    if flags & FLAG_SATURATED:
+        return "limited", 1
+    return ("contact" if flags & FLAG_CONTACT else "free"), 0
+
+
+def is_wanted(*, json: bool) -> bool:
+    """Whether there is a terminal to show it on."""
+    return not json and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+
+
+@contextlib.contextmanager
+def live_line(
+    config: Config, telemetry: Telemetry, tell: Callable[[str], None]
+) -> Iterator[Callable[[str], None]]:
+    """Show the run's line until the block ends; space or ``q`` ends the run, torque off.
+
+    The terminal is left as it was found, however the block ends.
+
+    Args:
+        config: Of the run.
+        telemetry: Its rows.
+        tell: Says something to a person.
+
+    Yields:
+        ``tell`` that does not run into the line.
+    """
+    done = threading.Event()
+    writing = threading.Lock()
+
+    def told(text: str) -> None:
+        with writing:
+            _write(_CLEAR)
+            tell(text)
+
+    with _keys() as keyboard:
+        thread = threading.Thread(
+            target=_show, args=(RunView(config, telemetry), telemetry, keyboard, done, writing)
+        )
+        thread.daemon = True
+        thread.start()
+        try:
+            yield told
+        finally:
+            done.set()
+            thread.join(10.0 * EVERY_S)
+            _write(_CLEAR)
+
+
+def _show(
+    view: RunView,
+    telemetry: Telemetry,
+    keyboard: int | None,
+    done: threading.Event,
+    writing: threading.Lock,
+) -> None:
+    colour = not os.environ.get("NO_COLOR")
+    while not done.is_set():
+        if _pressed(keyboard, done):
+            telemetry.words[Word.STOP] = 1
+        shown = view.look()
+        if shown is not None and not done.is_set():
+            try:
+                columns = os.get_terminal_size(sys.stdout.fileno()).columns
+            except OSError:
+                columns = 80
+            with writing:
+                _write(_CLEAR + line_of(shown, columns or 80, colour=colour))
+
+
+def _pressed(keyboard: int | None, done: threading.Event) -> bool:
+    """Whether a key that ends the run came within the time between two lines."""
+    if keyboard is None:
+        done.wait(EVERY_S)
+        return False
+    try:
+        if not select.select([keyboard], [], [], EVERY_S)[0]:
+            return False
+        keys = os.read(keyboard, 64)
+    except OSError:
+        keys = b""
+    if not keys:  # the terminal is gone
+        done.wait(EVERY_S)
+    return any(key in ENDING_KEYS for key in keys)
+
+
+@contextlib.contextmanager
+def _keys() -> Iterator[int | None]:
+    """A terminal that gives each key at once; None: there is none that is ours."""
+    try:
+        keyboard = sys.stdin.fileno()
+        before = termios.tcgetattr(keyboard)
+        ours = os.tcgetpgrp(keyboard) == os.getpgrp()
+    except (OSError, ValueError, AttributeError, termios.error):
+        ours = False
+    if not ours:
+        yield None
+        return
+    try:
+        tty.setcbreak(keyboard, termios.TCSANOW)  # Ctrl-C and Ctrl-Z stay what they are
+        yield keyboard
+    finally:
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(keyboard, termios.TCSANOW, before)
+
+
+def _write(text: str) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.write(text)
+        sys.stdout.flush()
