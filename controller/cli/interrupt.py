@@ -1,4 +1,4 @@
-"""What a Ctrl-C does where nothing has to be put in order: the process ends, without a word.
+"""What a Ctrl-C does where nothing has to be put in order: the process ends.
 
 That is nearly everywhere. Raised as KeyboardInterrupt in whatever is just being done, it would be
 swallowed now and then: libraries that are being loaded turn it into other errors, or print it and
@@ -9,10 +9,16 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 INTERRUPTED = 130
 """Exit status"""
+_OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
+"""What ``--json`` is answered with, as ``failure.tell`` says it; nothing is loaded for it"""
+_answered: list[Callable[[], bool]] = []
 
 
 def leave_at_once() -> None:
@@ -25,5 +31,17 @@ def leave_at_once() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
+def say_nothing_after(answered: Callable[[], bool]) -> None:
+    """To programs (``--json``) one object is said, and no second one.
+
+    Args:
+        answered: Whether the command has printed its answer.
+    """
+    _answered[:] = [answered]
+
+
 def _leave(_signal: int, _frame: FrameType | None) -> None:
+    if "--json" in sys.argv and not any(answered() for answered in _answered):
+        with suppress(OSError):  # nobody listens
+            os.write(1, _OBJECT)
     os._exit(INTERRUPTED)

@@ -15,6 +15,7 @@ from controller.commission.store import settings_of
 from controller.errors import HapticWallError
 from controller.experiments.kept_folder import without_link
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.file_kinds import PICTURE
 from controller.report import exit_status
 from controller.settings.config import Config
 from controller.signals import interrupting
@@ -152,7 +153,7 @@ def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
     """The step, which is kept, with its picture if that can be drawn."""
     picture = bench.picture(outcome.step)
     try:
-        with whole(without_link(picture)) as part:
+        with whole(without_link(picture), PICTURE, force=True) as part:
             draw(part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws

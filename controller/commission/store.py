@@ -95,8 +95,7 @@ class CommissionStore:
         if only_look:
             return
         made(folder, LOGS)
-        if fresh:
-            self._forget()
+        self._outdated = fresh
         self._replace(MAIN, self._encode(asdict(_Head(_FORMAT, __version__, asked, name))))
 
     def _refuse_what_is_not_ours(self, ours: bool) -> None:
@@ -135,7 +134,9 @@ class CommissionStore:
         return True
 
     def _forget(self) -> None:
-        for name in (MAIN, CONFIG, PAGE, *map(file_name, STEPS)):
+        """Remove what an earlier commissioning left: now there is something to replace it with."""
+        self._outdated = False
+        for name in (CONFIG, PAGE, *map(file_name, STEPS)):
             (self.folder / name).unlink(missing_ok=True)
 
     def _resume(self) -> None:
@@ -178,6 +179,8 @@ class CommissionStore:
         Raises:
             OSError: It cannot be written.
         """
+        if self._outdated and outcome.state == "done":
+            self._forget()
         text = self._encode(asdict(outcome))
         kept = read_outcome(text, outcome.step)
         if outcome.step == "identify":  # what comes after it was measured of another model

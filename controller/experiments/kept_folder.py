@@ -115,6 +115,9 @@ def replaced(path: Path) -> Iterator[IO[str]]:
     """
     part = path.with_name(f"{path.name}.part")
     part.unlink(missing_ok=True)
-    with part.open("x", newline="", encoding="utf-8") as stream:
-        yield stream
-    part.replace(path)
+    try:
+        with part.open("x", newline="", encoding="utf-8") as stream:
+            yield stream
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

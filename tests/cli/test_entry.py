@@ -44,6 +44,42 @@ def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module):
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
+@pytest.mark.parametrize("module", ["controller.cli.main", "yaml"])
+def test_with_json_a_ctrl_c_is_one_object(module):
+    program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "")
+    assert json.loads(done.stdout) == {
+        "error": "interrupted",
+        "field": None,
+        "advice": None,
+        "exit_status": 130,
+    }
+
+
+def test_after_its_answer_a_ctrl_c_says_nothing_more():
+    program = (
+        "import os, signal, sys\n"
+        "from controller.cli import interrupt, options\n"
+        "sys.argv = ['haptic-wall', 'presets', '--json']\n"
+        "interrupt.leave_at_once()\n"
+        "from controller.cli.main import main\n"
+        "print_ = options.click.echo\n"
+        "def echo(*a, **k):\n"
+        "    print_(*a, **k)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "options.click.echo = echo\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-uc", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 130
+    assert "presets" in json.loads(done.stdout)
+
+
 def test_nobody_interrupts_and_it_does_its_work():
     done = interrupted("nothing")
     assert done.returncode == 0
