@@ -14,7 +14,4 @@ def main() -> int:
     interrupt.leave_at_once()
     from controller.cli.main import main as run
 
-    try:
-        return run()
-    finally:  # all is said: what Python does at its end is no one's concern
-        interrupt.leave_at_once()
+    return run()

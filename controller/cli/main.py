@@ -20,7 +20,7 @@ import click
 from controller import __version__
 from controller.cli import interrupt
 from controller.cli.failure import tell, wants_json
-from controller.cli.options import begin, forget_output
+from controller.cli.options import begin, forget_output, is_answered
 from controller.errors import HapticWallError, PlatformError, UserError
 from hw.errors import ServoError
 
@@ -69,7 +69,6 @@ class _Commands(click.Group):
                 "machine or a virtual one"
             )
         command = importlib.import_module(COMMANDS[cmd_name][0]).command
-        interrupt.raise_again()  # it is loaded, and from here on knows what to do
         assert isinstance(command, click.Command)
         return command
 
@@ -107,6 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
     begin()
+    interrupt.say_nothing_after(is_answered)
     json = wants_json(sys.argv[1:] if arguments is None else arguments)
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
