@@ -10,7 +10,6 @@ Source: J. J. Gil et al., ICRA 2007, eqs. (8) and (16); friction by its describi
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from controller import json_text
 from controller.errors import UserError
 from controller.experiments.identification import Estimated
 from controller.theory import critical_stiffness
@@ -97,7 +97,7 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
     """
     where = f"--from-sweep {path}"
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = json_text.held_in(path)
         listed = [point for point in held["points"] if point.get("measured")]
         columns = [
             _column(listed, name, needed)
