@@ -46,7 +46,7 @@ def trip_figures(trip: Trip | None, parts: TickParts) -> str:
             )
         case Trip.MISSED_PERIODS:
             return (
-                f"{missed.worst:.0%} of the periods of {MISSED_S:g} s; at most"
+                f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
                 f" {missed.max_missed:.0%} is allowed"
             )
         case Trip.TRAVEL if safety:
