@@ -1,4 +1,4 @@
-"""What the guard and the watch have to say at the end of a run, as JSON can hold it."""
+"""Report of the guard and the watch at the end of a run, as JSON can hold it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 
 
 def trip_figures(trip: Trip | None, parts: TickParts) -> str:
-    """What was found where a limit of numbers ended the run, and what is allowed; else empty."""
+    """Value that ended the run, and the limit it exceeded; empty where the limit is no number."""
     safety, driven, missed = parts.safety.found, parts.driven.found, parts.missed
     match trip:
         case Trip.OVERSPEED if safety:

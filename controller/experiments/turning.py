@@ -97,9 +97,7 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     return np.where(~up & (down | stuck), np.where(slope < 0.0, slope, -1.0), slope)
 
 
-def _uneven(
-    turnings: Turnings, start: FloatArray, cycle: FloatArray, periods: int
-) -> FloatArray:
+def _uneven(turnings: Turnings, start: FloatArray, cycle: FloatArray, periods: int) -> FloatArray:
     """Growth per oscillation where counts or play can keep a motion up for ever.
 
     Such a motion comes up from a smaller kick, and down from a larger one; either is soon over. So
