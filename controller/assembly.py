@@ -86,14 +86,30 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
     return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
 
 
-def decision_in_force(config: Config, servo: Servo, schedule: GainSchedule) -> Decision:
-    """The schedule's present decision, with the reasons that the schedule leaves out."""
+def decision_in_force(
+    config: Config, servo: Servo, schedule: GainSchedule, commanded: float
+) -> Decision:
+    """The schedule's present decision, with the reasons that the schedule leaves out.
+
+    Args:
+        config: The effective configuration.
+        servo: What the wall is rendered on.
+        schedule: Where the decision is.
+        commanded: Stiffness that is really commanded [N·m/rad].
+    """
     decision = schedule.decision
     situation = replace(situation_of(config, servo), period=decision.period)
     inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
     delays = [inserted + schedule.age_ns * 1e-9]
     settings = settings_at(config, decision.period)
-    (again,) = decide(config.request(), settings, situation, delays, inserted)
+    (again,) = decide(
+        config.request(),
+        settings,
+        situation,
+        delays,
+        inserted,
+        reduced=commanded < decision.stiffness,
+    )
     return replace(decision, reasons=again.reasons)
 
 

@@ -17,16 +17,17 @@ class MissedPeriods:
         max_missed: Fraction of the periods in the window that may be missed [1].
 
     Attributes:
+        max_missed: As given.
         worst: The largest fraction seen in any window [1].
     """
 
-    __slots__ = ("_bucket_ns", "_counts", "_last", "_max_missed", "_periods", "worst")
+    __slots__ = ("_bucket_ns", "_counts", "_last", "_periods", "max_missed", "worst")
 
     def __init__(self, period_ns: int, max_missed: float) -> None:
         window_ns = max(round(WINDOW_S * 1e9), _BUCKETS * period_ns)
         self._bucket_ns = window_ns // _BUCKETS
         self._periods = window_ns / period_ns
-        self._max_missed = max_missed
+        self.max_missed = max_missed
         self._counts = [0] * _BUCKETS
         self._last = 0
         self.worst = 0.0
@@ -34,7 +35,7 @@ class MissedPeriods:
     @property
     def exceeded(self) -> bool:
         """Whether more were missed in some window than is allowed."""
-        return self.worst > self._max_missed
+        return self.worst > self.max_missed
 
     def count(self, deadline_ns: int, missed: int) -> bool:
         """Count ``missed`` periods before a deadline; whether the window holds too many now.
@@ -51,4 +52,4 @@ class MissedPeriods:
         counts[bucket % _BUCKETS] += missed
         fraction = min(sum(counts) / self._periods, 1.0)
         self.worst = max(self.worst, fraction)
-        return fraction > self._max_missed
+        return fraction > self.max_missed

@@ -50,7 +50,7 @@ def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[flo
 
 @dataclass(frozen=True, slots=True)
 class DrivenLimits:
-    """What the servo may do, and the least that is believed of its body, in commanded units."""
+    """Largest speed, and the least that is believed of the servo's body, in commanded units."""
 
     speed: float
     """[rad/s]; inf: any"""
@@ -77,6 +77,9 @@ class DrivenSpeed:
     The wall may give back what it has taken: at most what its spring holds. What it gives beyond
     that and beyond friction is its own. Outside of a one-sided wall the count begins anew. A
     program of an experiment drives the shaft on purpose; there speed alone decides.
+
+    Attributes:
+        found: The speed that was too high, and the highest allowed [rad/s]; empty: none was.
     """
 
     __slots__ = (
@@ -94,9 +97,11 @@ class DrivenSpeed:
         "_slack",
         "_speed",
         "_torque_limit",
+        "found",
     )
 
     def __init__(self, limits: DrivenLimits) -> None:
+        self.found: tuple[float, ...] = ()
         self._speed = limits.speed * 1e-9
         self._slack = SLACK_COUNTS * limits.position_step
         self._own = 0.5 * OWN_SHARE * limits.inertia
@@ -174,7 +179,10 @@ class DrivenSpeed:
         if not way > self._speed * elapsed_ns + self._slack:
             return False
         speed = way * 1e9 / elapsed_ns
-        return not guarded or self._given > self._own * speed * speed
+        if guarded and not self._given > self._own * speed * speed:
+            return False
+        self.found = speed, self._speed * 1e9
+        return True
 
     def _held(self, position: float, law: Law) -> float:
         """Energy in the spring, its torque limited [J]."""

@@ -111,6 +111,9 @@ class Safety:
 
     Args:
         limits: When to trip.
+
+    Attributes:
+        found: What made it trip, and what is allowed, in the unit of the limit; empty: nothing did.
     """
 
     __slots__ = (
@@ -124,9 +127,11 @@ class Safety:
         "_position",
         "_sampled_ns",
         "_window",
+        "found",
     )
 
     def __init__(self, limits: SafetyLimits) -> None:
+        self.found: tuple[float, ...] = ()
         self._limits = limits
         self._window = bytearray(limits.loss_window)
         self._at = 0
@@ -155,8 +160,10 @@ class Safety:
         self._position = position
         self._sampled_ns = self._heard_ns = sampled_ns
         if moved > limits.max_speed * elapsed + 2.0 * limits.position_step:
+            self.found = moved / elapsed if elapsed else math.inf, limits.max_speed
             return Trip.OVERSPEED
         if position < self._low or position > self._high:
+            self.found = position, self._low, self._high
             return Trip.TRAVEL
         return None
 
@@ -170,9 +177,12 @@ class Safety:
         self._in_row += 1
         if self._heard_ns is None:  # nothing was ever heard: the time counts from here
             self._heard_ns = now_ns
-        if self._in_row >= LEAST_FAILED and now_ns - self._heard_ns > self._limits.max_silence_ns:
+        limits, silence_ns = self._limits, now_ns - self._heard_ns
+        if self._in_row >= LEAST_FAILED and silence_ns > limits.max_silence_ns:
+            self.found = silence_ns * 1e-9, limits.max_silence_ns * 1e-9
             return Trip.LOSSES_IN_ROW
-        if self._failed > self._limits.max_loss * self._limits.loss_window:
+        if self._failed > limits.max_loss * limits.loss_window:
+            self.found = self._failed / limits.loss_window, limits.max_loss
             return Trip.LOSS_RATE
         return None
 

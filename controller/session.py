@@ -25,7 +25,12 @@ from controller.loop import waiter_for
 from controller.program import Phase
 from controller.realtime import freeze_garbage, reserve_memory
 from controller.safety import Trip
-from controller.session_report import delay_report, guard_report, missed_warnings
+from controller.session_report import (
+    delay_report,
+    guard_report,
+    missed_warnings,
+    trip_figures,
+)
 from controller.settings.config import Config
 from controller.telemetry import State, Telemetry, Word
 from controller.tick import Tick
@@ -160,7 +165,7 @@ def run_session(
         servo.close()
     result = Result(
         stop_reason=reason,
-        message=message or servo.trouble,
+        message=message or trip_figures(tick.trip, parts) or servo.trouble,
         ticks=tick.ticks,
         missed=grid.missed,
         elapsed_s=grid.elapsed_s,
@@ -180,10 +185,12 @@ def run_session(
         on_block()
         if rehearsed is not None and rehearsed.fault:
             tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
-        decision = decision_in_force(config, servo, schedule)
+        decision = decision_in_force(config, servo, schedule, tick.commanded[0])
         return replace(
             result,
-            guard=guard_report(config, decision, tick, law, watch, situation_of(config, servo)),
+            guard=guard_report(
+                config, decision, tick, law, watch, situation_of(config, servo), servo.counts
+            ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
             timing=None if late is None else late.report(),

@@ -1,4 +1,4 @@
-"""What the guard and the watch have to say at the end of a run, as JSON can hold it."""
+"""Report of the guard and the watch at the end of a run, as JSON can hold it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ from controller.guard.delay_parts import ms
 from controller.guard.guard import Decision, Situation, decision_report
 from controller.guard.rebound import NOT_ONE_SIDED, rebound
 from controller.guard.schedule import inserted_delay
+from controller.missed import WINDOW_S as MISSED_S
 from controller.missed import MissedPeriods
+from controller.overspeed import WINDOW_S
+from controller.safety import Trip
 from controller.settings.config import Config
-from controller.tick import Tick
+from controller.tick import Tick, TickParts
 from controller.wall import Law
+from hw.servo import BusCounts
 
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
@@ -29,6 +33,31 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
     }
 
 
+def trip_figures(trip: Trip | None, parts: TickParts) -> str:
+    """Value that ended the run, and the limit it exceeded; empty where the limit is no number."""
+    safety, driven, missed = parts.safety.found, parts.driven.found, parts.missed
+    match trip:
+        case Trip.OVERSPEED if safety:
+            return f"{safety[0]:.3g} rad/s between two readings; at most {safety[1]:.3g} is allowed"
+        case Trip.OVERSPEED if driven:
+            return (
+                f"{driven[0]:.3g} rad/s for {WINDOW_S * 1e3:g} ms, driven by the torque; at most"
+                f" {driven[1]:.3g} is allowed"
+            )
+        case Trip.MISSED_PERIODS:
+            return (
+                f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
+                f" {missed.max_missed:.0%} is allowed"
+            )
+        case Trip.TRAVEL if safety:
+            return f"{safety[0]:.4g} rad; allowed is {safety[1]:.4g} to {safety[2]:.4g}"
+        case Trip.LOSSES_IN_ROW if safety:
+            return f"{ms(safety[0])} without a reading; at most {ms(safety[1])} is allowed"
+        case Trip.LOSS_RATE if safety:
+            return f"{safety[0]:.1%} of the readings; at most {safety[1]:.1%} is allowed"
+    return ""
+
+
 def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole else 100.0
 
@@ -40,6 +69,7 @@ def guard_report(
     law: Law,
     watch: Watch,
     situation: Situation,
+    counts: BusCounts,
 ) -> dict[str, Any]:
     """The guard's decision, with what is really commanded at the end, and why that differs.
 
@@ -50,11 +80,13 @@ def guard_report(
         law: What is rendered.
         watch: What it had to reduce.
         situation: What the wall was rendered on.
+        counts: The bus's.
     """
     report = decision_report(decision)
     if not law.guarded:
         return report | NOT_ONE_SIDED.report()
     stiffness, damping = tick.commanded
+    reduced = 1.0 if watch.own is None else watch.own.reduced[0]
     request = decision.request
     limited = replace(
         situation,
@@ -68,11 +100,8 @@ def guard_report(
     reasons = list(decision.reasons)
     period = config.period_ns * 1e-9
     if decision.period > period:
-        reasons.append(
-            f"a tick is executed every {ms(decision.period)} instead of every {ms(period)}, which "
-            "counts as the period; report key timing says what makes ticks late"
-        )
-    if watch.scale < 1.0 and math.isfinite(watch.first_alarm_s):
+        reasons.append(_why_slower(decision.period, period, tick.missed, counts))
+    if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         left = _percent(stiffness, decision.stiffness)
         damping_left = _percent(damping, decision.damping)
         reasons.append(
@@ -88,6 +117,22 @@ def guard_report(
         )
     report["reasons"] = reasons
     return report
+
+
+def _why_slower(interval: float, period: float, missed: int, counts: BusCounts) -> str:
+    """Why an interval between samples that is longer than the grid's counts as the period."""
+    start = f"every {ms(interval)} instead of every {ms(period)}, which counts as the period"
+    lost = counts.lost + counts.corrupt + counts.refused
+    late = "report key timing says what makes ticks late"
+    if not lost:
+        return f"a tick is executed {start}; {late}"
+    replies = f"{lost} of {counts.cycles} replies were lost or broken"
+    if not missed:
+        return f"a good reading came {start}: {replies}; check cable, power, baud rate and adapter"
+    return (
+        f"a good reading came {start}: {replies} (check cable, power, baud rate and adapter), and"
+        f" {missed} periods were missed ({late})"
+    )
 
 
 def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:

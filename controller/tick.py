@@ -149,9 +149,13 @@ class Tick:
 
     @property
     def commanded(self) -> tuple[float, float]:
-        """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered, ramps at their end."""
-        wall = self._parts.wall
-        return self._target * wall.scale, self._target_damping * wall.damping_scale
+        """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered.
+
+        Ramps are at their end. A probe is left out: it takes half of K for a cycle.
+        """
+        own = self._parts.watch.own
+        scale, damping_scale = (1.0, 1.0) if own is None else own.reduced
+        return self._target * scale, self._target_damping * damping_scale
 
     @property
     def position(self) -> float:

@@ -25,7 +25,7 @@ PERIOD_NS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What to do."""
+    """Orders to a client's process."""
 
     client: str
     """One of ``CLIENTS``"""
@@ -37,7 +37,7 @@ class Orders:
 
 
 class Woken(NamedTuple):
-    """What a loop did."""
+    """Result of one loop."""
 
     lateness_ns: list[int]
     elapsed_ns: int

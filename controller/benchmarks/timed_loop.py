@@ -29,7 +29,7 @@ _PERCENTILES = (50, 99)
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What to run."""
+    """Orders to the loop's process."""
 
     config: str
     """The effective configuration as JSON"""

@@ -130,8 +130,18 @@ def _interval(report: Mapping[str, Any]) -> Iterator[str]:
     if interval and grid and interval * grid > 1.001:
         yield from _entry(
             "interval",
-            f"{_milli(interval)} ms counted as the period: ticks that were missed or late",
+            f"{_milli(interval)} ms counted as the period: {_slower(report)}",
         )
+
+
+def _slower(report: Mapping[str, Any]) -> str:
+    """What lay between one good reading and the next."""
+    bus = report.get("bus") or {}
+    lost = sum(bus.get(name, 0) for name in ("lost", "corrupt", "refused"))
+    causes = [f"{lost} replies lost or broken"] if lost else []
+    if report["missed_ticks"] or not lost:
+        causes.append(f"{report['missed_ticks']} ticks missed, others late")
+    return ", ".join(causes)
 
 
 def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:

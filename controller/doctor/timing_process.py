@@ -29,7 +29,7 @@ LEAST_CYCLES, MOST_CYCLES = 20, 200
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What to measure, and with which rights."""
+    """Orders to the measuring process, and its rights."""
 
     port: int | None
     """Descriptor of the open serial port; None: there is none, only the machine is measured"""

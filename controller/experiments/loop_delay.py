@@ -63,7 +63,7 @@ class DelayPoint:
 
 @dataclass(frozen=True, slots=True)
 class LoopDelay:
-    """What the delay is, and what it is made of."""
+    """Delay of the loop, and the parts it is made of."""
 
     total: Measured
     """At the configured inserted delay [s]"""
@@ -78,7 +78,7 @@ class LoopDelay:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know."""
+        """Remarks for a person."""
         return [p.shaken.note for p in self.points if p.shaken.note]
 
 
@@ -140,7 +140,7 @@ def measure_delay(
     ages = np.concatenate([point.shaken.ages for point in points])
     return LoopDelay(
         total=next(point.total for point in points if point.steps == config.delay.steps),
-        device=_together([point.device for point in points]),
+        device=_together([point.shaken.fit for point in points]),
         age_median=float(np.median(ages)),
         age_high=float(np.percentile(ages, config.guard.delay_percentile)),
         points=tuple(points),
@@ -205,8 +205,11 @@ def _point(
     return DelayPoint(steps, steps * period, total, device, age, recovered, shaken, commanded)
 
 
-def _together(found: Sequence[Measured]) -> Measured:
-    """The mean, each weighted with what it knows."""
-    weights = np.array([each.stderr**-2 for each in found])
-    values = np.array([each.value for each in found])
-    return Measured(float(weights @ values / weights.sum()), float(weights.sum() ** -0.5))
+def _together(fits: Sequence[StepFit]) -> Measured:
+    """The mean lag, each weighted with what it knows; what all have in common stays."""
+    weights = np.array([fit.stderr**-2 for fit in fits])
+    values = np.array([fit.lag for fit in fits])
+    common = max(fit.systematic for fit in fits)
+    return Measured(
+        float(weights @ values / weights.sum()), max(float(weights.sum() ** -0.5), common)
+    )

@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.errors import HapticWallError, UserError
 from controller.experiments.holding import Hold, hold_of
+from controller.experiments.step_check import doubted, fault
 from controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps
 from controller.experiments.testbed import Played, Testbed
 from controller.experiments.torque_steps import (
@@ -36,7 +37,7 @@ class ExperimentFailedError(HapticWallError):
 
 @dataclass(frozen=True, slots=True)
 class Shaking:
-    """What a run of torque steps will ask of a servo."""
+    """Plan of a run of torque steps."""
 
     plan: StepPlan
     hold: Hold
@@ -47,7 +48,7 @@ class Shaking:
 
 @dataclass(frozen=True, slots=True)
 class Shaken:
-    """What came of it."""
+    """Result of a run of torque steps."""
 
     fit: StepFit
     ages: FloatArray
@@ -82,7 +83,7 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         shaking: From ``plan_shaking``.
 
     Raises:
-        ExperimentFailedError: The servo did not move, or not as asked.
+        ExperimentFailedError: The servo did not move, or not as asked, or not as a rigid one.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
@@ -118,5 +119,17 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
             f"{len(steps)} of {planned} torque steps can be used, wanted at least {FEWEST_STEPS}:"
             f" {out} ({played.log})"
         )
-    note = f"{len(steps)} of {planned} steps were usable: {out}" if 2 * len(steps) < planned else ""
-    return Shaken(fit_steps(steps, lag), rows["age_ns"] * 1e-9, played, note)
+    fit = fit_steps(steps, lag)
+    if reason := fault(fit, longest):
+        raise ExperimentFailedError(f"{reason} ({played.log})")
+    fit = doubted(fit)
+    notes = []
+    if 2 * len(steps) < planned:
+        notes.append(f"{len(steps)} of {planned} steps were usable: {out}")
+    if fit.systematic:
+        notes.append(
+            "the motion after each step is not quite that of a rigid servo under a torque that"
+            " jumps: with other samples about the steps the lag comes out up to"
+            f" {1e3 * fit.systematic:.2g} ms different, which its error holds"
+        )
+    return Shaken(fit, rows["age_ns"] * 1e-9, played, "; ".join(notes))

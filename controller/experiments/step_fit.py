@@ -37,7 +37,7 @@ _ENOUGH = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class StepFit:
-    """What fits all the steps best."""
+    """Parameters that fit all the steps best."""
 
     values: FloatArray
     """Lag [s], gain [1/(kg·m²)], friction [rad/s²], decay [1/s]: shape (4,)"""
@@ -46,6 +46,8 @@ class StepFit:
     steps: tuple[Step, ...]
     residual: float
     """Root of the mean square [rad]"""
+    systematic: float = 0.0
+    """Error of the lag beside that by scatter [s]"""
 
     @property
     def lag(self) -> float:
@@ -55,7 +57,7 @@ class StepFit:
     @property
     def stderr(self) -> float:
         """Of the lag [s]."""
-        return float(np.hypot(np.sqrt(self.covariance[LAG, LAG]), _RESOLUTION))
+        return math.hypot(math.sqrt(self.covariance[LAG, LAG]), _RESOLUTION, self.systematic)
 
     @property
     def acceleration(self) -> float:
@@ -95,9 +97,9 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
     gain = _gain_scale(steps, lag)
     scale = np.array([1e-3, gain, gain * abs(steps[0].after), 1.0])
     values, jacobian = _least_squares(steps, np.array([lag, gain, 0.0, 0.0]), scale)
-    residuals = _residuals(steps, values)
-    covariance = _covariance(jacobian, residuals)
-    every = np.concatenate(residuals)
+    left = residuals(steps, values)
+    covariance = _covariance(jacobian, left)
+    every = np.concatenate(left)
     return StepFit(values, covariance, tuple(steps), float(np.sqrt(np.mean(every**2))))
 
 
@@ -123,7 +125,7 @@ def from_command(fit: StepFit, period: float) -> StepFit:
         shifted = fit.values.copy()
         shifted[LAG] -= mean
         return replace(fit, values=shifted, steps=tuple(counted))
-    return fit_steps(counted, fit.lag - mean)
+    return replace(fit_steps(counted, fit.lag - mean), systematic=fit.systematic)
 
 
 def lost_motion(fit: StepFit) -> tuple[float, float] | None:
@@ -149,7 +151,7 @@ def lost_motion(fit: StepFit) -> tuple[float, float] | None:
 
 
 def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
-    """What each step did to the motion, per torque: zero until it acts, then its acceleration's.
+    """Effect of each step on the motion, per torque: zero until it acts, then its acceleration's.
 
     Returns:
         Times since it was sent [s] and distances [rad/(N·m)] of all samples.
@@ -177,24 +179,48 @@ def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     return once, twice
 
 
+def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
+    """Residuals of each step with the best start of its own [rad].
+
+    Args:
+        steps: Any.
+        values: As in ``StepFit``.
+    """
+    left = []
+    for step in steps:
+        _, once, forced = _parts(step, values)
+        basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
+        rest = step.position - forced
+        left.append(rest - basis @ (basis.T @ rest))
+    return left
+
+
 def _least_squares(
     steps: Sequence[Step], values: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss and Newton's method, each step halved until it helps; values and their Jacobian."""
-    rest = np.concatenate(_residuals(steps, values))
+    """Gauss and Newton's method, each step halved until it helps; values and their Jacobian.
+
+    The lag stays where there are samples on both sides of most steps: from elsewhere the fit runs
+    away to lags of any size, at which a torque has always acted, or never will.
+    """
+    earliest = float(np.median([step.time[0] for step in steps]))
+    latest = float(np.median([step.time[-1] for step in steps]))
+    rest = np.concatenate(residuals(steps, values))
     jacobian = np.zeros((rest.size, values.size))
     for _ in range(_ITERATIONS):
         for i, width in enumerate(_WIDTH * scale):
             up, down = values.copy(), values.copy()
             up[i] += width
             down[i] -= width
-            ahead, behind = _residuals(steps, up), _residuals(steps, down)
+            ahead, behind = residuals(steps, up), residuals(steps, down)
             jacobian[:, i] = (np.concatenate(ahead) - np.concatenate(behind)) / (2.0 * width)
         change = -np.linalg.lstsq(jacobian * scale, rest, rcond=None)[0] * scale
         for _ in range(_HALVINGS):
-            tried = np.concatenate(_residuals(steps, values + change))
-            if tried @ tried <= rest @ rest:
-                break
+            if earliest < values[LAG] + change[LAG] < latest:
+                with np.errstate(over="ignore", invalid="ignore"):  # of a decay out of all bounds
+                    tried = np.concatenate(residuals(steps, values + change))
+                    if tried @ tried <= rest @ rest:
+                        break
             change /= 2.0
         else:
             break  # nothing but rounding is left
@@ -225,17 +251,6 @@ def _parts(step: Step, values: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     torque = np.where(time < 0.0, step.before, step.after)
     forced: FloatArray = (gain * torque - friction * step.direction) * twice
     return time, once, forced
-
-
-def _residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
-    """What is left of each step with the best start of its own."""
-    left = []
-    for step in steps:
-        _, once, forced = _parts(step, values)
-        basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
-        rest = step.position - forced
-        left.append(rest - basis @ (basis.T @ rest))
-    return left
 
 
 def _start(step: Step, values: FloatArray) -> tuple[float, float]:

@@ -17,6 +17,10 @@ _LEAST_PERIODS = 1000
 _MOST_PERIODS = 200_000
 _SURE = 3.0
 """Standard errors by which growth must differ from none where counts or play make it uneven."""
+_CHANGES = 0.05
+"""Change of an amplitude's logarithm late in a run below which it is steady"""
+_SOON = 2.0
+"""Times in which a motion must come back to its kick, in that late part of a run"""
 _SEGMENT = 256
 """Periods between two looks at what is decided."""
 _DECIDED = 3.0
@@ -26,7 +30,8 @@ _DEAD = 1e-12
 """What has shrunk by this factor is dead in any case."""
 _LATE = 0.4
 """Share of the time after which the growth without friction is fitted: what dies quickly has died.
-With friction the growth depends on the amplitude, and the kick's own is asked for."""
+With friction the growth depends on the amplitude, and the kick's own is asked for; with counts or
+play the amplitude itself is compared with that at the start."""
 _FADING = 0.01
 """A saturating motion that loses less than this share per oscillation late in its run goes on."""
 _SETTLING = 2
@@ -60,13 +65,12 @@ def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
 
 def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     loops = Loops(walls, start)
-    turnings = Turnings(loops, walls)
     cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
     length = float(np.max(cycles * cycle)) + _LEAST_PERIODS
     length += float(np.max(walls.whole)) + float(np.max(walls.velocity_samples))
     length = min(length, _MOST_PERIODS)
     frictional = bool(walls.coulomb[0] > 0.0)
-    turnings.begin = 0 if frictional else int(_LATE * length)
+    turnings = Turnings(loops, walls, int(_LATE * length))
     floor = start * (1.0 / _DECIDED if frictional else _DEAD)
     resting = np.full(walls.size, np.nan)
     while loops.k < length:
@@ -80,10 +84,9 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
         resting = position.copy()
         if np.all(up | down | stuck):
             break
-    slope = turnings.slope() * cycle
+    slope = (turnings.whole if frictional else turnings.late).slope() * cycle
     if walls.counts_per_radian[0] > 0.0 or walls.backlash[0] > 0.0:
-        # Counts and play can keep up a small motion that goes on for ever and does not grow.
-        slope = np.where(turnings.slope_error() * cycle * _SURE < slope, slope, -np.abs(slope))
+        slope = _uneven(turnings, start, cycle, loops.k)
     if turnings.saturating is not None:
         sustained = turnings.saturating & ~(slope < -_FADING)
         slope = np.where(sustained, np.maximum(np.abs(slope), _FADING), slope)
@@ -94,6 +97,54 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     return np.where(~up & (down | stuck), np.where(slope < 0.0, slope, -1.0), slope)
 
 
+def _uneven(turnings: Turnings, start: FloatArray, cycle: FloatArray, periods: int) -> FloatArray:
+    """Growth per oscillation where counts or play can keep a motion up for ever.
+
+    Such a motion comes up from a smaller kick, and down from a larger one; either is soon over. So
+    late amplitudes are compared with the kick, unless they are on their way to its other side.
+    """
+    late = turnings.late
+    slope, window = late.slope(), (1.0 - _LATE) * periods
+    from_kick = late.level() - np.log(start)
+    # Steady motion beats a little: what would not be back soon is not on its way.
+    back = np.maximum(np.abs(from_kick) / _SOON, _CHANGES) / window
+    returning = (from_kick * slope < 0.0) & (np.abs(slope) > back)
+    returning &= np.abs(slope) > _SURE * late.slope_error()
+    return np.where(returning, slope, from_kick / periods) * cycle
+
+
+class Line:
+    """Straight lines fitted to the logarithms of amplitudes over the periods, one for each wall."""
+
+    def __init__(self, count: int) -> None:
+        self._sums = np.zeros((6, count))
+
+    def add(self, index: IntArray, t: FloatArray, y: FloatArray) -> None:
+        """Take points of the walls at ``index`` into account."""
+        for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y, y * y)):
+            self._sums[row] += np.bincount(index, value, minlength=self._sums.shape[1])
+
+    def level(self) -> FloatArray:
+        """Mean of the logarithms; NaN without points."""
+        n, _, _, y, _, _ = self._sums
+        return np.where(n > 0, y / np.maximum(n, 1.0), np.nan)
+
+    def slope(self) -> FloatArray:
+        """Growth of the amplitude's logarithm per period; NaN with fewer than 3 points."""
+        n, t, tt, y, ty, _ = self._sums
+        spread = n * tt - t * t
+        usable = (n > 2) & (spread > 0)
+        return np.where(usable, (n * ty - t * y) / np.where(usable, spread, 1.0), np.nan)
+
+    def slope_error(self) -> FloatArray:
+        """Standard error of ``slope``; 0 where there is none."""
+        n, t, tt, y, _, yy = self._sums
+        spread = n * tt - t * t
+        usable = (n > 2) & (spread > 0)
+        left = (n * yy - y * y) / np.where(usable, spread, 1.0) - self.slope() ** 2
+        return np.where(usable, np.sqrt(np.maximum(left, 0.0) / np.maximum(n - 2, 1.0)), 0.0)
+
+
 class Turnings:
     """Watches a block of loops; the logarithms of the amplitudes are fitted by straight lines.
 
@@ -101,15 +152,25 @@ class Turnings:
     after it: exact for a light body under one held torque.
 
     Attributes:
-        begin: First period from which turning points are fitted.
+        whole: Fit of all turning points, those left out at the start aside.
+        late: Of those from a given period on.
         saturating: Whether the torque was limited since the last time they were gathered; None:
             there is no limit.
         count: Turning points seen.
         least, greatest: Amplitudes, those left out at the start aside [rad]; inf and 0 before.
     """
 
-    def __init__(self, loops: Loops, walls: Walls) -> None:
+    def __init__(self, loops: Loops, walls: Walls, late: int) -> None:
+        """Begin to watch.
+
+        Args:
+            loops: What is watched.
+            walls: Theirs.
+            late: Period from which a turning point is late.
+        """
         n = walls.size
+        self._late = late
+        self.whole, self.late = Line(n), Line(n)
         self._loops = loops
         self._period = walls.period
         self._full = walls.torque_limit - walls.torque_step  # from here on the limit has cut
@@ -122,8 +183,6 @@ class Turnings:
         self._product = np.empty(n)
         self._seen: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
         self._when: list[int] = []
-        self._sums = np.zeros((6, n))
-        self.begin = 0
         self.count = np.zeros(n, dtype=np.int64)
         self.least = np.full(n, np.inf)
         self.greatest = np.zeros(n)
@@ -174,22 +233,7 @@ class Turnings:
         amplitude = np.maximum(amplitude, np.finfo(np.float64).tiny)
         np.minimum.at(self.least, index, amplitude)
         np.maximum.at(self.greatest, index, amplitude)
-        late = t >= self.begin
-        index, t, y = index[late], t[late], np.log(amplitude[late])
-        for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y, y * y)):
-            self._sums[row] += np.bincount(index, value, minlength=self.count.size)
-
-    def slope(self) -> FloatArray:
-        """Growth of the amplitude's logarithm per period; NaN with fewer than 3 points."""
-        n, t, tt, y, ty, _ = self._sums
-        spread = n * tt - t * t
-        usable = (n > 2) & (spread > 0)
-        return np.where(usable, (n * ty - t * y) / np.where(usable, spread, 1.0), np.nan)
-
-    def slope_error(self) -> FloatArray:
-        """Standard error of ``slope``; 0 where there is none."""
-        n, t, tt, y, _, yy = self._sums
-        spread = n * tt - t * t
-        usable = (n > 2) & (spread > 0)
-        left = (n * yy - y * y) / np.where(usable, spread, 1.0) - self.slope() ** 2
-        return np.where(usable, np.sqrt(np.maximum(left, 0.0) / np.maximum(n - 2, 1.0)), 0.0)
+        y = np.log(amplitude)
+        self.whole.add(index, t, y)
+        late = t >= self._late
+        self.late.add(index[late], t[late], y[late])

@@ -49,8 +49,9 @@ def decide(
     delays: Sequence[float],
     inserted: float = 0.0,
     explained: bool = True,
+    reduced: bool = False,
 ) -> list[Decision]:
-    """What may be commanded, for each of several delays at once.
+    """Decide what may be commanded, for each of several delays at once.
 
     Args:
         request: The wall that is asked for.
@@ -59,6 +60,7 @@ def decide(
         delays: Inserted delay plus age of the sample, without the device's own lag, each >= 0 [s].
         inserted: The inserted part of each of them [s]; only the reasons tell them apart.
         explained: Give the reasons too, which takes several times as long.
+        reduced: Less than is decided is commanded, which the reasons then call allowed.
 
     Returns:
         One decision per delay, in order.
@@ -96,7 +98,7 @@ def decide(
         )
     if not explained:
         return decisions
-    return _explained(decisions, settings, situation, before_device, inserted, found)
+    return _explained(decisions, settings, situation, before_device, inserted, found, reduced)
 
 
 def _explained(
@@ -106,6 +108,7 @@ def _explained(
     before_device: FloatArray,
     inserted: float,
     found: Found,
+    reduced: bool,
 ) -> list[Decision]:
     """The decisions with their reasons, and what each remedy would allow in numbers."""
     parts = [
@@ -133,6 +136,6 @@ def _explained(
         for i, answer in zip(bound, answers, strict=True):
             remedies[i] = answer
     return [
-        replace(d, reasons=reasons.explain(d, settings, situation, parts[i], remedies[i]))
+        replace(d, reasons=reasons.explain(d, settings, situation, parts[i], remedies[i], reduced))
         for i, d in enumerate(decisions)
     ]

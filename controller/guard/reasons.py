@@ -37,6 +37,7 @@ def explain(
     situation: Situation,
     parts: DelayParts,
     remedies: Sequence[Improvement],
+    reduced: bool = False,
 ) -> tuple[str, ...]:
     """Sentences for a person, in order of importance; none where all that was asked is commanded.
 
@@ -46,10 +47,15 @@ def explain(
         situation: What the wall is rendered on.
         parts: What its delay is made of.
         remedies: What the changes would allow, the best first; empty where K is not bound.
+        reduced: Something else than the guard commands less.
     """
     if settings.mode == "off":
         return _off(decision)
-    reasons = [*_stiffness(decision, situation, settings), *_damping(decision, settings, situation)]
+    verb = "is allowed" if reduced else "is commanded"
+    reasons = [
+        *_stiffness(decision, situation, settings, verb),
+        *_damping(decision, settings, situation, verb),
+    ]
     worth = [each for each in remedies if each.buys(decision.limits.smallest()[1])]
     for remedy in worth[: max(2, _SENTENCES - len(reasons))]:
         allowed = min(decision.margin * remedy.stiffness, decision.request.stiffness)
@@ -81,13 +87,15 @@ def _off(decision: Decision) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _stiffness(decision: Decision, situation: Situation, settings: GuardSettings) -> list[str]:
+def _stiffness(
+    decision: Decision, situation: Situation, settings: GuardSettings, verb: str
+) -> list[str]:
     if decision.binding is None:
         return []
     limit = decision.limits.smallest()[1]
     sentences = [
         f"stiffness {decision.request.stiffness:.4g} N·m/rad was asked, {decision.stiffness:.4g} "
-        f"is commanded: {decision.margin:g} of the limit {decision.binding}, {limit:.4g} "
+        f"{verb}: {decision.margin:g} of the limit {decision.binding}, {limit:.4g} "
         f"({_MEANING[decision.binding]})"
     ]
     if decision.binding == "quantisation":
@@ -119,11 +127,13 @@ def _counts(decision: Decision, situation: Situation, settings: GuardSettings) -
     return sentence
 
 
-def _damping(decision: Decision, settings: GuardSettings, situation: Situation) -> list[str]:
+def _damping(
+    decision: Decision, settings: GuardSettings, situation: Situation, verb: str
+) -> list[str]:
     asked, given = decision.request.damping, decision.damping
     if given == asked:
         return []
-    start = f"damping {asked:.4g} N·m·s/rad was asked, {given:.4g} is commanded"
+    start = f"damping {asked:.4g} N·m·s/rad was asked, {given:.4g} {verb}"
     if asked < given:
         lowest = situation.belief.damping.low / situation.belief.torque_gain.high
         return [

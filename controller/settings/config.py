@@ -34,6 +34,8 @@ APPROACH = 0.1
 MOST_KICK = math.tau / 4.0
 """Largest displacement of a simulated or emulated servo around which the wall comes on at once
 [rad]"""
+OLD_NAMES = {"safety.max_losses_in_row": "safety.max_silence_s"}
+"""Fields of older files and logs, and by which name they are read"""
 MOVED_BY_START = math.radians(1.0)
 """How far the proof of the torque's sign may move an emulated servo [rad]"""
 

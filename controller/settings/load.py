@@ -16,7 +16,7 @@ from controller import regular_file
 from controller.errors import ConfigError, UserError
 from controller.printable import in_line
 from controller.settings import yaml_text as config_yaml
-from controller.settings.config import Config
+from controller.settings.config import OLD_NAMES, Config
 from controller.settings.fields import fields, sections
 from controller.settings.rules import BrokenRulesError, Problem
 from controller.settings.servo import IN_WORDS
@@ -89,6 +89,9 @@ def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
             origins[".".join(path.split(".")[:2])] = "--set"
     config, found = _validated(data)
     problems += [_line(problem, origins) for problem in found]
+    for old, new in OLD_NAMES.items():
+        if old in origins:
+            origins.setdefault(new, f"{origins.pop(old)}, as {old}")
     if problems or config is None:
         raise ConfigError(title, problems)
     return Loaded(config, source, origins)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from controller.theory.checks import FloatArray
 from controller.theory.loop import HeldLoop
-from controller.theory.roots import refined
+from controller.theory.roots import dips, refined
 
 
 def ceiling(loop: HeldLoop) -> FloatArray:
@@ -87,6 +87,11 @@ def _crossings(
     span = np.minimum(np.pi, 4 * np.pi / (loop.delay + 1))
     steps = 80 + 16 * int(np.max(loop.samples))
     grid = span * np.linspace(0.0, 1.0, steps + 1)
+    # Near the ceiling, and where the curve turns back, two zeros are within one cell; over w,
+    # since the function vanishes at 0.
+    first = grid[:, :1] + 1e-3 * grid[:, 1:2]
+    hidden = dips(lambda w: function(w) / w, np.column_stack([first, grid[:, 1:]]))
+    grid = np.sort(np.column_stack([grid, hidden]), axis=1)
     above = function(grid[:, 1:]) > 0
     before = np.column_stack([np.zeros(span.size, dtype=np.bool_), above[:, :-1]])
     # stable sort: the crossings first, in order of frequency. With heavy damping the lowest one can

@@ -24,16 +24,15 @@ from controller.theory.checks import (
     samples,
     scalar,
 )
-from controller.theory.roots import zeros
+from controller.theory.roots import dips, zeros
 
 _TERMS = 18  # of the exponential, to rounding below _SMALL
 _SMALL = 0.5
-_NARROWINGS = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """What holds the device; every number may be an array."""
+    """Mass, damper and spring that hold the device; every number may be an array."""
 
     mass: ArrayLike = 0.0
     """Moves with the device, >= 0 [kg·m²]"""
@@ -229,19 +228,7 @@ def _zeros(plant: HeldHand, beta: float) -> FloatArray:
         [np.geomspace(1e-6, 1e-2, 64, endpoint=False), np.linspace(1e-2, np.pi, count)[:-1]]
     )
     grid = np.append(grid, np.nextafter(np.pi, 0))
-    value = imaginary(grid)
-    # two zeros within a cell show as a dip of the magnitude: narrow it down, and look across it
-    size = np.abs(value)
-    same = (value[1:-1] > 0) == (value[:-2] > 0)
-    same &= (value[1:-1] > 0) == (value[2:] > 0)
-    dips = 1 + np.flatnonzero(same & (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:]))
-    low, high = grid[dips - 1], grid[dips + 1]
-    sign = np.sign(value[dips])
-    for _ in range(_NARROWINGS):
-        third = (high - low) / 3
-        lower = sign * imaginary(low + third) < sign * imaginary(high - third)
-        low, high = np.where(lower, low, low + third), np.where(lower, high - third, high)
-    grid = np.sort(np.concatenate([grid, 0.5 * (low + high)]))
+    grid = np.sort(np.append(grid, dips(imaginary, grid[None])))
     return np.append(zeros(imaginary, grid), np.pi)
 
 

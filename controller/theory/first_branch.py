@@ -21,7 +21,7 @@ _TINY = np.finfo(np.float64).tiny
 
 LIGHT = 0.5
 """Largest delta for which this is used: up to 2.7 the first branch is the whole boundary (N = 1)"""
-SHORT = 50.0
+SHORT = 10.0
 """Largest delta (d + 1) for which this is used: the branch gets flat near the ceiling beyond it"""
 
 # Steps before the last one, which carries the result along to first order. Each squares the error:

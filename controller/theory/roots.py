@@ -10,6 +10,7 @@ from controller.theory.checks import FloatArray
 
 _HALVINGS, _TO_THE_LAST_BIT = 127, 60
 _BISECTIONS, _STEPS = 12, 28  # false position converges in five or six, once it is near
+_THIRDS = 40
 
 
 def refined(
@@ -65,6 +66,35 @@ def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Flo
         middle = 0.5 * (low + high)
         beyond = (function(middle) > 0) == rising
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    result: FloatArray = 0.5 * (low + high)
+    return result
+
+
+def dips(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
+    """Where magnitudes are least between points of equal sign: two zeros may hide on either side.
+
+    Added to the grid, such a point parts them.
+
+    Args:
+        function: Takes and gives arrays of settings × points.
+        grid: Rising, settings × points.
+
+    Returns:
+        Points, settings × as many as one of them has; a setting with fewer repeats its first.
+    """
+    value = function(grid)
+    size, sign = np.abs(value), value > 0
+    same = (sign[:, 1:-1] == sign[:, :-2]) & (sign[:, 1:-1] == sign[:, 2:])
+    dip = same & (size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:])
+    most = int(np.max(np.count_nonzero(dip, axis=1), initial=0))
+    at = 1 + np.argsort(~dip, axis=1, kind="stable")[:, :most]
+    rows = np.arange(grid.shape[0])[:, None]
+    at = np.where(dip[rows, at - 1], at, at[:, :1])
+    low, high, side = grid[rows, at - 1], grid[rows, at + 1], np.sign(value[rows, at])
+    for _ in range(_THIRDS):
+        third = (high - low) / 3
+        lower = side * function(low + third) < side * function(high - third)
+        low, high = np.where(lower, low, low + third), np.where(lower, high - third, high)
     result: FloatArray = 0.5 * (low + high)
     return result
 

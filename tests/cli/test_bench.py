@@ -216,7 +216,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(made_up, capsys, tmp_path, monk
 def test_arrays_move_as_one_alone_does(monkeypatch):
     monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
     rows = {row.name: row.value for row in array_simulation.measure().rows}
-    apart = [value for name, value in rows.items() if name.startswith("difference of position")]
+    apart = [value for name, value in rows.items() if name.startswith("largest difference")]
     assert apart == [0.0, 0.0]
 
 

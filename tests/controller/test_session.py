@@ -282,8 +282,49 @@ def test_travel_trips(reference):
         "simulated", *sets, f"safety.travel=[-1.5, {position + 0.02}]", duration=5.0
     )
     assert result.stop_reason == "trip:travel"
+    assert result.message.endswith(f"rad; allowed is -1.5 to {position + 0.02:g}")
     assert rows["torque"][-1] == 0.0
     assert result.torque_off
+
+
+OSCILLATES = (
+    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.kick=0.05"),
+    *("wall.stiffness=1e6", "servo.coulomb=0", "servo.delay=0.006", "model.delay=0.002"),
+)
+
+
+def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it():
+    _, rows = session("simulated", *OSCILLATES)
+    (begins, *_) = np.flatnonzero(np.diff(rows["stiffness"]) < 0.0)
+    result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
+    guard = result.guard
+    assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
+    assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
+    assert result.oscillation["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
+    assert f"{rows['stiffness'][0]:.4g} is commanded" in guard["reasons"][0]
+
+
+def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed():
+    result, rows = session("simulated", *OSCILLATES, duration=3.0)
+    guard = result.guard
+    left = result.oscillation["reduced_to"]["stiffness"]
+    assert left < 1.0
+    assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
+    assert f"{rows['stiffness'][0]:.4g} is allowed" in guard["reasons"][0]
+    assert not any("is commanded" in reason for reason in guard["reasons"])
+    assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
+
+
+def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks():
+    result, _ = session(
+        "emulated-xm430",
+        *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
+    )
+    assert result.guard["interval_s"] > 1.01e-3
+    (why,) = [reason for reason in result.guard["reasons"] if "counts as the period" in reason]
+    assert why.startswith("a good reading came every ")
+    assert f"{result.bus['lost']} of {result.bus['cycles']} replies were lost" in why
+    assert "ticks late" not in why
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
@@ -456,6 +497,8 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
     sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
     result, rows = session("emulated-xm430", *sets)
     assert result.stop_reason == "trip:overspeed"
+    assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")
+    assert 3.85 < float(result.message.split()[0]) < 4.5
     assert np.abs(np.diff(rows["position"])).max() < 1e-3 * 6.0
     assert rows["torque"][-1] == 0.0
     unlimited, _ = session("emulated-xm430", *sets, "safety.max_speed=1000")
@@ -466,4 +509,5 @@ def test_an_encoder_that_jumps_trips_without_a_number():
     sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
     result, rows = session("emulated-xm430", *sets)
     assert result.stop_reason == "trip:overspeed"
+    assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
     assert rows["torque"][-1] == 0.0

@@ -94,6 +94,42 @@ def test_a_late_crossing_can_be_the_lowest(wall: Wall) -> None:
         assert not all_inside(characteristic(wall, alpha * (1 + part)))
 
 
+@pytest.mark.parametrize("share", [0.9995, 0.9997, 0.99999, 0.9999999])
+def test_near_the_ceiling_two_crossings_lie_side_by_side(share: float) -> None:
+    top = float(max_virtual_damping(1.0, 0.55, 1.0, 49.0))
+    assert_limit(Wall(0.55, share * top, 49.0), gap=1 - share)
+
+
+def test_any_corner_next_to_the_ceiling_is_safe(thorough: bool) -> None:
+    random = np.random.default_rng(8)
+    for _ in range(3_000 if thorough else 60):
+        samples = int(random.choice([1, 1, 1, 2, 3, 4, 8, 20]))
+        delta = 10 ** random.uniform(-3, 1.5)
+        delay = random.uniform(0, 60) if random.random() < 0.6 else float(random.integers(0, 61))
+        if random.random() < 0.4:  # a long delay beside the damping: a flat curve
+            samples, delay = 1, min(10 ** random.uniform(0.8, 2.2) / delta, 150.0)
+        gap = 10 ** random.uniform(-8.5, -1)
+        top = float(max_virtual_damping(1.0, delta, 1.0, delay, samples))
+        assert_limit(Wall(delta, (1 - gap) * top, delay, samples), gap)
+        with mpmath.workdps(DIGITS):  # and the ceiling is one
+            for side in (-1, 1):
+                wall = Wall(delta, (1 + side * 1e-8) * top, delay, samples)
+                softest = characteristic(wall, mpmath.mpf(10) ** -14 * min(1.0, delta))
+                assert all_inside(softest) == (side < 0), wall
+
+
+def assert_limit(wall: Wall, gap: float) -> None:
+    """Every stiffness below the limit is stable, above it is not; ``gap`` to the ceiling."""
+    delta, beta, delay, samples = wall
+    limit = mpmath.mpf(float(critical_stiffness(1.0, delta, beta, 1.0, delay, samples)))
+    # the limit goes with the gap, which is the difference of two doubles
+    part = mpmath.mpf(1e-9 + 1e-14 / gap)
+    with mpmath.workdps(DIGITS):
+        for share in (1e-3, 0.03, 0.3, 0.7, 0.97, 0.999, 1 - part):
+            assert all_inside(characteristic(wall, limit * share)), (wall, share)
+        assert not all_inside(characteristic(wall, limit * (1 + part))), wall
+
+
 def test_the_extended_precision_is_enough() -> None:
     # the same verdicts with more than twice the bits and digits, a part in 10^12 from the limit
     delta, beta, delay = light_settings(40, seed=3)

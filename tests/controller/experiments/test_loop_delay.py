@@ -1,13 +1,18 @@
 """The measured delay is the servo's, its standard error honest, and what is inserted is found."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+import hw.simulated
 from controller.errors import UserError
 from controller.experiments.loop_delay import delay_report, measure_delay
 from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
 from controller.experiments.step_fit import lost_motion
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
+from controller.experiments.trials.servo import TrialServo
+from controller.experiments.trials.truth import Truth
 from controller.settings.load import load_config
 
 SMALL = (
@@ -146,3 +151,52 @@ def test_a_much_lighter_servo_leaves_the_reach_or_trips(tmp_path):
     with pytest.raises(ExperimentTrippedError) as tripped:
         shaken(config, tmp_path)
     assert tripped.value.stop_reason == "trip:overspeed"
+
+
+RIGID = Truth(inertia=0.011951, damping=0.011692, coulomb=0.09039, delay=0.0007)
+
+
+def tried(monkeypatch, truth):
+    """The simulated servo is this one from now on; what is believed of it is rigid."""
+    monkeypatch.setattr(hw.simulated, "SimulatedServo", lambda _, clock: TrialServo(truth, clock))
+    return config_of(
+        "servo.hand=none",
+        "safety.max_speed=1000",
+        "model.inertia={value: 0.011951, low: 0.009, high: 0.016}",
+        "model.delay={value: 0.001, low: 0, high: 0.003}",
+        "model.coulomb=0.09039",
+    )
+
+
+def two_masses(hertz, damping_ratio, load, encoder):
+    return dataclasses.replace(RIGID.with_mode(hertz, damping_ratio, load), encoder=encoder)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "damping_ratio", "load", "encoder"),
+    [
+        (46, 0.02, 0.3, "output"),  # was 4.9 ms
+        (60, 0.1, 0.3, "motor"),  # was -0.29 ms, with residuals as of a rigid servo
+        (30, 0.1, 0.6, "motor"),  # was -2 400 s
+    ],
+)
+def test_a_flexible_transmission_tells_no_lag(
+    monkeypatch, tmp_path, hertz, damping_ratio, load, encoder
+):
+    config = tried(monkeypatch, two_masses(hertz, damping_ratio, load, encoder))
+    with pytest.raises(ExperimentFailedError, match="not that of a rigid servo and tells no lag"):
+        shaken(config, tmp_path, bursts=2)
+
+
+def test_a_stiff_transmission_widens_the_error_and_says_so(monkeypatch, tmp_path):
+    found = shaken(tried(monkeypatch, two_masses(100, 0.1, 0.3, "output")), tmp_path, bursts=2)
+    assert found.fit.lag == pytest.approx(0.0007, abs=found.fit.stderr)
+    assert found.fit.stderr > 5e-4
+    assert "not quite that of a rigid servo" in found.note
+
+
+def test_the_same_servo_rigid_is_measured_as_well_as_ever(monkeypatch, tmp_path):
+    found = shaken(tried(monkeypatch, RIGID), tmp_path, bursts=2)
+    assert found.fit.lag == pytest.approx(0.0007, abs=3 * found.fit.stderr)
+    assert found.fit.stderr < 1e-4
+    assert found.note == ""

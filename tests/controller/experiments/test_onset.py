@@ -8,6 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from controller.experiments.many_walls import Loops, Walls, split_delay
 from controller.experiments.onset import simulated_critical_stiffness
 from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from controller.theory.friction import onset_amplitude
@@ -97,6 +98,60 @@ def test_play_costs_stiffness_and_small_motion_most():
         *SMALL, 0.05, 1e-3, 2e-3, backlash=0.002, kick=[0.004, 0.05, 0.5], tolerance=1e-3
     )
     assert found[0] < found[1] < found[2] < free
+
+
+def after_long(loop, stiffness, kick, coulomb, play, turns=80):
+    """Amplitude that the motion after a kick has come to, in kicks; two-sided walls."""
+    m, b, virtual, period, delay, k, kick, c, play = np.broadcast_arrays(
+        *loop, stiffness, kick, coulomb, play
+    )
+    whole, lag, rest = split_delay(delay, period)
+    order, one = np.argsort(whole), np.ones(m.size)
+    walls = Walls(
+        *(m, b, c, one / COUNT, play, np.inf * one, 0 * one, k, virtual, period, whole, lag, rest),
+        *(np.ones(one.size, dtype=np.int64), np.zeros(one.size, dtype=np.bool_)),
+    )
+    loops = Loops(walls.take(order), kick[order])
+    turn = int(np.max(2 * np.pi * np.sqrt(m / k) / period))
+    largest = np.zeros(one.size)
+    with np.errstate(over="ignore", invalid="ignore"):
+        loops.run((turns - 10) * turn)
+        loops.run(
+            10 * turn, lambda: np.maximum(largest, np.abs(loops.bodies.position), out=largest)
+        )
+    found = np.empty(one.size)
+    found[order] = largest
+    return found / kick
+
+
+def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth():
+    """At 5.9 N·m/rad the motion goes from 0.02 to 0.0265 rad, and stays."""
+    loop, play, kick = (0.001483, 0.002747, 0.0508, 1e-3, 6.2e-3), 0.004, np.array([0.01, 0.02])
+    found = simulated_critical_stiffness(
+        *loop, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
+    )
+    assert found[1] == pytest.approx(5.57, rel=0.02)
+    assert np.all(after_long(loop, 0.96 * found, kick, 0.0, play) < 1.0)
+    assert np.all(after_long(loop, 1.04 * found, kick, 0.0, play) > 1.0)
+
+
+def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(thorough):
+    rng = np.random.default_rng(11)
+    n = 60 if thorough else 6
+    m = 10 ** rng.uniform(-3, -1.7, n)
+    b, delay = m * rng.uniform(0.5, 4, n), rng.uniform(0.5, 7, n) * 1e-3
+    virtual = rng.uniform(0.02, 0.4, n) * max_virtual_damping(m, b, 1e-3, delay)
+    # Blocks hold walls that all have friction, or all have none.
+    coulomb = 10 ** rng.uniform(-4, -3, n)
+    play = rng.choice([0.002, 0.004, 0.008], n)
+    kick = play * 10 ** rng.uniform(0.5, 1.4, n)
+    loop = (m, b, virtual, 1e-3, delay)
+    for friction in (0.0, coulomb):
+        found = simulated_critical_stiffness(
+            *loop, coulomb=friction, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
+        )
+        assert np.all(after_long(loop, 0.93 * found, kick, friction, play) < 1.02)
+        assert np.all(after_long(loop, 1.07 * found, kick, friction, play) > 0.98)
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero():

@@ -222,6 +222,14 @@ def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s):
     assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
 
 
+def test_the_origin_of_a_field_with_an_older_name_is_where_that_was_given():
+    origins = load_config("simulated", ["safety.max_losses_in_row=8"]).origins
+    assert origins["safety.max_silence_s"] == "--set, as safety.max_losses_in_row"
+    assert "safety.max_losses_in_row" not in origins
+    both = ["safety.max_losses_in_row=8", "safety.max_silence_s=0.01"]
+    assert load_config("simulated", both).origins["safety.max_silence_s"] == "--set"
+
+
 @pytest.mark.parametrize("value", ["many", "-3", "0", "nan"])
 def test_losses_that_are_no_number_above_0_are_refused_by_name(value):
     assert "safety.max_losses_in_row" in only("simulated", f"safety.max_losses_in_row={value}")
