@@ -225,7 +225,7 @@ def bus_for(words: Sequence[str]) -> Iterator[str]:
     if not any("{port}" in word for word in words):
         yield ""
         return
-    with emulated_bus("--servo", "XM430-W350:1", "--baud", str(BAUD)) as bus:
+    with emulated_bus("--die-with-parent", "--servo", "XM430-W350:1", "--baud", str(BAUD)) as bus:
         yield bus.port
 
 
