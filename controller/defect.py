@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def defect_text(error: Exception) -> str:
-    """What it was, and in which function, file and line it was raised.
+    """Name an error, and the function, file and line in which it was raised.
 
     Reads no source file: the torque may still be on.
 

@@ -50,7 +50,7 @@ def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[flo
 
 @dataclass(frozen=True, slots=True)
 class DrivenLimits:
-    """What the servo may do, and the least that is believed of its body, in commanded units."""
+    """Largest speed, and the least that is believed of the servo's body, in commanded units."""
 
     speed: float
     """[rad/s]; inf: any"""

@@ -1,4 +1,4 @@
-"""What an experiment asks of the servo, phase after phase, in place of the guarded wall.
+"""Program of an experiment, phase after phase, in place of the guarded wall.
 
 A phase is a spring and a damper about a centre that may travel, and a torque beside them: enough
 to move the shaft somewhere and hold it, to let it go at a wall, to shake it and to let it coast.

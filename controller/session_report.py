@@ -1,4 +1,4 @@
-"""What the guard and the watch have to say at the end of a run, as JSON can hold it."""
+"""Report of the guard and the watch at the end of a run, as JSON can hold it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 
 
 def trip_figures(trip: Trip | None, parts: TickParts) -> str:
-    """What was found where a limit of numbers ended the run, and what is allowed; else empty."""
+    """Value that ended the run, and the limit it exceeded; empty where the limit is no number."""
     safety, driven, missed = parts.safety.found, parts.driven.found, parts.missed
     match trip:
         case Trip.OVERSPEED if safety:
@@ -46,7 +46,7 @@ def trip_figures(trip: Trip | None, parts: TickParts) -> str:
             )
         case Trip.MISSED_PERIODS:
             return (
-                f"{missed.worst:.0%} of the periods of {MISSED_S:g} s; at most"
+                f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
                 f" {missed.max_missed:.0%} is allowed"
             )
         case Trip.TRAVEL if safety:

@@ -1,4 +1,4 @@
-"""What a run was like, from its rows: percentiles of times, extremes of torque.
+"""Statistics of a run from its rows: percentiles of times, extremes of torque.
 
 Works on batches in another process than the loop, in memory that does not grow: times are
 counted in bins 1.6 % wide, the maximum is kept exactly.

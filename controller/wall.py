@@ -11,7 +11,7 @@ SIGNS: dict[Side, int] = {"above": 1, "below": -1, "both": 0}
 
 
 class Law(Protocol):
-    """What decides the torque of a tick: the guarded wall, or an experiment's program.
+    """Decides the torque of a tick: the guarded wall, or an experiment's program.
 
     Attributes:
         stiffness: In force [N·m/rad]

@@ -64,7 +64,7 @@ class WallWait:
         return None
 
     def lacking(self) -> str:
-        """What a wall that has never been on waited for; empty: nothing, or it was stopped before.
+        """Condition that a wall never on has waited for; empty: none, or it was stopped before.
 
         The shaft may have gone on in the very tick in which the wall was to come on.
         """

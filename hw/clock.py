@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What tells the time and waits; everything that runs is given one."""
+    """Tells the time and waits; everything that runs is given one."""
 
     def now_ns(self) -> int:
         """Present time [ns] from an arbitrary, fixed origin; never goes back."""

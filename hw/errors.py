@@ -1,4 +1,4 @@
-"""What can be wrong with hardware, as one tree; every message says found, wanted, what to do.
+"""Errors of hardware, as one tree; every message says found, wanted, what to do.
 
 ::
 
@@ -42,7 +42,7 @@ class UnfitServoError(ServoError, ValueError):
 
 
 class StrangeServoError(UnfitServoError):
-    """What answers is of no known model: nothing may be written to it, nor was."""
+    """The servo that answers is of no known model: nothing may be written to it, nor was."""
 
 
 class ServoLostError(ServoError, OSError):

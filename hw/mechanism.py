@@ -146,7 +146,7 @@ class Mechanism:
         return acting
 
     def limited(self, torque: float) -> float:
-        """What a command for ``torque`` [N·m] makes, within the limit and in whole steps [N·m].
+        """Torque that a command for ``torque`` makes, within the limit and in whole steps [N·m].
 
         Raises:
             ValueError: The torque is not a finite number.
@@ -163,7 +163,7 @@ class Mechanism:
         return acting
 
     def encoder(self) -> int:
-        """What the encoder counts, rounded to the nearest, multi-turn.
+        """Counts of the encoder, rounded to the nearest, multi-turn.
 
         Raises:
             ValueError: The servo has no encoder (counts_per_rev is 0).

@@ -27,7 +27,7 @@ _ONE_TURN = 9.0
 
 @dataclass(frozen=True, slots=True)
 class PlantParameters:
-    """What the body is.
+    """Parameters of the body.
 
     Raises:
         ValueError: A value is out of range.

@@ -16,7 +16,7 @@ JUMP_SPEED: Final = 30.0
 
 
 class Outcome(IntEnum):
-    """What became of one request for the position."""
+    """Outcome of one request for the position."""
 
     OK = 0
     LOST = 1
@@ -48,7 +48,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What does not change while the servo is open."""
+    """Facts of the servo, which do not change while it is open."""
 
     name: str
     """For people: model, id, port."""
@@ -88,7 +88,7 @@ class Facts:
 
 @dataclass(slots=True)
 class BusCounts:
-    """What happened on the bus since the servo was started."""
+    """Counts of the bus traffic since the servo was started."""
 
     cycles: int = 0
     lost: int = 0

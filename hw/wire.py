@@ -1,4 +1,4 @@
-"""What goes over a Dynamixel bus's wire in one cycle, and how long bytes take on it.
+"""Frames on a Dynamixel bus's wire in one cycle, and how long bytes take on it.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (frame layout).
 """

@@ -1,8 +1,8 @@
 """Presses Ctrl-C while each command begins, and writes docs/ctrl-c.md: how it ended.
 
-    scripts/ctrl_c [--tries N] [--few N] [--others N] [--only TEXT] [--jobs N] [--out FILE]
+    scripts/ctrl_c [--tries N] [--few N] [--others N] [--span S] [--only TEXT] [--out FILE]
 
-At a random time in the first two seconds, or in as many as the command takes. The signal goes to
+At a random time in the first seconds, or in as many as the command takes. The signal goes to
 the whole foreground group, as from a terminal. SIGTERM and a closed terminal are tried too.
 """
 
@@ -35,7 +35,6 @@ from scripts.whole_program import (
 )
 
 COMMAND = Path(sys.executable).with_name("haptic-wall")
-SPAN_S = 2.0
 LIMIT_S = 6.0
 """The longest that may pass from a signal to the end [s]; 1 s or 2 on a machine with time"""
 PATIENCE_S = 20.0
@@ -226,12 +225,12 @@ def bus_for(words: Sequence[str]) -> Iterator[str]:
     if not any("{port}" in word for word in words):
         yield ""
         return
-    with emulated_bus("--servo", "XM430-W350:1", "--baud", str(BAUD)) as bus:
+    with emulated_bus("--die-with-parent", "--servo", "XM430-W350:1", "--baud", str(BAUD)) as bus:
         yield bus.port
 
 
-def duration_s(words: Sequence[str]) -> float:
-    """How long a command takes that nobody interrupts, up to the span [s]."""
+def duration_s(words: Sequence[str], span_s: float) -> float:
+    """How long a command takes that nobody interrupts, up to a span [s]."""
     with tempfile.TemporaryDirectory() as folder, bus_for(words) as port:
         began = time.monotonic()
         process = subprocess.Popen(
@@ -242,19 +241,17 @@ def duration_s(words: Sequence[str]) -> float:
             stderr=subprocess.DEVNULL,
         )
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(SPAN_S)
+            process.wait(span_s)
         took_s = time.monotonic() - began
         process.terminate()
         process.wait()
-    return min(took_s, SPAN_S)
+    return min(took_s, span_s)
 
 
 def measure(
-    name: str, words: Sequence[str], number: signal.Signals, tries: int, jobs: int
+    name: str, words: Sequence[str], number: signal.Signals, times: list[float], jobs: int
 ) -> list[Try]:
-    """Many tries of one command, a few at a time."""
-    span_s = duration_s(words)
-    times = [random.random() * span_s for _ in range(tries)]
+    """A try of one command for each of the times [s], a few tries at once."""
     found: list[Try] = []
 
     def work() -> None:
@@ -304,8 +301,8 @@ def tell(strange: Try) -> None:
     )
 
 
-def page(rows: Sequence[str], wrong: int, tries: int) -> str:
-    """The page."""
+def page(rows: Sequence[str], wrong: int, tries: int, span_s: float) -> str:
+    """The page, of tries in the first seconds ``span_s``."""
     end = (
         f"It holds in all {tries} tries."
         if not wrong
@@ -316,11 +313,11 @@ def page(rows: Sequence[str], wrong: int, tries: int) -> str:
             "# Ctrl-C while a command begins",
             "",
             "Written by `scripts/ctrl_c`. Each command is begun as from a terminal, and the signal"
-            " sent at a random time of its first two seconds, or of as many as it takes: while"
+            f" sent at a random time of its first {span_s:g} s, or of as many as it takes: while"
             " Python starts, while libraries load, while processes are started, in the warm-up and"
             " the first motion. Where a servo is needed it is driven as a real one, on an emulated"
             " bus of its own; afterwards its register is read.",
-            measured_on(),
+            measured_on() + f" Its load was {os.getloadavg()[2]:.0f} meanwhile.",
             "",
             "- *done*: the command was at its end before the signal came.",
             "- *exit*: exit statuses and how often; 130: interrupted. A negative one is the"
@@ -357,6 +354,7 @@ def main() -> None:
     parser.add_argument("--tries", type=int, default=500, help="of identify and run by Ctrl-C")
     parser.add_argument("--few", type=int, default=100, help="of the other commands by Ctrl-C")
     parser.add_argument("--others", type=int, default=30, help="of each by the other signals")
+    parser.add_argument("--span", type=float, default=2.0, metavar="S", help="the first seconds")
     parser.add_argument("--only", default="", metavar="TEXT", help="commands with this in the name")
     parser.add_argument("--jobs", type=int, default=2, help="at a time")
     wanted = parser.parse_args()
@@ -370,20 +368,22 @@ def main() -> None:
         for name in CASES
         if wanted.only in name
     ]
-    say_time(sum(tries for _, _, tries in plan) * SPAN_S / wanted.jobs)
+    say_time(sum(tries for _, _, tries in plan) * wanted.span / wanted.jobs)
     rows, wrong = [], 0
     with tempfile.TemporaryDirectory() as folder:
         log = recorded(Path(folder))
         for name, number, tries in plan:
             words = [word.replace("{log}", log) for word in CASES[name]]
-            found = measure(name, words, number, tries, wanted.jobs)
+            span_s = duration_s(words, wanted.span)
+            times = [random.random() * span_s for _ in range(tries)]
+            found = measure(name, words, number, times, wanted.jobs)
             rows.append(row(found))
             print(rows[-1], file=sys.stderr, flush=True)
             strange = [each for each in found if not each.as_wanted]
             wrong += len(strange)
             for each in strange:
                 tell(each)
-    text = page(rows, wrong, sum(tries for _, _, tries in plan))
+    text = page(rows, wrong, sum(tries for _, _, tries in plan), wanted.span)
     wanted.out.write_text(text)
     print(text)
     sys.exit(wrong > 0)

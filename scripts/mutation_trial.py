@@ -31,7 +31,8 @@ from scripts.mutated_logs import Log, mutated
 COMMISSION = ("commission", "simulated", "--set", "loop.clock=simulated", "--out")
 LONGEST_S = 5.0
 """Of processor time, or waiting, for one command"""
-_LONGEST_WAIT_S = 60.0
+_LONGEST_WAIT_S = 300.0
+"""Of anybody's time: on a busy machine what takes seconds may wait for minutes"""
 
 
 class TooLongError(BaseException):

@@ -49,7 +49,7 @@ FAULTS = {
 }
 MOST_MB = 300
 """That a command may take beyond what the program itself takes"""
-_KILL_S = 150.0
+_KILL_S = 1000.0
 """Waited for, when even what ends a command that takes too long does not"""
 _CASE_S = 0.25
 """What a file takes, about"""
@@ -77,10 +77,10 @@ def work(base: Path, kinds: Sequence[str]) -> None:
         folder = Path(name)
         for kind in kinds:  # what loads with the first of each counts as the program's own
             tried(kind, 0, 1, folder, base, limited=False)
-        grown = _status("VmSize") + MOST_MB * 2**20
-        resource.setrlimit(resource.RLIMIT_AS, (grown, grown))
         for line in sys.stdin:
             kind, number, seed = line.split()
+            most = _status("VmSize") + MOST_MB * 2**20
+            resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
             Path("/proc/self/clear_refs").write_text("5")  # the largest memory counts anew
             before, began = _status("VmRSS"), time.process_time()
             found = tried(kind, int(number), int(seed), folder, base, limited=True)

@@ -38,7 +38,7 @@ Cycle = Callable[[], bool]
 
 
 class Block(NamedTuple):
-    """What a cycle reads of every servo."""
+    """Registers that a cycle reads of every servo."""
 
     name: str
     address: int

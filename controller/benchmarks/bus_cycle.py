@@ -1,4 +1,4 @@
-"""What a cycle on the bus costs a client: ours beside dynamixel-sdk and rustypot, on one port.
+"""Cost of a bus cycle to a client: ours beside dynamixel-sdk and rustypot, on one port.
 
 All clients have the same emulated bus open and take short turns, so that whatever else the machine
 does falls on all of them alike. Compared is what does the same work: clients that read the same

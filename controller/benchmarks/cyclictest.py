@@ -91,7 +91,7 @@ def parsed(text: str) -> IntArray:
 
 
 def version(path: str) -> str | None:
-    """What it calls itself.
+    """Return the version that the tool reports of itself.
 
     Args:
         path: Of the program.

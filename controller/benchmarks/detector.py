@@ -1,4 +1,4 @@
-"""What the oscillation detector costs in a tick."""
+"""Cost of the oscillation detector in a tick."""
 
 from __future__ import annotations
 

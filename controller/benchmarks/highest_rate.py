@@ -44,7 +44,7 @@ class Search:
         return math.sqrt(self._low * self._high)
 
     def tell(self, held: bool) -> None:
-        """What became of ``rate_hz``."""
+        """Take the result at ``rate_hz`` into account."""
         if held:
             self._low = self.held_hz = self.rate_hz
         else:

@@ -54,7 +54,7 @@ _SHOWS_NOT_PEOPLE: Final = "what it is with real-time settings, or while other w
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What a client did in one round."""
+    """Result of one client in one round."""
 
     late_us: FloatArray
     rate_hz: float | None

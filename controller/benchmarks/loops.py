@@ -45,7 +45,7 @@ AT_REST: Final = ("wall.side=both", f"wall.position={math.pi}")
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """What one loop did."""
+    """Result of one loop."""
 
     ticks: int
     missed: int
@@ -137,7 +137,7 @@ LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
 
 
 def of_run(ended: Ended) -> Ran:
-    """What a run of the whole program did.
+    """Result of a run of the whole program.
 
     Args:
         ended: The run.

@@ -1,4 +1,4 @@
-"""What a lost reply costs a loop: how long it waits for what does not come.
+"""Cost of a lost reply to a loop: how long each client waits for it.
 
 The emulated bus drops replies. It is also the judge of the whole program: from the request whose
 reply is lost to the torque frame that is sent all the same.

@@ -1,4 +1,4 @@
-"""What the figures were measured on, with which versions, and how much the host took meanwhile."""
+"""Machine and versions that figures are of, and processor time the host took meanwhile."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ProcessorTime(NamedTuple):
 
 
 def processor_time(stat: Path = _STAT) -> ProcessorTime | None:
-    """What the kernel has counted until now; None: this system does not tell.
+    """Processor time that the kernel has counted until now; None: this system does not tell.
 
     Args:
         stat: Where it says so.
@@ -72,7 +72,7 @@ def processor_time(stat: Path = _STAT) -> ProcessorTime | None:
 
 
 def stolen_percent(before: ProcessorTime | None, after: ProcessorTime | None) -> float | None:
-    """What the host took between two readings, in percent of all processors' time."""
+    """Time the host took between two readings, in percent of all processors' time."""
     if before is None or after is None or after.total <= before.total:
         return None
     return 100.0 * (after.stolen - before.stolen) / (after.total - before.total)

@@ -1,4 +1,4 @@
-"""What a section of the benchmark gives back, and how its times are taken."""
+"""Result of a section of the benchmark, and how its times are taken."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """What one section found."""
+    """Result of one section."""
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()

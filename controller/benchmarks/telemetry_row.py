@@ -1,4 +1,4 @@
-"""What it costs a loop to write one row down, beside the ways that are usual."""
+"""Cost of writing one row down in the loop, beside the usual ways."""
 
 from __future__ import annotations
 

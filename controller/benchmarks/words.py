@@ -30,7 +30,7 @@ def unit(row: Mapping[str, Any]) -> str:
 def grouped(
     rows: Iterable[Mapping[str, Any]],
 ) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
-    """What rows do not show, with the rows that follow each other and share it."""
+    """Limitations that rows share, each with the rows that follow each other and share it."""
     for shows_not, each in itertools.groupby(rows, lambda row: str(row["shows_not"])):
         yield shows_not, list(each)
 
@@ -57,7 +57,7 @@ def hardware(report: Mapping[str, Any]) -> str:
 
 
 def meanwhile(report: Mapping[str, Any]) -> str:
-    """What else the machine did."""
+    """Load and steal of the machine during the run, in words."""
     on = report["machine"]
     load = on["load_average"]
     before = "load not told" if load is None else f"load {load[0]:.2f} before"

@@ -45,7 +45,7 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
 
 
 def truth_of(model: Model, given: Mapping[str, Any]) -> TrueServo:
-    """What a servo of this model truly is, with what was given in place of the defaults.
+    """True parameters of a servo of this model, with those given in place of the defaults.
 
     Args:
         model: Its stall torque limits the torque unless that is given.

@@ -14,4 +14,7 @@ def main() -> int:
     interrupt.leave_at_once()
     from controller.cli.main import main as run
 
-    return run()
+    try:
+        return run()
+    finally:
+        interrupt.leave_to_the_system()

@@ -31,6 +31,15 @@ def leave_at_once() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
+def leave_to_the_system() -> None:
+    """From now on the system ends the process: Python is about to end, and calls no handler safely.
+
+    Not where Ctrl-C is ignored, or was handled before.
+    """
+    if signal.getsignal(signal.SIGINT) is _leave:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def say_nothing_after(answered: Callable[[], bool]) -> None:
     """To programs (``--json``) one object is said, and no second one.
 

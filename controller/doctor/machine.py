@@ -1,4 +1,4 @@
-"""What this machine grants a loop, and what would make its wake-ups more punctual."""
+"""Judge the rights this machine grants a loop, and how its wake-ups could be more punctual."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LATE_SHARE = 4
 
 
 def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]:
-    """What was wanted of the system and got; only ``strict`` insists, and not on everything.
+    """Judge the rights asked of the system; only ``strict`` insists, and not on everything.
 
     Args:
         settings: As ``realtime.apply`` gave them.

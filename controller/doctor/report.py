@@ -1,4 +1,4 @@
-"""What an examination found, what was mended, and whom it asks before it changes anything."""
+"""Report of an examination and its repairs, and the question asked before each change."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Consent = Callable[[str], bool]
 
 @dataclass(slots=True)
 class Report:
-    """What was found, mended, and could not be looked at."""
+    """Findings, repairs made, and things that could not be examined."""
 
     findings: Findings = field(default_factory=Findings)
     changes: list[Change] = field(default_factory=list)
@@ -42,7 +42,7 @@ def told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
 
 
 def question(finding: Finding, repair: Repair) -> str:
-    """What is asked before a repair is made."""
+    """Word the question that is asked before a repair."""
     if not repair.register:
         return f"{finding.name}: {finding.found} -> reboot"
     if repair.register == "torque_enable":

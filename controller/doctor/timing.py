@@ -1,4 +1,4 @@
-"""What measured replies and cycles mean: which schedule suits the adapter, and which rate it holds.
+"""Judge measured replies and cycles: which schedule suits the adapter, and which rate it holds.
 
 A schedule holds if the share of replies that miss their tick stays below a limit at *every* phase
 of the loop's grid: the adapter's clock drifts against the computer's, so every phase comes.
@@ -34,7 +34,7 @@ _RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What the configuration asks of the bus, and how things stood when it was measured."""
+    """Demands of the configuration on the bus, and the state in which it was measured."""
 
     schedule: Schedule
     rate_hz: float
@@ -47,7 +47,7 @@ class Wanted:
 
 
 def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Finding]:
-    """What replies take, which rate and schedule follow from it, and how still the encoder is.
+    """Judge the replies: which rate and schedule follow, and how still the encoder is.
 
     Args:
         replies: Single ones.

@@ -37,7 +37,7 @@ _KICK_TOLERANCE, _HAND_TOLERANCE = 1e-3, 1e-2
 
 @dataclass(frozen=True, slots=True)
 class KickTrial:
-    """What came of one kick."""
+    """Result of one kick."""
 
     name: str
     share: float
@@ -57,7 +57,7 @@ class KickTrial:
 
 @dataclass(frozen=True, slots=True)
 class HandTrial:
-    """What came of a hand on a wall below its limit."""
+    """Result of a hand on a wall below its limit."""
 
     name: str
     hand: str
@@ -76,7 +76,7 @@ class HandTrial:
 
 @dataclass(frozen=True, slots=True)
 class SustainedTrial:
-    """What was said of an oscillation that the torque limit keeps at one amplitude."""
+    """Verdict on an oscillation that the torque limit keeps at one amplitude."""
 
     name: str
     counts: float

@@ -1,4 +1,4 @@
-"""What it takes to move a servo that nothing is rendered on: torque at several constant speeds."""
+"""Measure the torque that moves a servo without a wall, at several constant speeds."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FEWEST = 20
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """What the servo resists with; torques are commanded ones."""
+    """Resistance of the servo; torques are commanded ones."""
 
     coulomb: float
     """[N·m]"""

@@ -35,7 +35,7 @@ there a motion that threw it too far has ended, and a smaller one is to begin wh
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What the motions are scaled to."""
+    """Parameters that the motions are scaled to."""
 
     inertia: float
     """[kg·m²]"""
@@ -49,7 +49,7 @@ class Guess:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the motions keep to."""
+    """Limits that the motions keep to."""
 
     reach: float
     """Furthest from where the shaft is at the beginning [rad]"""

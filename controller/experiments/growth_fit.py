@@ -39,7 +39,7 @@ _FADED = 0.35
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What one release at one stiffness did."""
+    """Result of one release at one stiffness."""
 
     stiffness: float
     """[N·m/rad]"""

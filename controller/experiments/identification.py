@@ -48,7 +48,7 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """What was found, and what it was found from."""
+    """Identified parameters, and the data they were found from."""
 
     inertia: Estimated
     """[kg·m²]"""
@@ -75,7 +75,7 @@ class Identified:
 
 
 def bounds_of(config: Config, reach: float) -> Bounds:
-    """What the motions keep to on the servo of a configuration.
+    """Limits of the motions on the servo of a configuration.
 
     Raises:
         UserError: The reach is too small, or no torque limit is known.
@@ -103,7 +103,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
 
 
 def announcement(bounds: Bounds) -> str:
-    """What will move, and how far; for whoever stands near."""
+    """Announce which motions will be made, and how far; for whoever stands near."""
     return (
         f"the shaft will move by itself for about a minute: up to {FULL * bounds.reach:.2g} rad"
         f" ({math.degrees(FULL * bounds.reach):.0f}°) to each side of where it is now; one that"

@@ -112,7 +112,7 @@ class Bench:
         )
 
     def corrected(self, fit: Fit) -> Guess:
-        """What to scale the next motions to."""
+        """Parameters that the next motions are scaled to."""
         least = (
             0.1 * fit.inertia
         )  # a spring must be stable even if there is no friction to speak of

@@ -42,7 +42,7 @@ def report(found: Identified) -> dict[str, Any]:
 
 
 def boundary_report(fit: BoundaryFit) -> dict[str, Any]:
-    """What a measured boundary says, as the report holds it."""
+    """Figures of a measured boundary, as the report holds them."""
     return {
         "damping": _entry(fit.damping),
         "delay": _entry(fit.delay),

@@ -19,7 +19,7 @@ PERIOD = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What the detector said of a trace."""
+    """Verdict of the detector on a trace."""
 
     detector: Detector
     """As it was at the end"""

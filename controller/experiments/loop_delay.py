@@ -63,7 +63,7 @@ class DelayPoint:
 
 @dataclass(frozen=True, slots=True)
 class LoopDelay:
-    """What the delay is, and what it is made of."""
+    """Delay of the loop, and the parts it is made of."""
 
     total: Measured
     """At the configured inserted delay [s]"""
@@ -78,7 +78,7 @@ class LoopDelay:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know."""
+        """Remarks for a person."""
         return [p.shaken.note for p in self.points if p.shaken.note]
 
 

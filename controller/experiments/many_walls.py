@@ -181,7 +181,7 @@ class Loops:
 
     @property
     def walls(self) -> Walls:
-        """What is simulated."""
+        """Walls that are simulated."""
         return self._walls
 
     @property

@@ -27,7 +27,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What was recorded: positions where they were sampled, torques where they were sent."""
+    """Recorded positions where they were sampled, and torques where they were sent."""
 
     sampled: FloatArray
     """Instants of the samples [s], rising, shape (n,)"""
@@ -60,7 +60,7 @@ def motion_of(rows: NDArray[np.void]) -> Motion:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What is fitted, one value for each variant: arrays of shape (v, 1)."""
+    """Parameters that are fitted, one value for each variant: arrays of shape (v, 1)."""
 
     inertia: FloatArray
     """[kg·m²]"""

@@ -1,4 +1,4 @@
-"""What else acts on a shaft whose motion an inertia with friction does not explain."""
+"""Recognise forces on a shaft whose motion an inertia with friction does not explain."""
 
 from __future__ import annotations
 

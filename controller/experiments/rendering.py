@@ -1,4 +1,4 @@
-"""What is rendered against what is commanded: stiffness, drag, and contacts with the wall.
+"""Compare the rendered wall with the commanded one: stiffness, drag, and contacts.
 
 A spring is pushed, the free shaft is moved, the wall is struck. All torques that the program knows
 are commanded ones: how much of a commanded torque acts shows only against an inertia that is known,
@@ -66,7 +66,7 @@ class Rendering:
 
 
 def announcement(config: Config, speed: float) -> str:
-    """What will move, and how far, for a person.
+    """Announce which motions will be made, and how far, for a person.
 
     Args:
         config: The servo.

@@ -37,7 +37,7 @@ class ExperimentFailedError(HapticWallError):
 
 @dataclass(frozen=True, slots=True)
 class Shaking:
-    """What a run of torque steps will ask of a servo."""
+    """Plan of a run of torque steps."""
 
     plan: StepPlan
     hold: Hold
@@ -48,7 +48,7 @@ class Shaking:
 
 @dataclass(frozen=True, slots=True)
 class Shaken:
-    """What came of it."""
+    """Result of a run of torque steps."""
 
     fit: StepFit
     ages: FloatArray

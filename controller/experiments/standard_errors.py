@@ -34,7 +34,7 @@ class Linear:
         return float(np.sum(self.weights * self.left**2))
 
     def without_own(self) -> FloatArray:
-        """What of the shared values' effect a piece's own speed cannot have; as ``shared``."""
+        """Effect of the shared values less what a piece's own speed can have; as ``shared``."""
         cross = np.sum(self.weights * self.own * self.shared, axis=2)
         rest: FloatArray = self.shared - (cross / self.own_square())[:, :, None] * self.own
         return rest

@@ -40,7 +40,7 @@ _BLOCKS = 6
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """What a spring is measured with."""
+    """Spring and torque with which the stiffness is measured."""
 
     stiffness: float
     """[N·m/rad]"""
@@ -52,7 +52,7 @@ class Push:
 
 @dataclass(frozen=True, slots=True)
 class StaticStiffness:
-    """What the spring gave back."""
+    """Stiffness that was measured."""
 
     stiffness: float
     """Torque commanded beside the spring per displacement [N·m/rad]"""

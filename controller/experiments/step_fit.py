@@ -37,7 +37,7 @@ _ENOUGH = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class StepFit:
-    """What fits all the steps best."""
+    """Parameters that fit all the steps best."""
 
     values: FloatArray
     """Lag [s], gain [1/(kg·m²)], friction [rad/s²], decay [1/s]: shape (4,)"""
@@ -151,7 +151,7 @@ def lost_motion(fit: StepFit) -> tuple[float, float] | None:
 
 
 def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
-    """What each step did to the motion, per torque: zero until it acts, then its acceleration's.
+    """Effect of each step on the motion, per torque: zero until it acts, then its acceleration's.
 
     Returns:
         Times since it was sent [s] and distances [rad/(N·m)] of all samples.
@@ -180,7 +180,7 @@ def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
-    """What is left of each step with the best start of its own [rad].
+    """Residuals of each step with the best start of its own [rad].
 
     Args:
         steps: Any.

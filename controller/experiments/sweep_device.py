@@ -19,7 +19,7 @@ _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """What is believed of the servo, as far as a sweep needs it; in commanded units.
+    """Parts of the belief about the servo that a sweep needs; in commanded units.
 
     A torque gain of g makes a body of inertia m and damping b under torques g u the same as one of
     m/g and b/g under u.

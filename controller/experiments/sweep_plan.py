@@ -1,4 +1,4 @@
-"""What one point of a sweep asks of the servo: the soft spring, the kick, and how stiff to go.
+"""Plan one point of a sweep: the soft spring, the kick, and the highest stiffness.
 
 All of it comes from the belief, before anything moves: the spring that moves the shaft is stable in
 its worst corner, and no stiffness is tried at which torque or speed would pass its limit.
@@ -45,7 +45,7 @@ _TRAVEL_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a sweep is asked for beside its points."""
+    """Options of a sweep beside its points."""
 
     kick: float | None = None
     """[rad]; None: chosen for each point"""

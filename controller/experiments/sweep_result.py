@@ -1,4 +1,4 @@
-"""What a sweep says of one point, and what it says where it has no figure."""
+"""Result of one point of a sweep, and the reason where it has no figure."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
 
 
 def out_of_reach_text(edge: Reach, seen: str) -> str:
-    """What keeps a point from being measured: torque or speed."""
+    """Name the limit that keeps a point from being measured: torque or speed."""
     room = f"room up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no room at all"
     return (
         f"{edge.bound_by} leaves {room} for a kick of {edge.kick:.4g} rad, the limit is expected"

@@ -38,7 +38,7 @@ class Seen:
 def watch(
     rows: NDArray[np.void], number: int, phase: Phase, device: Device, kick: float
 ) -> Seen | None:
-    """What a trial did.
+    """Measure the motion of a trial.
 
     Args:
         rows: Of the whole run.

@@ -100,7 +100,7 @@ def as_traces(
     positions: list[FloatArray],
     ends: IntArray,
 ) -> list[Trace]:
-    """What was recorded period by period, each wall's until its end."""
+    """Traces of the walls, recorded period by period, each until its end."""
     per_radian = loops.walls.counts_per_radian
     columns = np.nan_to_num(np.array(counts).T * per_radian[:, None])
     whole = np.rint(np.clip(columns, -_FAR, _FAR)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What the controller believes of the servo, with bounds; apart from what the servo is."""
+"""Belief of the controller about the servo, with bounds; apart from the servo's truth."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def _settings(question: Question) -> dict[str, Any]:
 
 
 def design(question: Question, points: Curve) -> dict[str, Any]:
-    """What limits the stiffest wall among the points, and what each improvement would buy.
+    """Limit of the stiffest wall among the points, and what each improvement would buy.
 
     Args:
         question: The servo and its loop.
@@ -124,7 +124,7 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
 
 
 def unknown(question: Question, damping: float) -> dict[str, Any] | None:
-    """What is guaranteed over all of the ranges, and what each of them costs; two-sided.
+    """Stiffness guaranteed over all of the ranges, and what each of them costs; two-sided.
 
     Args:
         question: The servo and its loop.

@@ -1,4 +1,4 @@
-"""What a delay is made of, which part of it is the largest, and how short that one might be."""
+"""Parts of a delay: which one is the largest, and how short that one might be."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SHORT_TIMER = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DelayParts:
-    """What the total delay is made of."""
+    """Parts of the total delay."""
 
     period: float
     """[s]; half of it, the hold, counts as delay"""

@@ -1,4 +1,4 @@
-"""What limits a wall, and what each improvement of servo, bus or wall would buy.
+"""Find the limit of a wall, and what each improvement of servo, bus or wall would buy.
 
 The one place that says so: the guard's reasons and ``haptic-wall boundary`` both ask here. Every
 answer is the limits evaluated anew with one thing changed, so improvements do not add up: with
@@ -46,7 +46,7 @@ FINER = 4
 
 @dataclass(frozen=True, slots=True)
 class Improvement:
-    """What one change would allow."""
+    """Effect of one change."""
 
     change: Change
     stiffness: float
@@ -74,7 +74,7 @@ def improvements(
     changes: Sequence[Change],
     thorough: bool = False,
 ) -> list[list[Improvement]]:
-    """What each change would allow, for each of several delays at once.
+    """Compute what each change would allow, for each of several delays at once.
 
     Args:
         request: The wall that is asked for; its stiffness plays no part.

@@ -51,7 +51,7 @@ def decide(
     explained: bool = True,
     reduced: bool = False,
 ) -> list[Decision]:
-    """What may be commanded, for each of several delays at once.
+    """Decide what may be commanded, for each of several delays at once.
 
     Args:
         request: The wall that is asked for.

@@ -56,7 +56,7 @@ class Found:
         return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
 
     def take(self, index: IntArray) -> Found:
-        """What was found for the plants at ``index``."""
+        """Select the results of the plants at ``index``."""
 
         def at(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[index]

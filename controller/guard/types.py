@@ -1,4 +1,4 @@
-"""What the guard is asked, what it knows, and what it answers: plain values."""
+"""Questions to the guard, its knowledge, and its answers: plain values."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class GuardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the wall is rendered on."""
+    """Servo and loop that the wall is rendered on."""
 
     belief: Belief
     period: float
@@ -99,7 +99,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What may be commanded at one delay, and why."""
+    """Stiffness and damping that may be commanded at one delay, and why."""
 
     request: Request
     delay: float

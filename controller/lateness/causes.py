@@ -21,7 +21,7 @@ _FAULT_NS = 5_000
 
 
 class Cause(StrEnum):
-    """What made a tick late."""
+    """Cause of a late tick."""
 
     STOPPED = "the process was stopped"
     COLLECTION = "garbage collection"
@@ -39,7 +39,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What is known of the machine, for the whole run."""
+    """Properties of the machine that hold for the whole run."""
 
     virtual: bool
     """It has a host that can take the core"""
@@ -83,7 +83,7 @@ class Late:
 
     @property
     def delay_ns(self) -> int:
-        """What of that need not have been [ns]; its usual work is counted with it."""
+        """Avoidable part of that time [ns]; its usual work is counted with it."""
         return self.total_ns if self.long_wait else self.total_ns - self.bus_ns
 
     @property
@@ -103,7 +103,7 @@ class Late:
 
 
 def likely_cause(late: Late, machine: Machine) -> Cause:
-    """What most likely made a tick late: the kind of waiting that makes up most of its delay.
+    """Likeliest cause of a late tick: the kind of waiting that makes up most of its delay.
 
     A reading of the counters tells what happened since the one before, some 20 ms: what is usual in
     that time is taken off, which leaves an uncertainty of some 0.1 ms.
@@ -138,7 +138,7 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
 
 
 def evidence(cause: Cause, late: Late, machine: Machine) -> str:
-    """What speaks for a cause, in words with the figures.
+    """Evidence for a cause, in words with the figures.
 
     Args:
         cause: As ``likely_cause`` gave it.

@@ -26,7 +26,7 @@ class Found:
 
 
 def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
-    """What of this machine's set-up bears on how punctual the loop is; never a reason to refuse.
+    """Parts of this machine's set-up that make a loop late; never a reason to refuse.
 
     What a system does not tell (a container, another processor) is left out.
 

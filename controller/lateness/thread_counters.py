@@ -1,4 +1,4 @@
-"""What Linux counts for the loop's thread and its core: time, waiting, faults, switches, steal.
+"""Counters of Linux for the loop's thread and core: time, waiting, faults, switches, steal.
 
 Reading costs some 10 to 20 µs when the caches are cold, so it is done after a late tick and now
 and then in the slack before a sleep, never between a sample and its torque.

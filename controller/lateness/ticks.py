@@ -213,7 +213,7 @@ class LateTicks:
         return self._rest_ticks
 
     def report(self) -> dict[str, Any]:
-        """What became late, why, and what was counted since ``begin``; JSON can hold it."""
+        """Late ticks with their causes and counts since ``begin``; JSON can hold it."""
         grown = self._reader.read().less(self._begun)
         return {
             "limit_us": self.limits[0] / 1e3,

@@ -1,4 +1,4 @@
-"""What a figure is made of before it is drawn: named curves, which are its CSV too."""
+"""Named curves of a figure before it is drawn, which are its CSV too."""
 
 from __future__ import annotations
 

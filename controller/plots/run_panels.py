@@ -28,7 +28,7 @@ _LEAST_US = 0.02
 
 @dataclass(frozen=True, slots=True)
 class DrawnRun:
-    """What the panels draw from."""
+    """Data that the panels draw."""
 
     sketch: Sketch
     on: NDArray[np.bool_]

@@ -31,7 +31,7 @@ _FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """What a picture is drawn from."""
+    """Data that a picture draws."""
 
     rows: NDArray[np.void]
     """Those that are drawn, in their order, the first and the last of the run among them"""
@@ -48,7 +48,7 @@ class Sketch:
 
 
 def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> Sketch:
-    """What a picture of these rows is drawn from.
+    """Reduce rows to the data that a picture draws.
 
     Args:
         blocks: The rows, n > 0 in all, shape (m,) each, dtype ``telemetry.ROW``.

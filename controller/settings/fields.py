@@ -1,4 +1,4 @@
-"""What can be set: every field's path, unit, range and meaning, read off its declaration."""
+"""List every setting: its path, unit, range and meaning, read off its declaration."""
 
 from __future__ import annotations
 

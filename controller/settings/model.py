@@ -59,7 +59,7 @@ class Loop(Section):
 
 
 class Realtime(Section):
-    """What is asked of Linux."""
+    """Real-time settings asked of Linux."""
 
     profile: Literal["off", "best-effort", "strict"] = Field(
         "best-effort",
@@ -150,7 +150,7 @@ class Delay(Section):
 
 
 class Guard(Section):
-    """What keeps the commanded wall stable."""
+    """Settings of the guard, which keeps the commanded wall stable."""
 
     mode: Literal["stable", "passive", "off"] = Field(
         "stable",
@@ -217,7 +217,7 @@ class Estimate(Section, Generic[Number]):
 
 
 class Model(Section):
-    """What the controller believes of the servo; unset and simulated: the truth."""
+    """Belief of the controller about the servo; unset and simulated: the truth."""
 
     inertia: Estimate[Positive] | None = Field(
         None, description="Believed inertia", json_schema_extra={"unit": "kg·m²"}
@@ -242,7 +242,7 @@ class Model(Section):
 
 
 class Safety(Section):
-    """What ends a run with torque off."""
+    """Limits that end a run with torque off."""
 
     max_speed: Positive | None = Field(
         None,

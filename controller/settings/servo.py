@@ -202,7 +202,7 @@ class Servo(Section):
 
     @property
     def kind(self) -> Kind:
-        """What stands behind the servo interface."""
+        """Kind of servo behind the servo interface."""
         if self.backend == "simulated":
             return "simulated"
         return "emulated" if self.port == EMULATED else "hardware"

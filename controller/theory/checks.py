@@ -1,4 +1,4 @@
-"""What the theory accepts: finite numbers in their domain, broadcast; errors name the argument."""
+"""Check the theory's arguments: finite numbers in their domain, broadcast; errors name them."""
 
 from __future__ import annotations
 

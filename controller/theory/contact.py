@@ -25,7 +25,7 @@ _HALVINGS, _ENOUGH = 60, 1e-7  # steps at most, and the last one [periods]
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """What to simulate; flat arrays of one length."""
+    """Contacts to simulate; flat arrays of one length."""
 
     delta: FloatArray
     """Viscous damping b T / m"""

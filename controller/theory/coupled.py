@@ -32,7 +32,7 @@ _SMALL = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """What holds the device; every number may be an array."""
+    """Mass, damper and spring that hold the device; every number may be an array."""
 
     mass: ArrayLike = 0.0
     """Moves with the device, >= 0 [kg·m²]"""

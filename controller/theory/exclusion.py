@@ -47,7 +47,7 @@ _HAIR = 1e-9  # by which each box overlaps its neighbours, since its edges are r
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """What the members have in common, and the ranges of what they differ in."""
+    """Common parameters of the members, and the ranges of those in which they differ."""
 
     gain: float
     """g T²/m at the greatest torque gain and the lowest inertia [rad/(N·m)]"""

@@ -55,7 +55,7 @@ class GuaranteedCeiling:
 
 @dataclass(frozen=True, slots=True)
 class UnknownCost:
-    """What it costs not to know one thing."""
+    """Cost of not knowing one thing."""
 
     name: str
     """A field of ``Ranges``"""

@@ -37,7 +37,7 @@ class HandRange:
 
 @dataclass(frozen=True, slots=True)
 class HandVerdict:
-    """What is known of a wall with the hands of a range."""
+    """Verdict on a wall with the hands of a range."""
 
     stable: bool | None
     """True: shown for every hand; False: ``worst`` makes it unstable; None: neither was managed"""

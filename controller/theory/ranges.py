@@ -1,4 +1,4 @@
-"""What is known of a servo as ranges, and one servo out of them."""
+"""Ranges of a servo's parameters, and one servo out of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """What is known of a servo: the lowest and the highest of each, which may be equal.
+    """Ranges of a servo's parameters: the lowest and the highest of each, which may be equal.
 
     Raises:
         ValueError: A bound is outside of its domain, or they are not in order; the message names

@@ -1,4 +1,4 @@
-"""What a wall does, in the plane of friction against sampling and friction against quantisation.
+"""Place walls in the plane of friction against sampling and friction against quantisation.
 
 Two ratios place a wall: ``viscous = b / (K T)`` and ``dry = c / (K q)``. Sampling and delay put in
 energy that grows with the speed, as viscous friction takes it out; rounding puts in energy by the

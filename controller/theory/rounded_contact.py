@@ -26,7 +26,7 @@ _FLOOR = 0.5  # a contact that cannot return this share of its speed is not foll
 
 @dataclass(frozen=True, slots=True)
 class RoundedContacts:
-    """What to simulate; flat arrays of one length."""
+    """Contacts to simulate; flat arrays of one length."""
 
     delta: FloatArray
     """Viscous damping b T / m"""

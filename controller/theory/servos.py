@@ -17,7 +17,7 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class ServoFacts:
-    """What is known of a type of servo, at its output."""
+    """Published parameters of a type of servo, at its output."""
 
     name: str
     inertia: float

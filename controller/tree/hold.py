@@ -191,7 +191,7 @@ class FileSource:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """What the dead man is to be, checked."""
+    """Settings of the dead man, checked."""
 
     path: str
     kind: Literal["key", "file"]

@@ -21,6 +21,7 @@ from controller.lateness.causes import Machine
 from controller.lateness.machine_setup import is_virtual, machine_setup, start_table
 from controller.lateness.thread_counters import CounterReader
 from controller.lateness.ticks import LateTicks
+from controller.orders import read_orders
 from controller.program import Phase
 from controller.session import run_session
 from controller.settings.config import Config
@@ -53,7 +54,7 @@ class Orders:
 
 def main() -> None:
     """Run one session as ordered; it ends with torque off, or the control words say so."""
-    orders = Orders(**json.loads(sys.stdin.readline()))
+    orders = Orders(**read_orders())
     telemetry = Telemetry(orders.telemetry)
 
     def stop(_signal: int, _frame: object) -> None:

@@ -1,4 +1,4 @@
-"""What ends a run from outside: another program on the port, or a computer that was suspended.
+"""Watch for reasons outside to end a run: another program on the port, a suspended computer.
 
 Either makes loop or servo fail in ways that look like a bad cable, a weak supply or a stall. So it
 is looked for while all is well, and once more when the loop has tripped by itself.
@@ -83,7 +83,7 @@ class Outside:
         return f"trip:{trip}", text
 
     def notes(self) -> list[str]:
-        """What did not end the run, and should be known."""
+        """Events that did not end the run, and should be known."""
         notes = []
         if not self._real and (seconds := self._suspension.seconds()):
             notes.append(f"the computer was suspended for {seconds:.3g} s during the run")

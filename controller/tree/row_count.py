@@ -1,4 +1,4 @@
-"""What the supervisor makes of the rows as they pass: statistics, and word of an oscillation."""
+"""Take rows as they pass: statistics for the supervisor, and word of an oscillation."""
 
 from __future__ import annotations
 

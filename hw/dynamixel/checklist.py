@@ -1,4 +1,4 @@
-"""What was checked before a servo may have torque, and what to do about each thing found wrong."""
+"""Checks made before a servo may have torque, and what to do about each thing found wrong."""
 
 from __future__ import annotations
 

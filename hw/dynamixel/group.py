@@ -55,12 +55,12 @@ class DynamixelGroup:
 
     @property
     def facts(self) -> list[Facts]:
-        """What does not change while a servo is open, of each."""
+        """Facts of each servo, which do not change while it is open."""
         return [servo.facts for servo in self._servos]
 
     @property
     def counts(self) -> list[BusCounts]:
-        """What happened on the bus since the start, of each."""
+        """Counts of each servo's bus traffic since the start."""
         return self._together.counts
 
     @property

@@ -40,7 +40,7 @@ def error_names(error: int) -> str:
 
 
 def what_to_do(error: int) -> str:
-    """What to do about the latched errors: words to go on with after a colon.
+    """Advice on the latched errors: words to go on with after a colon.
 
     Args:
         error: The register's value.
@@ -51,7 +51,7 @@ def what_to_do(error: int) -> str:
 
 
 def latched(link: Link, clock: Clock, name: str) -> str:
-    """What a servo has latched and what to do, for people; empty: nothing, or it does not say.
+    """Latched errors of a servo and advice, for people; empty: none, or it does not say.
 
     Args:
         link: The servo, with its torque off.

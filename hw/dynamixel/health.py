@@ -70,7 +70,7 @@ class Bounds:
         return self.hottest - _HEAT_MARGIN
 
     def supply_fault(self, volts: int) -> str:
-        """What is wrong with a supply [0.1 V] and what to do; empty: nothing."""
+        """Fault of a supply [0.1 V] and what to do; empty: none."""
         if self.lowest <= volts <= self.highest:
             return ""
         return (
@@ -79,7 +79,7 @@ class Bounds:
         )
 
     def heat_fault(self, celsius: int) -> str:
-        """What is wrong with a temperature [°C] and what to do; empty: nothing."""
+        """Fault of a temperature [°C] and what to do; empty: none."""
         if celsius <= self.warmest:
             return ""
         return (
@@ -132,7 +132,7 @@ class HealthWatch:
         self._strikes = dict.fromkeys(self._strikes, 0)
 
     def describe(self) -> tuple[str, str]:
-        """What is watched and how often, and what would be, for people."""
+        """Describe for people what is watched and how often, and what is not."""
         everything = ", ".join(item.name for item in _ITEMS)
         turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
         looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}

@@ -1,4 +1,4 @@
-"""What a servo is and how it is set up, judged before anything is written to it.
+"""Judge a servo's model and set-up before anything is written to it.
 
 Only torque that is on is switched off, and a servo that does not confirm writes is made to: neither
 outlives its power. What a person has set up, only a person changes.

@@ -1,4 +1,4 @@
-"""What the joint reply to a fast sync read holds: all of it in one step, or the shares that came.
+"""Parse the joint reply to a fast sync read: all of it in one step, or the shares that came.
 
 Every servo appends its share with a checksum over all before it. So shares in front of a missing or
 broken one are whole, and one checksum proves a reply in which none is missing.
@@ -51,7 +51,7 @@ class JointReply:
 
 
 class Shares(NamedTuple):
-    """What has come of a joint reply."""
+    """Shares of a joint reply that have come."""
 
     good: list[FastReply]
     """Those in front of the first one that is not"""

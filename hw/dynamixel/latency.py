@@ -78,7 +78,7 @@ def low_latency(path: str, descriptor: int | None = None) -> bool | None:
 
 
 def describe(path: str, classes: Path = CLASSES, descriptor: int | None = None) -> str:
-    """What is known of the timer, for people; "none" where nothing says that there is one.
+    """Describe the timer for people; "none" where nothing says that there is one.
 
     Args:
         path: The port's device.

@@ -12,7 +12,7 @@ class Line(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """What its deadlines are told by."""
+        """Clock that its deadlines are told by."""
         ...
 
     def write(self, data: bytes) -> None:

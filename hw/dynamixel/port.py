@@ -193,7 +193,7 @@ def _candidates() -> str:
 
 
 def access_remedy(path: str) -> str:
-    """What grants access: the group that owns the device, if it may read and write.
+    """Name the remedy that grants access: the group that owns the device, if it may read and write.
 
     Args:
         path: A device that exists.

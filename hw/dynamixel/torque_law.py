@@ -37,7 +37,7 @@ class TorqueLaw(Protocol):
         """The largest goal whose torque is not above this one [N·m], >= 0."""
 
     def torque(self, goal: int) -> float:
-        """What a goal, or a current that was measured, makes at a standstill [N·m]."""
+        """Torque of a goal, or of a current that was measured, at a standstill [N·m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def resistance(model: Model) -> float:
 def supply_current(
     current: float, volts: float, speed: float, resistance: float, back_emf: float
 ) -> float:
-    """What is sensed at the supply [A] when ``current`` [A] flows through the motor.
+    """Current sensed at the supply [A] when ``current`` [A] flows through the motor.
 
     It has the sign of the motor's, as a direction; the manual's Goal Current has one too.
 

@@ -97,7 +97,7 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
 
 
 def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:
-    """What to tell about a watchdog that was not found armed.
+    """Message about a watchdog that was not found armed.
 
     Args:
         found: How it was found.

@@ -128,6 +128,22 @@ def test_what_is_begun_is_put_in_order(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (130, "[]\n", "")
 
 
+def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
+    """Python calls no handler safely there: it aborted."""
+    program = (
+        "import atexit, os, signal, sys\n"
+        "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "sys.argv = ['haptic-wall', 'presets']\n"
+        "from controller.cli.entry import main\n"
+        "sys.exit(main())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+    assert "simulated" in done.stdout
+
+
 # The launcher, as it is installed
 
 COMMAND = Path(sys.executable).with_name("haptic-wall")
@@ -194,13 +210,13 @@ def called(folder, *words):
 
 
 def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(tmp_path):
-    """Neither by the command nor by its children: emulator, loop, recorder, workers."""
+    """Neither by the command nor by its children: loop, recorder, workers."""
     for package in ("controller", "hw"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text("raise SystemExit('not this one')\n")
-    done = called(tmp_path, "run", "emulated-xm430", "--duration=0.2", "--json")
+    done = called(tmp_path, "run", "simulated", "--duration=0.1", "--json")
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["ticks"] > 100
+    assert json.loads(done.stdout)["log"] is not None
     computed = ["--virtual-damping=0", "--delay-steps=0,1", "--kick=0.03", "--workers=2"]
     done = called(tmp_path, "map", "paper-table2", *computed, "--out=out", "--json")
     assert done.returncode == 0, done.stderr

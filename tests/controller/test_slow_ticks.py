@@ -138,7 +138,7 @@ def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick():
 def test_strict_ends_the_run_where_too_many_periods_are_missed():
     result, rows = run(always(1.5), "realtime.profile=strict")
     assert result.stop_reason == "trip:missed_periods"
-    assert result.message == "20% of the periods of 0.5 s; at most 20% is allowed"
+    assert result.message == "20.2% of the periods of 0.5 s; at most 20% is allowed"
     assert rows["torque"][-1] == 0.0
     assert len(rows) < 350, "within half a second"
 

@@ -69,7 +69,7 @@ class Body:
         self._plans: dict[int, tuple[int, float, float]] = {}
 
     def take(self, row: Row) -> None:
-        """What the operator does from now on."""
+        """Take over the operator's forces from now on."""
         self._spring, self._damper, self._wanted, self._speed, self._push = row
 
     def move(self, length_ns: int) -> None:

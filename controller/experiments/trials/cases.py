@@ -30,7 +30,7 @@ KICKS = (0.02, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What a servo is beside its rigid body."""
+    """Properties of a servo beside its rigid body."""
 
     name: str
     back_emf: BackEmf | None = "none"

@@ -1,4 +1,4 @@
-"""What a trial's true motion shows: half-cycles, an oscillation of its own, whether it decays."""
+"""Judge a trial's true motion: half-cycles, an oscillation of its own, whether it decays."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def large(counts_per_rev: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class OwnOscillation:
-    """What the wall did by itself."""
+    """Oscillation that the wall makes by itself."""
 
     onset_s: float
     """End of the first half-cycle above the threshold [s]; NaN: there was none"""

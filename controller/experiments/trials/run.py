@@ -46,7 +46,7 @@ class WallAsked:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What happened in a trial; arrays have one value a tick, shape (n,)."""
+    """Record of a trial; arrays have one value a tick, shape (n,)."""
 
     period: float
     """T [s]"""
@@ -103,7 +103,7 @@ def trial_config(sets: tuple[str, ...]) -> Config:
 
 
 def guard_decision(truth: Truth, sets: Sequence[str], wall: WallAsked) -> Decision:
-    """What the guard commands for this wall, and its limits; the truth gives only the facts."""
+    """Decision of the guard for this wall, and its limits; the truth gives only the facts."""
     config = _with_wall(trial_config(tuple(sets)), wall)
     servo = TrialServo(truth, SimulatedClock())
     return guard_schedule(config, servo, simulated=True).decision

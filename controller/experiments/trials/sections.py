@@ -73,7 +73,7 @@ class Section:
 
 
 def draws(seed: Sequence[int]) -> np.random.Generator:
-    """What a job draws from: the numbers say the page's seed, the section, and the job."""
+    """Random generator of a job; its seed is the page's seed, the section, and the job."""
     return np.random.default_rng(list(seed))
 
 

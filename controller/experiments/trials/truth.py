@@ -1,4 +1,4 @@
-"""What the servo of a trial is: everything that the program may not know of a real one."""
+"""True parameters of a trial's servo: everything that the program may not know of a real one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tables ask of a trial: whether it goes on by itself, is seen, and how far it goes."""
+"""Judge trials for the tables: whether one goes on by itself, is seen, and how far it goes."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def time_above_s(trial: Trial, above: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """What ``reduce`` has made of an oscillation."""
+    """Outcome of ``reduce`` on an oscillation."""
 
     case: Case
     in_time: bool

@@ -35,7 +35,7 @@ _TOLD = 3
 
 
 def box(preset: str, body: Body) -> list[Axis]:
-    """What is searched: ``kind`` is the back-EMF; a rigid servo has no mode.
+    """Box that is searched: ``kind`` is the back-EMF; a rigid servo has no mode.
 
     The two bodies are searched apart: the worst flexible one would hide the worst rigid one.
     """
@@ -124,7 +124,7 @@ _WRONG = {"lateness": 1.0, "growth": 1.5, "unseen": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """What a search has tried, the worst first."""
+    """Cases that a search has tried, the worst first."""
 
     preset: str
     body: Body

@@ -1,4 +1,4 @@
-"""What really happened on an emulated bus, as the bus itself has written it down."""
+"""Read the record of an emulated bus: true motion and frames, as the bus itself wrote them."""
 
 from __future__ import annotations
 

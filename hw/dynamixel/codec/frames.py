@@ -27,7 +27,7 @@ PREAMBLE: Final = 7
 
 
 class Instruction(IntEnum):
-    """What a frame asks for, or that it is a reply (``STATUS``)."""
+    """Instruction of a frame, or that it is a reply (``STATUS``)."""
 
     PING = 0x01
     READ = 0x02

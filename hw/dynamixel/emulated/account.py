@@ -1,4 +1,4 @@
-"""What a bus tells its witness: frames, faults and motion, each with the truth at that instant."""
+"""Record of a bus for its witness: frames, faults, motion, each with the truth at that instant."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ class EmulatedBus:
 
     @property
     def faults(self) -> list[tuple[str, int]]:
-        """What was asked to go wrong and was not lifted, and how often each has happened."""
+        """Faults that were asked for and not lifted, and how often each has happened."""
         return self._faults.describe()
 
     def inject(self, spec: str, now_ns: int) -> None:
@@ -139,7 +139,7 @@ class EmulatedBus:
                 self._put(piece, now_ns, len(piece))
 
     def transmit(self, now_ns: int) -> bytes:
-        """What the host can read by ``now_ns`` [ns] and has not been given yet."""
+        """Return the bytes the host can read by ``now_ns`` [ns] and has not been given yet."""
         self._run(now_ns)
         if self._adapter is not None:
             self._gone += self._adapter.take(now_ns)

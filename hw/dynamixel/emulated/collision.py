@@ -17,7 +17,7 @@ from hw.wire import wire_ns
 
 
 class Sending(NamedTuple):
-    """What one servo begins to send when its return delay has passed."""
+    """Bytes that one servo begins to send when its return delay has passed."""
 
     delay_ns: int
     baud: int
@@ -26,7 +26,7 @@ class Sending(NamedTuple):
 
 
 def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
-    """What is heard: delay behind what came before [ns], the first one's frame, the bytes."""
+    """Overlay replies: delay behind what came before [ns], the first frame, the bytes heard."""
     waiting = sorted(sendings, key=lambda sending: sending.delay_ns)
     over_ns = 0
     while waiting:

@@ -43,7 +43,7 @@ _TIME_BASED = 0x04
 
 
 class Motion(NamedTuple):
-    """What a servo says of its motion."""
+    """Motion as a servo's registers tell it."""
 
     status: int
     """Moving Status"""
@@ -113,7 +113,7 @@ class Controllers:
                 self._start(goal, ramp_to(present, wanted, self._ramp_s(wanted - present)), now_ns)
 
     def stop(self, position: int, now_ns: int) -> None:
-        """What the Bus Watchdog does: stay where it is, without a profile.
+        """Hold the position, without a profile, as the Bus Watchdog has it.
 
         The manual says "stop"; that the goals change with it is assumed, so that nothing comes back
         when the watchdog is cleared.
@@ -144,7 +144,7 @@ class Controllers:
         return self._plan.at((now_ns - self._since_ns) * 1e-9)
 
     def motion(self, position: int, now_ns: int) -> Motion:
-        """What the registers say of the motion, with the shaft at ``position`` [counts]."""
+        """Motion as the registers tell it, with the shaft at ``position`` [counts]."""
         point = self.point(now_ns)
         velocity = round(point.velocity / COUNTS_PER_VELOCITY)
         status = self._plan.kind << 4

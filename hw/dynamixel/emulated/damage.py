@@ -1,4 +1,4 @@
-"""What a fault does to the bytes of one frame."""
+"""Damage by a fault to the bytes of one frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NOISE = 8
 
 @dataclass(slots=True)
 class Passage:
-    """What becomes of a frame on its way."""
+    """Result of a frame's way through the faults."""
 
     chunks: list[bytes]
     """What is heard: noise, the frame, a copy; nothing where it is lost"""

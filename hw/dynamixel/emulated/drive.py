@@ -1,4 +1,4 @@
-"""What moves an emulated servo: its controllers and motor, on its mechanism, in time.
+"""Drive of an emulated servo: its controllers and motor, on its mechanism, in time.
 
 In current mode the motor's torque is Goal Current times the torque constant, held: nothing is
 computed between instructions. Every other mode, and current mode where the supply's current is
@@ -137,7 +137,7 @@ class Drive:
         self.update(now_ns)
 
     def motion(self, position: int, now_ns: int) -> Motion:
-        """What the controllers are at, with the shaft at ``position`` [counts]."""
+        """State of the controllers, with the shaft at ``position`` [counts]."""
         if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
             return Motion(0, False, 0, position)
         return self.controllers.motion(position, now_ns)

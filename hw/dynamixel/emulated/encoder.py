@@ -1,4 +1,4 @@
-"""What the encoder says of the shaft, and how it can be wrong."""
+"""Reading of the encoder, and the ways in which it can be wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked to go wrong on the emulated bus: ``NAME[:KEY=VALUE[,KEY=VALUE ...]]``.
+"""Faults that can be asked of the emulated bus: ``NAME[:KEY=VALUE[,KEY=VALUE ...]]``.
 
 Two kinds. *Frame* faults strike single frames, those to the servos and those from them: each with a
 probability ``p``, every so manieth with ``every``, or all. *Servo* faults happen to a servo, or to

@@ -25,7 +25,7 @@ HEALTH_NS = 100_000_000
 
 
 class Health:
-    """What wears on a servo.
+    """Wear of a servo by overload and heat.
 
     Args:
         table: Its registers, which hold the supply's voltage and the temperature.

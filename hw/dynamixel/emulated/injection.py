@@ -71,7 +71,7 @@ class _Acting:
 
 
 class Faults:
-    """What goes wrong on one bus.
+    """Faults on one bus.
 
     Args:
         specs: What to begin with, see ``parse_fault``.
@@ -124,7 +124,7 @@ class Faults:
         return [(acting.fault.text, acting.done) for acting in self._all()]
 
     def pass_frame(self, wire: bytes, way: str, now_ns: int) -> Passage | None:
-        """What becomes of a frame; None: nothing happens to it.
+        """Pass a frame through the faults; None: nothing happens to it.
 
         Args:
             wire: Its bytes.

@@ -1,4 +1,4 @@
-"""What one servo does with an instruction: its error code, and what it has to say.
+"""Execute an instruction on one servo: its error code, and the parameters of its reply.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", instruction details.
 """

@@ -1,4 +1,4 @@
-"""What an emulated servo measures, as its registers say it."""
+"""Measurements of an emulated servo, as its registers say them."""
 
 from __future__ import annotations
 

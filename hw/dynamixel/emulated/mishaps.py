@@ -1,4 +1,4 @@
-"""What a fault does to a servo: its encoder, errors, supply, surroundings, power or cable."""
+"""Effect of a fault on a servo: its encoder, errors, supply, surroundings, power or cable."""
 
 from __future__ import annotations
 

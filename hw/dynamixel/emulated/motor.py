@@ -40,7 +40,7 @@ class Motor:
         return self.torque_constant * self.back_emf / self.resistance
 
     def current(self, duty: float, volts: float, speed: float) -> float:
-        """What flows through the motor [A].
+        """Current through the motor [A].
 
         Args:
             duty: -1 to 1.
@@ -54,7 +54,7 @@ class Motor:
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """What the servo measures [A] when ``current`` [A] flows through the motor."""
+        """Current that the servo measures [A] when ``current`` [A] flows through the motor."""
         if not self.senses_supply:
             return current
         return supply_current(current, volts, speed, self.resistance, self.back_emf)

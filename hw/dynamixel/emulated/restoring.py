@@ -36,7 +36,7 @@ def factory_reset(memory: Memory, option: int) -> ErrorCode:
 
 
 class Backup:
-    """What a servo has put aside: EEPROM, gains, profile and indirect addresses.
+    """Backup of a servo: EEPROM, gains, profile and indirect addresses.
 
     Open in the manual: a factory reset does not touch it, and without one restoring is answered
     "result fail".

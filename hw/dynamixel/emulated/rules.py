@@ -118,7 +118,7 @@ class ControlTable:
 
     @property
     def current(self) -> int:
-        """What current mode wants of the motor [current units], within Current Limit."""
+        """Current that current mode asks of the motor [current units], within Current Limit."""
         memory = self.memory
         if not memory["torque_enable"] or memory.get("bus_watchdog") == WATCHDOG_TRIPPED:
             return 0
@@ -129,7 +129,7 @@ class ControlTable:
     def check(
         self, address: int, data: bytes, *, ram_only: bool = False
     ) -> list[tuple[Register, int]] | ErrorCode:
-        """What a write would store, or why it is refused: all of it or nothing.
+        """Check a write: what it would store, or why it is refused, all of it or nothing.
 
         Args:
             address: Of the first byte.
@@ -157,7 +157,7 @@ class ControlTable:
         return ErrorCode.NONE
 
     def trip(self) -> None:
-        """What the Bus Watchdog does to the registers.
+        """Set the registers as the Bus Watchdog does when it trips.
 
         Open in the manual: in current mode Goal Current becomes 0, so that clearing the error does
         not bring the old torque back.

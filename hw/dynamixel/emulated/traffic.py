@@ -1,4 +1,4 @@
-"""What travels on the wire: pieces of instructions one way, replies the other."""
+"""Traffic on the wire: pieces of instructions one way, replies the other."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Reply(NamedTuple):
 
 
 def pieces(data: bytes) -> Iterator[bytes]:
-    """What the host sent, cut in front of every header."""
+    """Cut the bytes of the host in front of every header."""
     start = 0
     while start < len(data):
         end = data.find(HEADER, start + 1)

@@ -95,7 +95,7 @@ def only_adapter(found: Iterable[Adapter] | None = None) -> str:
 
 
 def kind_of(vid: int | None, pid: int | None, product: str | None) -> str:
-    """What an adapter is, from its USB ids and its own name for itself.
+    """Name the kind of an adapter, from its USB ids and its own name for itself.
 
     Args:
         vid: USB vendor id; None: not a USB device.
@@ -110,7 +110,7 @@ def kind_of(vid: int | None, pid: int | None, product: str | None) -> str:
 
 
 def kind_of_port(path: str) -> str:
-    """What the adapter behind a device path is, links followed."""
+    """Name the kind of the adapter behind a device path, links followed."""
     device = os.path.realpath(path)
     if is_pseudo_terminal(path):
         return PSEUDO

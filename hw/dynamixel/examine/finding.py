@@ -1,4 +1,4 @@
-"""What an examination says of one thing: found, wanted, and how to mend it."""
+"""Findings of an examination: found, wanted, and how to mend it."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ _WARM: Final = 10
 
 
 class Repair(NamedTuple):
-    """What mends a finding: some bits of a register, or with no register a reboot."""
+    """Repair of a finding: some bits of a register, or with no register a reboot."""
 
     register: str = ""
     value: int = 0
@@ -66,7 +66,7 @@ class Examined(NamedTuple):
 
 
 def judge(examined: Examined, torque_limit: float, constant: float) -> list[Judgement]:
-    """What of the registers is wrong, and what would mend it.
+    """Judge the registers: what is wrong with them, and what would mend it.
 
     Args:
         examined: The registers.

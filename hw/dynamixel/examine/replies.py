@@ -25,7 +25,7 @@ spreads them evenly up to twice the median"""
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """What single reads took, by the best of the runs where some were disturbed."""
+    """Times of single reads, by the best of the runs where some were disturbed."""
 
     took_ns: list[int]
     """Sent at all phases [ns], in order of size"""

@@ -54,7 +54,7 @@ class Found(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What was heard at one baud rate."""
+    """Servos heard at one baud rate."""
 
     baud: int
     servos: list[Found]

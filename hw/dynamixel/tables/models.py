@@ -25,7 +25,7 @@ from hw.dynamixel.tables.units import VELOCITY_UNIT, Family
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What is the same for every servo of one model."""
+    """Properties common to every servo of one model."""
 
     name: str
     number: int

@@ -1,4 +1,4 @@
-"""What the numbers in a control table mean, where all X series servos agree.
+"""Units of the numbers in a control table, where all X series servos agree.
 
 Source: ROBOTIS e-Manual, control table pages of the X series.
 """

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -57,3 +58,16 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch)
     finally:
         child.dismiss(2.0)
     assert heard == ["once"]
+
+
+@pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
+@pytest.mark.parametrize("told", ["", '{"par'])
+def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told):
+    done = subprocess.run(
+        [sys.executable, "-m", f"controller.tree.{module}"],
+        input=told,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
