@@ -6,6 +6,7 @@ import math
 import signal
 import sys
 from functools import partial
+from os.path import exists, isfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -230,7 +231,7 @@ def _places(
     force: bool,
 ) -> tuple[Path, Path | None]:
     """Where log and picture go: what is not said goes into ./runs/, the picture beside a log."""
-    if draws and plot is None and log is not None and (log.is_file() or not log.exists()):
+    if draws and plot is None and log is not None and (isfile(log) or not exists(log)):
         plot = log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
     if plot is not None:
         refuse_other_pictures("--plot", plot)

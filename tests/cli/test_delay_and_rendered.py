@@ -113,8 +113,8 @@ def test_a_servo_that_does_not_move_is_no_fit_hardware(command, capsys, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--delay-steps", "1.5"), "--delay-steps: found 1.5, wanted whole periods"),
-        (("--delay-steps=-1",), "--delay-steps: found -1, wanted whole periods"),
+        (("--delay-steps", "1.5"), "--delay-steps: found '1.5', wanted whole periods"),
+        (("--delay-steps=-1",), "--delay-steps: found '-1', wanted whole periods"),
         (("--set", "model.coulomb=2"), "raise servo.torque_limit"),
     ],
 )

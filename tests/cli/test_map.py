@@ -83,8 +83,8 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(capsys, tmp_pa
     [
         (["xm430-w350"], "CONFIG: found a real servo at"),
         (["simulated", "--kick", "0"], "--kick: found 0, wanted above 0"),
-        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found 0.5, wanted whole periods"),
-        (["simulated", "--delay-steps=-1"], "--delay-steps: found -1"),
+        (["simulated", "--delay-steps", "0.5"], "--delay-steps: found '0.5', wanted whole periods"),
+        (["simulated", "--delay-steps=-1"], "--delay-steps: found '-1'"),
         (["simulated", "--virtual-damping", "a"], "wanted numbers with commas between"),
     ],
 )

@@ -110,7 +110,7 @@ def placed(*places, name="simulated", force=False):
     """Where a run would write, and the context that keeps others from writing there."""
     context = click.Context(run_command.command)
     with context.scope(cleanup=False):
-        return run_command._places(*places, name, force=force), context
+        return run_command._places(*places, name, draws=True, force=force), context
 
 
 @pytest.mark.parametrize("log", [None, "run.hwlog"])
