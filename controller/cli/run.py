@@ -6,7 +6,6 @@ import math
 import signal
 import sys
 from functools import partial
-from os.path import exists, isfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -231,8 +230,8 @@ def _places(
     force: bool,
 ) -> tuple[Path, Path | None]:
     """Where log and picture go: what is not said goes into ./runs/, the picture beside a log."""
-    if draws and plot is None and log is not None and (isfile(log) or not exists(log)):
-        plot = log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
+    if draws and plot is None and log is not None:
+        plot = _beside(log)
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
@@ -253,6 +252,17 @@ def _places(
         stem.with_name(f"{stem.name}.hwlog") if log is None else log,
         stem.with_name(f"{stem.name}.png") if plot is None and draws else plot,
     )
+
+
+def _beside(log: Path) -> Path | None:
+    """Where the picture of a log goes; None: what is there is no file."""
+    try:
+        usable = log.is_file() or not log.exists()
+    except OSError:
+        return None  # and the log is refused
+    if not usable:
+        return None
+    return log.with_suffix(".png") if log.suffix == SUFFIX else Path(f"{log}.png")
 
 
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:

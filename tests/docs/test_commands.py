@@ -223,7 +223,7 @@ def second_terminal():
 def test_two_terminals(bus, tmp_path):
     """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
     first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
-    emulator, link, there = bus(first)
+    emulator, _, there = bus(first)
     words = [*second_terminal(), "--set", f"servo.port={there}"]
     words += ["--duration", "0.3", "--json", "--log", str(tmp_path / "run.hwlog")]
     words += [part for setting in PATIENT for part in ("--set", setting)]
