@@ -16,6 +16,7 @@ from controller.detector.oscillation import State
 from controller.detector.replay import Replay
 from controller.detector.watch import Watch
 from controller.log.detected import Detected, add
+from controller.log.pieces import Damage, End, said_of
 from controller.log.reader import LogReader
 from controller.log.recording import LEAST, Part, position_count
 from controller.log.rows import LogRows
@@ -41,8 +42,8 @@ class _Facts:
 def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     """Run a log's own watch over it again; None: the log does not hold what that needs.
 
-    That are the logs of experiments, which render no wall, what is cut out of a log, logs joined
-    into one file, and those that are damaged where they begin.
+    Those are the logs of experiments, which render no wall, what is cut out of a log, logs joined
+    into one file, and logs that lack rows before their last one.
 
     Args:
         path: A log of ours.
@@ -64,13 +65,10 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     if begin is None or begin["seq"][0] != 0 or "cut" in metadata or "phases" in metadata:
         return None
     known = begin["position"][np.isfinite(begin["position"])]
-    ended: dict[str, Any] = {}
-    for piece in log.pieces():
-        if not isinstance(piece, np.ndarray):
-            end = getattr(piece, "ended", None)
-            ended = end if isinstance(end, dict) else ended
-            if hasattr(piece, "metadata"):
-                return None
+    whole = _looked_through(log)
+    if whole is None:
+        return None
+    ended, notes = whole
     surface = config.surface(float(known[0])) if known.size else math.nan
     blocks = _gathered(rows)
     first = next(blocks, None)
@@ -78,7 +76,28 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
         return None
     facts = _facts(ended, first)
     replay, told = _replay(config, facts, surface, given)
+    told.notes += notes
     return _seen(replay, told, (first, blocks))
+
+
+def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
+    """How the run ended, and what is wrong at the log's end; None: rows are missing before."""
+    ended: dict[str, Any] = {}
+    notes: list[str] = []
+    following = 0
+    for piece in log.pieces():
+        if isinstance(piece, np.ndarray):
+            last = int(piece["seq"][-1])
+            if last + 1 != following + len(piece):
+                return None
+            following = last + 1
+        elif isinstance(piece, End):
+            ended = piece.ended
+        elif isinstance(piece, Damage) and piece.last:
+            notes += said_of(piece)
+        else:
+            return None
+    return ended, notes
 
 
 def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:

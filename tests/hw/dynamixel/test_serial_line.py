@@ -199,7 +199,7 @@ def test_a_port_that_vanishes_while_it_is_opened_is_no_refused_rate(
 
 
 def test_a_missing_port_says_what_there_is() -> None:
-    with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*servo\.port"):
+    with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*name another port"):
         open_port("/dev/ttyNOWHERE", 1_000_000)
 
 
