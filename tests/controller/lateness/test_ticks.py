@@ -208,7 +208,7 @@ class Stall:
                 clock.wait_until(clock.now_ns() + 7 * MS)
                 if error is not None:
                     raise error
-            plain(*args, **kwargs)
+            return plain(*args, **kwargs)
 
         monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
 
