@@ -19,6 +19,7 @@ from controller.detector.evidence import (
     Sighting,
     alike,
     beyond_hands,
+    explains,
     is_limit_cycle,
     lasts,
     same_period,
@@ -465,10 +466,10 @@ class Backstop:
         if self.small_cycle and not (undying and self._count >= STEADY):
             return
         self.alarm = True
-        cycle = motion.duration + motion.duration_2
-        if self._hand_after_all(cycle / self._probe.before.cycle):
+        seen = sighting(motion, self._time)
+        if self._hand_after_all(seen):
             self._was_wrong()
-        elif size >= settings.threshold and self._own(cycle) and self._is_last():
+        elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = True
         elif self._step >= _STEPS:
             if self._count >= _GOES_ON and not self.small_cycle:
@@ -479,13 +480,14 @@ class Backstop:
             self.stiffness_scale = PROBE**self._step
             self._count = 0
 
-    def _hand_after_all(self, ratio: float) -> bool:
+    def _hand_after_all(self, seen: Sighting) -> bool:
         """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
 
         Args:
-            ratio: Of the period to that before the alarm.
+            seen: The motion now.
         """
         least, most, later = _AS_BEFORE
+        ratio = seen.cycle / self._probe.before.cycle
         if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
             return False
         if self._cause == Cause.LONGER:
@@ -497,15 +499,20 @@ class Backstop:
             and least < ratio < most
         )
 
-    def _own(self, cycle: float) -> bool:
+    def _own(self, seen: Sighting) -> bool:
         """Whether there is no doubt that the wall makes this motion.
 
         Args:
-            cycle: Its period [s].
+            seen: The motion now.
         """
+        before = self._probe.before
+        explained = explains(seen.inertia, before.inertia)
         if self._cause == Cause.LONGER:
-            return self._streak > 0 and cycle / self._probe.before.cycle > _OWN[self._step - 1]
-        return self._cause == Cause.BEYOND_HANDS or self.steady
+            longer = seen.cycle / before.cycle > _OWN[self._step - 1]
+            return explained and longer and self._streak > 0
+        if self._cause == Cause.BEYOND_HANDS:
+            return explained or self.steady or self._beyond_hands(seen)
+        return self.steady
 
     def _is_last(self) -> bool:
         """Whether there is nothing left to reduce, or no time."""

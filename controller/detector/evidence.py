@@ -145,6 +145,17 @@ def may_be_a_load(cycle: float) -> bool:
     return cycle * _FADES_HZ < 1.0
 
 
+def explains(inertia: float, before: float) -> bool:
+    """Whether the torque of a softer wall explains a motion as well as before.
+
+    Args:
+        inertia: Apparent inertia now [kg·m²].
+        before: That on the whole wall [kg·m²].
+    """
+    least, most = _APPARENT
+    return least * before < inertia < most * before
+
+
 class Answer(NamedTuple):
     """What a probe shows, relative to the motion before it."""
 
