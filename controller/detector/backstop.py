@@ -19,6 +19,7 @@ from controller.detector.evidence import (
     Sighting,
     alike,
     beyond_hands,
+    explains,
     is_limit_cycle,
     lasts,
     same_period,
@@ -35,10 +36,15 @@ _SMALL, _SMALL_COUNTS = 0.005, 3.0
 """The same for motion that is suspected, or as even as no hand's"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
+_LOADED = 0.24
+"""Mean torque over the limit from which a motion is not probed: the probed wall would give way"""
 STEADY = 40
 """Half-cycles in a row that no hand makes so evenly"""
 _LEAST_GAIN = -0.05
 """Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
+_THROWS, _THROWS_LOADED = 3, 6
+"""Contacts in a row that are left clearly faster than entered before they are probed; or before
+they end the run, where the wall must not be probed"""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -164,6 +170,7 @@ class Backstop:
         "_cause",
         "_count",
         "_elongation",
+        "_gaining",
         "_hands",
         "_largest",
         "_largest_before",
@@ -206,7 +213,7 @@ class Backstop:
         self._steadiness = Steadiness(settings.period, settings.position_step)
         self._time = self._since = self._begun = 0.0
         self._stiffness = self._elongation = 0.0
-        self._streak = self._count = self._step = self._whole = 0
+        self._streak = self._count = self._step = self._whole = self._gaining = 0
         self._cause = Cause.STOPPED
         self._probe = Probe(settings.threshold, contacts=settings.bounces)
         self._hands = self._stop = NEVER
@@ -241,6 +248,10 @@ class Backstop:
         if phase == Phase.WATCHING:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
+            elif self._motion.gaining != self._gaining:
+                self._gaining = self._motion.gaining
+                if self._gaining >= _THROWS:
+                    self._probe_what_throws()
         elif phase == Phase.PROBING:
             if self._probe.still(self._motion):
                 self._stopped()
@@ -305,6 +316,9 @@ class Backstop:
             self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
+        elif self.steady and size >= settings.threshold:
+            self._probe.before = sighting(motion, self._time)
+            self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
     def _watch(self, size: float) -> None:
         """Answer a motion that is regular and does not die.
@@ -351,9 +365,10 @@ class Backstop:
             self._alarm(Cause.BEYOND_HANDS)
         elif not settings.acts:
             return
-        elif self._held_off(seen):
+        elif self._loaded or self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
-                self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
+                self._alarm(Cause.BEYOND_HANDS)  # no hand is so even
+                self.failed = self._loaded  # a softer wall would give way
         elif (
             self.steady
             or self._streak >= _UNLIKELY
@@ -369,7 +384,7 @@ class Backstop:
         """
         motion, settings = self._motion, self._settings
         known = min(motion.known, self._whole)
-        if not settings.acts or known < 1 or motion.amplitude < settings.small:
+        if not settings.acts or known < 1 or motion.amplitude < settings.small or self._loaded:
             return
         seen = sighting(motion, self._time)
         if known < 2:
@@ -385,6 +400,30 @@ class Backstop:
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)
+
+    def _probe_what_throws(self) -> None:
+        """Probe a wall that throws the shaft back, contact by contact, however regular it is."""
+        seen = sighting(self._motion, self._time)
+        if (
+            not self._settings.acts
+            or self._motion.amplitude < self._settings.small
+            or self._whole < 2
+            or self._held_off(seen)
+        ):
+            return
+        self._begun = self._since
+        self._settled = False
+        self._probe.before = seen
+        if not self._loaded:
+            self._ask(within=False)
+        elif self._gaining >= _THROWS_LOADED:
+            self._alarm(Cause.BEYOND_HANDS)
+            self.failed = True
+
+    @property
+    def _loaded(self) -> bool:
+        """Whether the wall holds up a load that would push through the wall of a probe."""
+        return abs(self._motion.load) > _LOADED * self._settings.torque_limit
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -465,13 +504,13 @@ class Backstop:
         if self.small_cycle and not (undying and self._count >= STEADY):
             return
         self.alarm = True
-        cycle = motion.duration + motion.duration_2
-        if self._hand_after_all(cycle / self._probe.before.cycle):
+        seen = sighting(motion, self._time)
+        if self._hand_after_all(seen):
             self._was_wrong()
-        elif size >= settings.threshold and self._own(cycle) and self._is_last():
+        elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = True
         elif self._step >= _STEPS:
-            if self._count >= _GOES_ON and not self.small_cycle:
+            if self._count >= _GOES_ON and not (self.small_cycle or self._beyond_hands(seen)):
                 self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step
@@ -479,13 +518,14 @@ class Backstop:
             self.stiffness_scale = PROBE**self._step
             self._count = 0
 
-    def _hand_after_all(self, ratio: float) -> bool:
+    def _hand_after_all(self, seen: Sighting) -> bool:
         """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
 
         Args:
-            ratio: Of the period to that before the alarm.
+            seen: The motion now.
         """
         least, most, later = _AS_BEFORE
+        ratio = seen.cycle / self._probe.before.cycle
         if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
             return False
         if self._cause == Cause.LONGER:
@@ -497,15 +537,20 @@ class Backstop:
             and least < ratio < most
         )
 
-    def _own(self, cycle: float) -> bool:
+    def _own(self, seen: Sighting) -> bool:
         """Whether there is no doubt that the wall makes this motion.
 
         Args:
-            cycle: Its period [s].
+            seen: The motion now.
         """
+        before = self._probe.before
+        explained = explains(seen.inertia, before.inertia)
         if self._cause == Cause.LONGER:
-            return self._streak > 0 and cycle / self._probe.before.cycle > _OWN[self._step - 1]
-        return self._cause == Cause.BEYOND_HANDS or self.steady
+            longer = seen.cycle / before.cycle > _OWN[self._step - 1]
+            return explained and longer and self._streak > 0
+        if self._cause == Cause.BEYOND_HANDS:
+            return explained or self.steady or self._beyond_hands(seen)
+        return self.steady
 
     def _is_last(self) -> bool:
         """Whether there is nothing left to reduce, or no time."""

@@ -111,7 +111,7 @@ class Motion(SimpleNamespace):
 
 
 def motion(**given):
-    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1}
+    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1, "gaining": 0, "load": 0.0}
     for name in ("duration", "amplitude", "inertia", "pull"):
         for tail in ("", "_2", "_3", "_4"):
             values[name + tail] = {"duration": 0.05, "inertia": 0.012}.get(name, 0.0)
