@@ -160,7 +160,7 @@ class Backstop:
         suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
             shaft: the next motion is probed. May be set at any time.
         small_cycle: The last alarm was about a steady motion below the threshold.
-        backlash: The last alarm was about a motion of a few degrees at most that neither grew nor
+        backlash: What was last answered was a motion of a few degrees at most that neither grew nor
             saturated the torque: a limit cycle of backlash, most likely.
     """
 
@@ -393,7 +393,7 @@ class Backstop:
         if seen.at - hands.at < _HOLD_OFF_S and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude:
             return
         self._begun = self._time - motion.elapsed - motion.duration
-        self._settled = False
+        self._settled = is_limit_cycle(motion, settings.torque_limit)
         self._probe.before = seen
         large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
         if large and self._beyond_hands(seen):
@@ -468,6 +468,8 @@ class Backstop:
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
+        if before.amplitude < self._settings.threshold and not self.suspected:
+            self.backlash = self._settled  # it was as even as a machine's
         self.suspected = False
         self.phase = Phase.RETURNING
 
@@ -477,9 +479,8 @@ class Backstop:
         self.alarm = True
         self.suspected = False
         self.small_cycle = self._probe.before.amplitude < self._settings.threshold
-        self.backlash = (
-            self._settled and self._probe.before.amplitude < _BACKLASH * self._settings.threshold
-        )
+        small = self._probe.before.amplitude < _BACKLASH * self._settings.threshold
+        self.backlash = small and self._settled
         if not self._settings.acts:
             return
         self._cause = cause

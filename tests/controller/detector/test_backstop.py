@@ -279,6 +279,72 @@ def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
     assert stop.stiffness_scale == 1.0
 
 
+def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run():
+    """Steel springs ring at 19 Hz under a hand that knocks four times a second."""
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    for _ in range(40):
+        take(stop, seen, 0.45, 0.1, 0.002)
+        assert not stop.failed
+
+
+def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run():
+    stop, seen = probing()
+    for _ in range(12):
+        take(stop, seen, 0.1 / math.sqrt(stop.stiffness_scale), 0.1)
+    assert stop.failed
+
+
+def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way():
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for k in range(200):
+        take(stop, seen, 0.1, 0.1 + 0.005 * (k % 3))
+    assert (stop.probes, stop.alarm, stop.failed) == (0, False, False)
+
+
+def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machine():
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1)
+    assert (stop.alarm, stop.failed) == (True, True)
+
+
+def test_a_wall_that_waits_to_come_back_is_watched():
+    """A hand that leans on it keeps its spring loaded for as long as it likes."""
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1, elongation=0.2)
+    assert stop.alarm
+
+
+@pytest.mark.parametrize(("load", "probed", "failed"), [(0.1, 1, False), (1.2, 0, True)])
+def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed):
+    seen = motion(load=load)
+    stop = backstop(seen, bounces=True)
+    for k in range(6):
+        take(stop, seen, 0.1 + 0.03 * (k % 2), 0.05 + 0.01 * (k % 3), elongation=0.0)
+        seen.gaining += 1
+        stop.update(1e-3, 0.0, 10.0, ended=False)
+        assert stop.probes == probed * (k >= 2)
+    assert stop.failed == failed
+
+
+def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts():
+    """It is pushed against steadily; the lag is twice what is believed."""
+    truth = Truth(0.017927, 0.005846, 0.045195, torque_gain=1.35, delay=0.00385)
+    push = operator_of(0.0, 0.0, np.zeros(5000), push=0.161)
+    wall = WallAsked(98.3, 0.2, "above")
+    trial = run_trial(truth, BENCH.sets, wall, push, duration_s=5.0, position=-0.09)
+    assert trial.first_alarm_s < 2.0
+    assert np.ptp(trial.output[-1000:]) < 0.02
+
+
 def test_where_it_may_not_act_it_neither_probes_nor_reduces():
     seen = motion()
     stop = backstop(seen, acts=False)
