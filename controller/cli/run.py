@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from controller import __version__
+from controller.cli.brief import brief_text
 from controller.cli.options import (
     FileToWrite,
     answer,
@@ -71,6 +72,7 @@ SIMULATED_S = 5.0
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
     " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="The whole report, in place of eight lines.")
 @force_option
 @json_option
 def command(
@@ -85,6 +87,7 @@ def command(
     stream_rate: float | None,
     stream_anywhere: bool,
     hold: tuple[str, ...],
+    verbose: bool,
     force: bool,
     as_json_wanted: bool,
 ) -> None:
@@ -143,7 +146,8 @@ def command(
             str(log) if ended.logged else None,
             None if warning or plot is None else str(plot),
         )
-        answer(as_json(report) if as_json_wanted else report_text(report))
+        as_text = report_text if verbose else brief_text
+        answer(as_json(report) if as_json_wanted else as_text(report))
     sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
 
 
