@@ -30,7 +30,7 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
     Args:
         plan: What to run.
         tell: Called with what a person should know meanwhile.
-        shown: Shows the run in real time; None: nothing does.
+        shown: Shows the run; None: nothing does.
 
     Raises:
         ServoError: The servo could not be started.
@@ -44,7 +44,7 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
             "ulimit -f and ulimit -v"
         ) from error
     with closing(memory) as telemetry:
-        if shown is None or plan.config.loop.clock == "simulated":
+        if shown is None:
             return _run(plan, tell, telemetry)
         with shown(telemetry, tell) as told:
             return _run(plan, told, telemetry)

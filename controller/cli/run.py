@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,13 +28,14 @@ from controller.cli.options import (
 )
 from controller.cli.places import force_option, new_stem, take_file
 from controller.cli.text import report_text
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, RECORD
 from controller.log.reader import SUFFIX
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
 from controller.signals import STOPPING, interrupting, on_signals
-from controller.telemetry import ROW
+from controller.telemetry import ROW, Telemetry, Word
 
 if TYPE_CHECKING:
     from controller.tree.hold import Hold
@@ -130,9 +133,10 @@ def command(
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")
-    shown = None
-    if is_wanted(json=as_json_wanted):
+    if is_wanted(json=as_json_wanted) and not _in_memory(effective):
         shown = partial(live_line, effective)
+    else:
+        shown = partial(_progress, effective, seconds)
     ended = run(plan, say, shown)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
@@ -209,6 +213,20 @@ def _duration(config: Config, asked: float | None) -> float | None:
     return asked
 
 
+@contextmanager
+def _progress(
+    config: Config, seconds: float | None, telemetry: Telemetry, tell: Callable[[str], None]
+) -> Iterator[Callable[[str], None]]:
+    """Show how far a run is that has no line of its own."""
+
+    def share() -> float | None:
+        return None if seconds is None else telemetry.words[Word.HEAD] / rows
+
+    rows = 1.0 if seconds is None else seconds * config.loop.rate_hz
+    with working("running", share=share):
+        yield tell
+
+
 def _length(config: Config, seconds: float | None) -> str:
     """How long the run is, and what it will write if that is much."""
     rate = config.loop.rate_hz * ROW.itemsize
@@ -272,7 +290,8 @@ def _beside(log: Path) -> Path | None:
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     """Draw the picture from the log; what went wrong, or nothing."""
     try:
-        with interrupting(STOPPING):  # whoever cannot wait for it need not
+        # Whoever cannot wait for it need not.
+        with working("drawing the picture", DRAWING_S), interrupting(STOPPING):
             from controller.log.reader import LogReader
             from controller.log.rows import LogRows
             from controller.plots.run import plot_log
