@@ -81,12 +81,11 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     if html is not None:
         take_file("--html", html, _PAGE, force=force)
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
-    say(f"this takes about {length(sum(ABOUT_S[name] for name in chosen))}")
 
     def tell(name: str) -> None:
         place = list(chosen).index(name)
         left = sum(ABOUT_S[each] for each in list(chosen)[place:])
-        more = f", {length(left)} in all" if place + 1 < len(chosen) else ""
+        more = f", with the rest {length(left)}" if place + 1 < len(chosen) else ""
         say(
             f"measuring {name} ({place + 1} of {len(chosen)}): about"
             f" {length(ABOUT_S[name])}{more} ..."
