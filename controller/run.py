@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from types import FrameType
 
 from controller.errors import PlatformError
@@ -30,7 +30,7 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
     Args:
         plan: What to run.
         tell: Called with what a person should know meanwhile.
-        shown: Shows the run in real time; None: nothing does.
+        shown: Shows the run; None: nothing does.
 
     Raises:
         ServoError: The servo could not be started.
@@ -44,13 +44,10 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
             "ulimit -f and ulimit -v"
         ) from error
     with closing(memory) as telemetry:
-        if shown is None or plan.config.loop.clock == "simulated":
-            return _run(plan, tell, telemetry)
-        with shown(telemetry, tell) as told:
-            return _run(plan, told, telemetry)
+        return _run(plan, tell, telemetry, shown)
 
 
-def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
+def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> Ended:
     asked = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -61,14 +58,16 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
     def raise_again(_signal: int, _frame: FrameType | None) -> None:
         telemetry.words[Word.RAISE] += 1
 
-    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)):
+    # A terminal that is changed to show the run is put in order whatever signal comes.
+    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
+        told = tell if shown is None else stack.enter_context(shown(telemetry, tell))
         if plan.config.loop.clock == "simulated":
-            ended = run_inline(plan, telemetry, tell)
+            ended = run_inline(plan, telemetry, told)
         else:
             with (
                 on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
                 on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
-                Teller(tell) as teller,
+                Teller(told) as teller,
             ):
                 ended = Supervisor(plan, telemetry, teller).run()
         ended.log = _finished_log(plan, ended, telemetry.words)

@@ -15,6 +15,7 @@ from controller.benchmarks import words
 from controller.cli import interrupt
 from controller.cli.options import answer, as_json, json_option, say, writing
 from controller.cli.places import force_option, take_file
+from controller.cli.working import length
 from controller.cli.wrapping import wrapped
 from controller.file_kinds import Kind
 from controller.signals import on_signals
@@ -80,11 +81,15 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     if html is not None:
         take_file("--html", html, _PAGE, force=force)
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
-    say(f"this takes about {_length(sum(ABOUT_S[name] for name in chosen))}")
 
     def tell(name: str) -> None:
-        place = list(chosen).index(name) + 1
-        say(f"measuring {name} ({place} of {len(chosen)}) ...")
+        place = list(chosen).index(name)
+        left = sum(ABOUT_S[each] for each in list(chosen)[place:])
+        more = f", with the rest {length(left)}" if place + 1 < len(chosen) else ""
+        say(
+            f"measuring {name} ({place + 1} of {len(chosen)}): about"
+            f" {length(ABOUT_S[name])}{more} ..."
+        )
 
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
@@ -96,10 +101,6 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
                 part.write_text(page(report), encoding="utf-8")
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
-
-
-def _length(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
 
 
 def _text(report: Mapping[str, Any]) -> str:

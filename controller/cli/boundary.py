@@ -19,6 +19,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import force_option, take_file
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
 from controller.guard.belief import Belief, Bounded
@@ -92,13 +93,15 @@ def command(
     question = _question(given)
     try:
         chosen = default_dampings(question) if dampings is None else dampings
-        found = report(question, chosen)
+        with working("computing the limits"):
+            found = report(question, chosen)
     except ValueError as error:  # numbers so extreme that only the theory can tell
         raise UserError(f"{error}; are all in SI units?") from None
     if plot is not None:
         from controller.plots.boundary import plot_boundary
 
-        with writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
+        drawing = working("drawing the picture", DRAWING_S)
+        with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
             plot_boundary(question, found, part)
     answer(as_json(found) if as_json_wanted else boundary_text(found))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, yes_option
+from controller.cli.experiment import ask_to_move, moving, yes_option
 from controller.cli.options import (
     answer,
     as_json,
@@ -22,6 +22,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import take_folder
+from controller.cli.working import DRAWING_S, working
 from controller.cli.wrapping import wrapped
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
@@ -85,15 +86,20 @@ def command(
         _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
         return
     store = _store(loaded, config, out, reach, fresh)
+    announcement = announce(loaded.config, reach)
     if not store.complete:
-        _announce(loaded, announce(loaded.config, reach), yes)
+        _announce(loaded, announcement, yes)
     from controller.commission.sequence import run_steps
     from controller.commission.steps import Bench
 
     folder = store.folder
     with writing("--out", folder):
-        ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say))
-        with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
+        with moving(loaded.config, 0.0 if store.complete else announcement.seconds):
+            ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say))
+        with (
+            on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
+            working("writing the report", DRAWING_S),
+        ):
             report = _written(ended, loaded.name, store)
     answer(as_json(report) if as_json_wanted else _text(report, folder))
     if ended.interrupted:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, keep, yes_option
+from controller.cli.experiment import ask_to_move, endings, folder_for, keep, moving, yes_option
 from controller.cli.numbers import periods
 from controller.cli.options import (
     answer,
@@ -70,15 +70,22 @@ def command(
     The torque is stepped to and fro; the shaft swings by a few degrees about where it is. The same
     is done with delay inserted on purpose, which must be found again.
     """
-    from controller.experiments.loop_delay import BURSTS, CHECK_STEPS, delay_report, measure_delay
+    from controller.experiments.loop_delay import (
+        BURST_S,
+        BURSTS,
+        CHECK_STEPS,
+        delay_report,
+        measure_delay,
+    )
 
     loaded = load_config(config, sets)
     effective = loaded.config
     chosen = _whole([0.0, effective.delay.steps + CHECK_STEPS] if steps is None else steps)
     folder = folder_for(out, "delay", force=force)
     ask_to_move(effective.servo, yes)
-    with endings():
-        found = measure_delay(effective, folder, chosen, bursts or BURSTS, seed, say)
+    count = bursts or BURSTS
+    with moving(effective, BURST_S * count * len(chosen)), endings():
+        found = measure_delay(effective, folder, chosen, count, seed, say)
     from controller.plots.delay import plot_delay
 
     files = [folder / "delay.json", folder / "delay.png"]

@@ -18,6 +18,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import force_option, take_file
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
 from controller.whole_file import whole
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from controller.log.detected import Detected, GivenWall
 
 _NUMBER = click.FLOAT
+_LOG_BYTES_S, _CSV_BYTES_S = 2e7, 5e6
+"""How much of a file is looked at in a second"""
 _LIGHTEST, _MOST = 1e-12, 1e6
 """Of what is known of a servo, in SI units"""
 
@@ -85,11 +88,14 @@ def command(
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, PICTURE, force=force)
     try:
-        detected = None
-        if wall == NO_WALL and is_log(log):
-            detected = replayed(log, given)
-        if detected is None:
-            detected = detect_all(read_recordings(log), given, wall)
+        of_ours = is_log(log)
+        pace = _LOG_BYTES_S if of_ours else _CSV_BYTES_S
+        with working("looking at the motion", log.stat().st_size / pace):
+            detected = None
+            if wall == NO_WALL and of_ours:
+                detected = replayed(log, given)
+            if detected is None:
+                detected = detect_all(read_recordings(log), given, wall)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"
@@ -100,7 +106,8 @@ def command(
         from controller.plots.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
-        with writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
+        drawing = working("drawing the picture", DRAWING_S)
+        with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
             plot_detection(parts, found, part)
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,16 @@ from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import as_json, say, writing
 from controller.cli.places import new_stem, take_folder
+from controller.cli.working import DRAWING_S, Work, working
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.file_kinds import PICTURE, RESULT
 from controller.report import exit_status
+from controller.settings.config import Config
 from controller.settings.servo import Servo
 from controller.whole_file import whole
 
+_FASTER = 20.0
+"""The simulated clock than real time"""
 yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
 
@@ -37,6 +41,17 @@ def ask_to_move(servo: Servo, yes: bool) -> None:
         return
     say("keep its way free and the power switch at hand; Ctrl-C ends it at any time, torque off")
     click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
+
+
+def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
+    """Show that a servo is being moved.
+
+    Args:
+        config: Of the servo.
+        seconds: How long it takes in real time, about [s].
+    """
+    simulated = config.loop.clock == "simulated"
+    return working("measuring", seconds / _FASTER if simulated else seconds)
 
 
 def folder_for(out: Path | None, what: str, *, force: bool) -> Path:
@@ -78,7 +93,8 @@ def keep(
     """
     json_whole = whole(folder / f"{what}.json", RESULT, force=force)
     picture_whole = whole(folder / f"{what}.png", PICTURE, force=force)
-    with writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
+    drawing = working("drawing the picture", DRAWING_S)
+    with drawing, writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
         json_part.write_text(as_json(report) + "\n", encoding="utf-8")
         draw(picture_part)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, yes_option
+from controller.cli.experiment import ask_to_move, moving, yes_option
 from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from controller.experiments.identification import Identified
 
 _REACH = 0.6
+_ABOUT_S = 60.0
+"""What the motions take in real time [s]"""
 _CONFIG = Kind(
     "a configuration that haptic-wall identify wrote",
     re.compile(rb"# [^\n]*haptic-wall identify found on"),
@@ -169,7 +171,8 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     from controller.report import exit_status
 
     try:
-        return identify(loaded.config, logs, reach, say)
+        with moving(loaded.config, _ABOUT_S):
+            return identify(loaded.config, logs, reach, say)
     except ExperimentInterruptedError as error:
         raise EndedEarlyError(f"{error}; nothing is identified", INTERRUPTED) from None
     except ExperimentTrippedError as error:

@@ -50,6 +50,8 @@ def say_nothing_after(answered: Callable[[], bool]) -> None:
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:
+    if shown := sys.modules.get("controller.cli.working"):
+        shown.clear()
     if "--json" in sys.argv and not any(answered() for answered in _answered):
         with suppress(OSError):  # nobody listens
             os.write(1, _OBJECT)

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from controller.cli.working import CLEAR, in_foreground
 from controller.detector.oscillation import State
 from controller.settings.config import Config
 from controller.telemetry import (
@@ -33,7 +34,6 @@ EVERY_S: Final = 0.1
 BAR: Final = 11
 """Characters of the bar, one of them its middle"""
 ENDING_KEYS: Final = b" q"
-_CLEAR: Final = "\r\x1b[K"
 _RED, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[0m"
 
 
@@ -59,12 +59,19 @@ class Shown:
 
 
 def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
-    """The line, no wider than ``columns`` - 1."""
-    text = (
-        f"{shown.state:9} {bar_of(shown.torque, shown.largest)} {shown.torque:+7.3f} N·m"
-        f"  x {shown.position:+8.4f} rad  depth {shown.depth:+8.4f}  K {shown.stiffness:.4g}"
-        f"  lost {shown.lost}  age {shown.age_ms:.2f} ms"
-    )[: max(0, columns - 1)]
+    """The line, no wider than ``columns`` - 1: what has no room at its end is left out."""
+    parts = [
+        f"{shown.state:9} {bar_of(shown.torque, shown.largest)}",
+        f" {shown.torque:+7.3f} N·m",
+        f"  x {shown.position:+8.4f} rad",
+        f"  depth {shown.depth:+8.4f}",
+        f"  K {shown.stiffness:.4g}",
+        f"  lost {shown.lost}",
+        f"  age {shown.age_ms:.2f} ms",
+    ]
+    while len(parts) > 1 and sum(map(len, parts)) >= columns:
+        parts.pop()
+    text = "".join(parts)[: max(0, columns - 1)]
     if not (colour and shown.wrong):
         return text
     return (_RED if shown.wrong > 1 else _YELLOW) + text + _PLAIN
@@ -162,7 +169,7 @@ def live_line(
 
     def told(text: str) -> None:
         with writing:
-            _write(_CLEAR)
+            _write(CLEAR)
             tell(text)
 
     with _keys() as keyboard:
@@ -176,7 +183,7 @@ def live_line(
         finally:
             done.set()
             thread.join(10.0 * EVERY_S)
-            _write(_CLEAR)
+            _write(CLEAR)
 
 
 def _show(
@@ -191,13 +198,13 @@ def _show(
         if _pressed(keyboard, done):
             telemetry.words[Word.STOP] = 1
         shown = view.look()
-        if shown is not None and not done.is_set():
+        if shown is not None and not done.is_set() and in_foreground(sys.stdout.fileno()):
             try:
                 columns = os.get_terminal_size(sys.stdout.fileno()).columns
             except OSError:
                 columns = 80
             with writing:
-                _write(_CLEAR + line_of(shown, columns or 80, colour=colour))
+                _write(CLEAR + line_of(shown, columns or 80, colour=colour))
 
 
 def _pressed(keyboard: int | None, done: threading.Event) -> bool:

@@ -22,6 +22,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import force_option, take_file
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, Kind, table
 from controller.log.columns import COLUMNS
@@ -40,6 +41,8 @@ _KINDS = {
     "--plot": PICTURE,
     "--cut": LOG,
 }
+_READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 5e5, "--cut": 2e6}
+"""How much is read, and how many rows are written, in a second"""
 
 
 @click.command()
@@ -90,8 +93,9 @@ def command(
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError("--cut: found neither --from nor --to; say which stretch, in seconds")
     try:
-        rows = LogRows.of(LogReader(log), stretch)
-        summary = summarised(rows)
+        with working("reading the log", log.stat().st_size / _READ_BYTES_S):
+            rows = LogRows.of(LogReader(log), stretch)
+            summary = summarised(rows)
     except OSError as error:
         raise UserError(
             f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run"
@@ -182,5 +186,8 @@ def _write(
     }
     for option, path in wanted.items():
         if path is not None:
-            with writing(option, path), whole(path, _KINDS[option], force=force) as part:
+            about_s = report["rows"] / _WRITTEN_ROWS_S[option]
+            about_s += DRAWING_S if option == "--plot" else 0.0
+            shown = working(f"writing {path.name}", about_s)
+            with shown, writing(option, path), whole(path, _KINDS[option], force=force) as part:
                 writers[option](part)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import sys
 from contextlib import ExitStack
@@ -25,6 +24,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import force_option, new_stem, take_folder
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from controller.settings.load import load_config
@@ -33,6 +33,8 @@ from controller.whole_file import whole
 if TYPE_CHECKING:
     from controller.experiments.maps import CriticalMap, Setting
 
+_POINT_S = 0.05
+"""What a point takes on one core, about [s]"""
 _STEPS = (0, 1, 2, 3, 4, 5)
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
@@ -109,13 +111,14 @@ def command(
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
     label = f"{loaded.name}: {total} points"
-    watched = sys.stderr.isatty()
-    if not watched:
-        say(label)
-    bar = click.progressbar(
-        length=total, label=label, file=sys.stderr if watched else io.StringIO()
-    )
-    with bar:
+    say(label)
+    done = 0
+
+    def progress(count: int, _all: int) -> None:
+        nonlocal done
+        done = count
+
+    with working("computing", _POINT_S * total, lambda: done / total):
         try:
             found = critical_map(
                 setting,
@@ -123,7 +126,7 @@ def command(
                 chosen_steps,
                 chosen_kicks,
                 workers=workers,
-                progress=lambda done, _: bar.update(done - bar.pos),
+                progress=progress,
             )
         except MapInterruptedError as stopped:
             found, interrupted = stopped.partial, True
@@ -231,7 +234,8 @@ def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool
         plot_map(found, report["name"], path)
 
     files = [out / name for name in _FILES]
-    with writing("--out", out), ExitStack() as all_or_none:
+    drawing = working("drawing the picture", DRAWING_S)
+    with drawing, writing("--out", out), ExitStack() as all_or_none:
         for file, kind, write in zip(
             files, _FILES.values(), (csv_table, json_text, picture), strict=True
         ):

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
+from controller.cli.working import aside
 from controller.errors import UserError
 from controller.printable import printable
 
@@ -140,7 +141,7 @@ def say(text: str) -> None:
 
     Here, and in ``answer``, control characters become escapes, whoever wrote the text.
     """
-    with suppress(OSError):
+    with suppress(OSError), aside():
         click.echo(printable(text), err=True)
 
 
@@ -151,8 +152,9 @@ def answer(text: str) -> None:
     """
     _command.answered = True
     try:
-        click.echo(printable(text), err=_command.output_taken)
-        sys.stdout.flush()
+        with aside():
+            click.echo(printable(text), err=_command.output_taken)
+            sys.stdout.flush()
     except OSError as error:
         # ``| head``, or the terminal is closed: the exit status still tells how the command ended
         if error.errno not in (errno.EPIPE, errno.EIO):

@@ -11,6 +11,7 @@ import click
 
 from controller.cli.options import answer, as_json, json_option, say, writing
 from controller.cli.places import force_option, take_folder
+from controller.cli.working import working
 from controller.errors import UserError
 from controller.file_kinds import PICTURE
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from controller.paper.items import Made
 
 _ALL = "all"
+_ITEM_S = 2.0
+"""What an item takes [s]"""
 
 
 @click.command()
@@ -46,7 +49,7 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
         kinds[PAGE] = KIND
     take_folder("--out", out, kinds, force=force)
     made = []
-    with writing("--out", out):
+    with working("computing", _ITEM_S * len(wanted)), writing("--out", out):
         for name in wanted:
             say(f"{name} ...")
             made.append(make(name, out, force=force))

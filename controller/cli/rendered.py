@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, keep, yes_option
+from controller.cli.experiment import ask_to_move, endings, folder_for, keep, moving, yes_option
 from controller.cli.options import (
     answer,
     as_json,
@@ -52,12 +52,12 @@ def command(
     The wall that a run would command is pushed as a spring, the free shaft is moved at several
     speeds, and the wall is struck. The shaft moves by up to half a radian either way.
     """
-    from controller.experiments.rendering import measure_rendering, rendering_report
+    from controller.experiments.rendering import SECONDS, measure_rendering, rendering_report
 
     loaded = load_config(config, sets)
     folder = folder_for(out, "rendered", force=force)
     ask_to_move(loaded.config.servo, yes)
-    with endings():
+    with moving(loaded.config, SECONDS), endings():
         found = measure_rendering(loaded.config, folder, seed, say)
     from controller.plots.rendered import plot_rendering
 

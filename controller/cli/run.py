@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from controller import __version__
+from controller.cli.brief import brief_text
 from controller.cli.options import (
     FileToWrite,
     answer,
@@ -25,13 +28,14 @@ from controller.cli.options import (
 )
 from controller.cli.places import force_option, new_stem, take_file
 from controller.cli.text import report_text
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, RECORD
 from controller.log.reader import SUFFIX
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
 from controller.signals import STOPPING, interrupting, on_signals
-from controller.telemetry import ROW
+from controller.telemetry import ROW, Telemetry, Word
 
 if TYPE_CHECKING:
     from controller.tree.hold import Hold
@@ -71,6 +75,7 @@ SIMULATED_S = 5.0
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
     " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="The whole report, in place of eight lines.")
 @force_option
 @json_option
 def command(
@@ -85,6 +90,7 @@ def command(
     stream_rate: float | None,
     stream_anywhere: bool,
     hold: tuple[str, ...],
+    verbose: bool,
     force: bool,
     as_json_wanted: bool,
 ) -> None:
@@ -127,9 +133,10 @@ def command(
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")
-    shown = None
-    if is_wanted(json=as_json_wanted):
+    if is_wanted(json=as_json_wanted) and not _in_memory(effective):
         shown = partial(live_line, effective)
+    else:
+        shown = partial(_progress, effective, seconds)
     ended = run(plan, say, shown)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         warning = "" if plot is None else "no picture: there is no log"
@@ -143,7 +150,8 @@ def command(
             str(log) if ended.logged else None,
             None if warning or plot is None else str(plot),
         )
-        answer(as_json(report) if as_json_wanted else report_text(report))
+        as_text = report_text if verbose else brief_text
+        answer(as_json(report) if as_json_wanted else as_text(report))
     sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
 
 
@@ -203,6 +211,20 @@ def _duration(config: Config, asked: float | None) -> float | None:
     if not asked > 0.0:
         raise UserError(f"--duration: found {asked:g}, wanted a time above 0 s")
     return asked
+
+
+@contextmanager
+def _progress(
+    config: Config, seconds: float | None, telemetry: Telemetry, tell: Callable[[str], None]
+) -> Iterator[Callable[[str], None]]:
+    """Show how far a run is that has no line of its own."""
+
+    def share() -> float | None:
+        return None if seconds is None else telemetry.words[Word.HEAD] / rows
+
+    rows = 1.0 if seconds is None else seconds * config.loop.rate_hz
+    with working("running", share=share):
+        yield tell
 
 
 def _length(config: Config, seconds: float | None) -> str:
@@ -268,7 +290,8 @@ def _beside(log: Path) -> Path | None:
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     """Draw the picture from the log; what went wrong, or nothing."""
     try:
-        with interrupting(STOPPING):  # whoever cannot wait for it need not
+        # Whoever cannot wait for it need not.
+        with working("drawing the picture", DRAWING_S), interrupting(STOPPING):
             from controller.log.reader import LogReader
             from controller.log.rows import LogRows
             from controller.plots.run import plot_log

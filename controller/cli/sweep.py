@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, yes_option
+from controller.cli.experiment import ask_to_move, moving, yes_option
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers, periods
 from controller.cli.options import (
@@ -22,6 +22,7 @@ from controller.cli.options import (
     writing,
 )
 from controller.cli.places import force_option, new_stem, take_folder
+from controller.cli.working import DRAWING_S, working
 from controller.errors import UserError
 from controller.file_kinds import PICTURE, RESULT, table
 from controller.settings.load import load_config
@@ -110,7 +111,7 @@ def command(
     The shaft is kicked, at many stiffnesses about the limit: a soft spring moves it, lets it rest,
     then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
     """
-    from controller.experiments.sweep import experiment_config, sweep
+    from controller.experiments.sweep import expected_s, experiment_config, sweep
     from controller.experiments.sweep_device import Device
     from controller.experiments.sweep_plan import Options
     from controller.experiments.sweep_store import PNG, Asked, SweepStore
@@ -132,9 +133,17 @@ def command(
     progress = _Progress(len(settings), len(store.done))
     tripped: ExperimentTrippedError | None = None
     try:
-        finished = sweep(
-            effective, store, settings, options, tell=say, progress=progress.point, workers=workers
-        )
+        left = tuple(setting for setting in settings if setting not in store.done)
+        with moving(effective, expected_s(effective, left, options)):
+            finished = sweep(
+                effective,
+                store,
+                settings,
+                options,
+                tell=say,
+                progress=progress.point,
+                workers=workers,
+            )
     except ExperimentTrippedError as error:
         finished, tripped = False, error
     points = store.points()
@@ -143,7 +152,7 @@ def command(
 
         store.write()
         picture = whole(folder / PNG, PICTURE, force=force)
-        with writing("--out", folder), picture as part:
+        with working("drawing the picture", DRAWING_S), writing("--out", folder), picture as part:
             plot_sweep(points, device, loaded.name, part)
     report = {**store.report(loaded.name), "out": folder}
     answer(as_json(report) if as_json_wanted else _text(points, folder))

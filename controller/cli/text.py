@@ -1,4 +1,4 @@
-"""The report of a run as readable text: what happened, what was commanded and why."""
+"""The whole report of a run as text: what happened, what was commanded and why."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _UNCONFIRMED = (
 
 
 def report_text(report: Mapping[str, Any]) -> str:
-    """The report of ``haptic-wall run`` as text of some 25 lines.
+    """The report of ``haptic-wall run -v`` as text of some 25 lines.
 
     Args:
         report: As the command's ``--json`` gives it; what is None is left out.
     """
     return "\n".join(
         [
-            *_ending(report),
+            *ending(report),
             *_timing(report),
             *_delay(report.get("delay_s")),
             *_interval(report),
@@ -36,7 +36,8 @@ def report_text(report: Mapping[str, Any]) -> str:
     )
 
 
-def _ending(report: Mapping[str, Any]) -> Iterator[str]:
+def ending(report: Mapping[str, Any]) -> Iterator[str]:
+    """How the run ended, and of a trip what it means."""
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if reason.startswith("trip:"):
@@ -51,27 +52,27 @@ def _ending(report: Mapping[str, Any]) -> Iterator[str]:
         how = f"THE WALL NEVER CAME ON{flaw}: {report['waited_for']}; {how}{torque}"
     else:
         how += flaw + torque
-    yield from _entry("run", how)
+    yield from entry("run", how)
     if report.get("explanation"):
-        yield from _entry("", str(report["explanation"]))
+        yield from entry("", str(report["explanation"]))
     if off is False:
-        yield from _entry("", _UNCONFIRMED)
+        yield from entry("", _UNCONFIRMED)
 
 
 def _timing(report: Mapping[str, Any]) -> Iterator[str]:
     ticks, missed = report["ticks"], report["missed_ticks"]
     if not ticks and not missed:
-        yield from _entry("ticks", "none: it ended before the wall was on")
+        yield from entry("ticks", "none: it ended before the wall was on")
         return
     share = f" ({100 * missed / (ticks + missed):.2f} %)" if missed else ""
-    yield from _entry(
+    yield from entry(
         "ticks",
-        f"{ticks} in {_number(report['duration_s'])} s: {_number(report['rate_hz'], 6)} Hz; "
+        f"{ticks} in {number(report['duration_s'])} s: {number(report['rate_hz'], 6)} Hz; "
         f"{missed} missed{share}",
     )
     factor = report.get("real_time_factor")
     if factor is not None:  # on the simulated clock nothing is ever late
-        yield from _entry("clock", f"simulated, {_number(factor)} times faster than real time")
+        yield from entry("clock", f"simulated, {number(factor)} times faster than real time")
     for key, meaning in (
         ()
         if factor is not None
@@ -83,12 +84,12 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
     ):
         times = report.get(key) or {}
         if times.get("p50") is not None:
-            yield from _entry(meaning, _percentiles(times))
+            yield from entry(meaning, _percentiles(times))
     yield from _late(report.get("timing"))
     bus = report.get("bus")
     if bus:
         refused = f", {bus['refused']} refused" if bus.get("refused") else ""
-        yield from _entry(
+        yield from entry(
             "bus",
             f"{bus['cycles']} cycles: {bus['lost']} lost, {bus['late']} late, "
             f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
@@ -100,27 +101,27 @@ def _late(timing: Mapping[str, Any] | None) -> Iterator[str]:
     if not timing or not timing["late_ticks"]:
         return
     causes = sorted(timing["causes"].items(), key=lambda item: -item[1])
-    yield from _entry(
+    yield from entry(
         "late ticks",
-        f"{timing['late_ticks']} by more than {_number(timing['limit_us'])} µs: "
+        f"{timing['late_ticks']} by more than {number(timing['limit_us'])} µs: "
         + ", ".join(f"{cause} {count}" for cause, count in causes),
     )
     for place, tick in enumerate(timing["worst"][:_WORST]):
         lost = f"{tick['missed']} missed" if tick["missed"] else "none missed"
         whole_ms = (tick["lateness_us"] + tick["work_us"] + tick["bus_us"]) / 1000.0
         why = f"{tick['cause']} ({tick['evidence']})" if tick["evidence"] else tick["cause"]
-        yield from _entry(
+        yield from entry(
             "" if place else "worst ticks",
-            f"{_number(whole_ms, 3)} ms, {lost}, at {_number(tick['time_s'])} s: {why}",
+            f"{number(whole_ms, 3)} ms, {lost}, at {number(tick['time_s'])} s: {why}",
         )
 
 
 def _delay(delay: Mapping[str, Any] | None) -> Iterator[str]:
     if delay:
         parts = " + ".join(
-            f"{name} {_milli(delay[name])}" for name in ("inserted", "device", "measured")
+            f"{name} {milli(delay[name])}" for name in ("inserted", "device", "measured")
         )
-        yield from _entry("delay", f"{_milli(delay['total'])} ms = {parts} ms")
+        yield from entry("delay", f"{milli(delay['total'])} ms = {parts} ms")
 
 
 def _interval(report: Mapping[str, Any]) -> Iterator[str]:
@@ -128,9 +129,9 @@ def _interval(report: Mapping[str, Any]) -> Iterator[str]:
     interval = (report.get("guard") or {}).get("interval_s")
     grid = report.get("grid_hz")
     if interval and grid and interval * grid > 1.001:
-        yield from _entry(
+        yield from entry(
             "interval",
-            f"{_milli(interval)} ms counted as the period: {_slower(report)}",
+            f"{milli(interval)} ms counted as the period: {_slower(report)}",
         )
 
 
@@ -150,10 +151,10 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
     asked, commanded = guard["requested"], guard["commanded"]
     for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
         same = asked[key] == commanded[key]
-        note = "as requested" if same else f"requested {_number(asked[key])}"
-        yield from _entry(key, f"{_number(commanded[key])} {unit}, {note}")
+        note = "as requested" if same else f"requested {number(asked[key])}"
+        yield from entry(key, f"{number(commanded[key])} {unit}, {note}")
     limits = [
-        f"{name} {_number(guard['limit'][name])}"
+        f"{name} {number(guard['limit'][name])}"
         + ("*" if name == guard["binding"] and guard["binding"] else "")
         for name in _LIMITS
         if guard["limit"].get(name) is not None
@@ -161,15 +162,15 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
     if limits:
         star = "; * binds" if guard["binding"] else ""
         ceiling = guard.get("damping_ceiling")
-        above = "" if ceiling is None else f"; damping ceiling {_number(ceiling)}"
-        yield from _entry(
+        above = "" if ceiling is None else f"; damping ceiling {number(ceiling)}"
+        yield from entry(
             "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
         )
     high = guard.get("rebound_speed_high")
     if high is not None:
-        yield from _entry("rebound", _rebound(guard["rebound_speed"], high))
+        yield from entry("rebound", _rebound(guard["rebound_speed"], high))
     for reason in guard["reasons"]:
-        yield from _entry("why", str(reason))
+        yield from entry("why", str(reason))
 
 
 def _rebound(low: float | None, high: float) -> str:
@@ -177,7 +178,7 @@ def _rebound(low: float | None, high: float) -> str:
     least = 0.0 if low is None else low
     if least >= high:
         return "at no speed is the device guaranteed to come back no faster than it came"
-    span = f"up to {_number(high)}" if low is None else f"from {_number(low)} to {_number(high)}"
+    span = f"up to {number(high)}" if low is None else f"from {number(low)} to {number(high)}"
     return f"no faster than it came, for speeds {span} rad/s"
 
 
@@ -186,21 +187,25 @@ def _motion(report: Mapping[str, Any]) -> Iterator[str]:
     if torque.get("max") is not None:
         ticks = torque["saturated_ticks"]
         cut = f"; the limit cut it in {ticks} ticks" if ticks else ""
-        yield from _entry("torque", f"at most {_number(torque['max'])} N·m{cut}")
-    oscillation = report.get("oscillation")
-    if oscillation:
-        known = [
-            f"{_number(oscillation[key])} {unit}"
-            for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
-            if oscillation.get(key) is not None
-        ]
-        yield from _entry("oscillation", ", ".join([str(oscillation["state"]), *known]))
+        yield from entry("torque", f"at most {number(torque['max'])} N·m{cut}")
+    if report.get("oscillation"):
+        yield from entry("oscillation", oscillation(report["oscillation"]))
+
+
+def oscillation(seen: Mapping[str, Any]) -> str:
+    """The state, frequency and amplitude that the detector saw."""
+    known = [
+        f"{number(seen[key])} {unit}"
+        for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
+        if seen.get(key) is not None
+    ]
+    return ", ".join([str(seen["state"]), *known])
 
 
 def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
     if settings:
         granted = [str(setting["name"]) for setting in settings if setting["ok"]]
-        yield from _entry(
+        yield from entry(
             "real time",
             f"granted: {', '.join(granted) or 'nothing'} ({len(granted)} of {len(settings)})",
         )
@@ -208,14 +213,18 @@ def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
 
 def _notes(report: Mapping[str, Any]) -> Iterator[str]:
     for warning in report.get("warnings") or []:
-        yield from _entry("note", str(warning))
+        yield from entry("note", str(warning))
+    yield from files(report)
+
+
+def files(report: Mapping[str, Any]) -> Iterator[str]:
+    """Where log and picture are. A path is one word for whoever copies it: never folded."""
     for key, label in (("log", "log"), ("plot", "picture")):
         if report.get(key):
-            # A path is one word for whoever copies it: never folded.
             yield f"{label:<12}{report[key]}"
 
 
-def _entry(label: str, text: str) -> list[str]:
+def entry(label: str, text: str) -> list[str]:
     """A label and its text, folded under itself."""
     return wrapped(text, f"{label:<12}", " " * 12)
 
@@ -229,9 +238,11 @@ def _percentiles(times: Mapping[str, float | None]) -> str:
     return f"{', '.join(named)} µs" if named else "unknown"
 
 
-def _number(value: float | None, digits: int = 4) -> str:
+def number(value: float | None, digits: int = 4) -> str:
+    """A number in so many digits."""
     return "unknown" if value is None else f"{value:.{digits}g}"
 
 
-def _milli(seconds: float | None) -> str:
+def milli(seconds: float | None) -> str:
+    """Milliseconds, in three digits after the point."""
     return "unknown" if seconds is None else f"{1000 * seconds:.3f}"

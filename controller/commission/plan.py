@@ -18,7 +18,6 @@ DELAY_STEPS = (0, 5)
 """Periods inserted, beside the configured ones, to be recovered"""
 BURSTS = 8
 _DOCTOR_S, _IDENTIFY_S = 20.0, 60.0
-_BURST_S = 2.6
 _SWEEP_S = 200.0
 """Where nobody has to stand by, it is not worth planning it twice"""
 
@@ -61,7 +60,7 @@ def announce(config: Config, reach: float) -> Announcement:
     try:
         runs, text = loop_delay.planned(config, DELAY_STEPS, BURSTS, 0)
         lines.append(f"delay: {text}")
-        seconds += len(runs) * BURSTS * _BURST_S
+        seconds += len(runs) * BURSTS * loop_delay.BURST_S
         fastest = max(fastest, *(run.plan.speed for run in runs))
     except UserError as error:
         lines.append(f"delay: can only be planned with what identify finds ({error})")

@@ -147,7 +147,7 @@ class _Checkup:
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
                 return None
-            self._tell("reply time, and both schedules at every phase")
+            self._tell("reply time, and both schedules at every phase: about 5 s")
             descriptor = open_port(settings.port, settings.baud)
             try:
                 return measure(self._config, descriptor)

@@ -21,6 +21,8 @@ from controller.experiments.testbed import Testbed
 from controller.settings.config import Config
 
 BURSTS = 8
+BURST_S = 2.6
+"""About what one takes in real time [s]"""
 CHECK_STEPS = 5
 """Periods inserted beside the configured ones, to be recovered."""
 GUARD_SHARE = 2.0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from controller.detector.detection import DetectionRecord, KnownWall, detect
 from controller.detector.oscillation import DetectorSettings, State
+from controller.detector.servo_fit import FittedServo, fitted_servo
 from controller.detector.wall_fit import fitted_wall
 from controller.log.recording import Part, Recording
 
@@ -31,6 +32,8 @@ class Detected:
     """[s]"""
     known: dict[str, float] = field(default_factory=dict)
     """What was taken to be known of the servo, from the first recording"""
+    estimated: bool = False
+    """Whether that was estimated"""
     wall: dict[str, float] = field(default_factory=dict)
     """What was taken to be known of the wall, from the first part: ``stiffness``,
     ``virtual_damping``, ``wall_position``"""
@@ -93,8 +96,10 @@ def detect_all(
         room = max(0, _NOTES - len(detected.notes))
         detected.notes += new[:room]
         more += len(new[room:])
+        unknown = math.isnan(known["inertia"])
         for part in recording.parts:
-            _see(detected, recording, part, known, wall)
+            servo = _servo(detected, recording, part, given) if unknown else known
+            _see(detected, recording, part, servo, wall)
     if detected.parts > _DRAWN:
         detected.notes.append(f"a picture shows the first {_DRAWN} stretches")
     if more:
@@ -123,6 +128,44 @@ def _see(
         return
     goes_on = bool(part.times[new[0]] == recording.since_s)
     add(detected, *_taken(part, record, new), goes_on=goes_on, of=recording.of)
+
+
+def _servo(
+    detected: Detected, recording: Recording, part: Part, given: Mapping[str, float | None]
+) -> dict[str, float]:
+    """What is not given of a servo, as it can be estimated from torque against motion."""
+    told = {name: math.nan if value is None else value for name, value in given.items()}
+    found = None
+    if part.torques is not None:
+        found = fitted_servo(part.positions, part.torques, recording.period)
+    estimated = with_fit(told, found)
+    if found is not None and not detected.estimated:
+        detected.estimated = True
+        detected.known = estimated
+        detected.notes.append(
+            f"torque against motion is a servo's of {estimated['inertia']:.3g} kg·m²,"
+            f" {1e3 * estimated['lag']:.3g} ms late at least"
+        )
+    return estimated
+
+
+def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, float]:
+    """What is known of a servo, and for what is not the estimate.
+
+    Args:
+        told: ``inertia``, ``damping``, ``coulomb``, ``lag``; NaN: not known.
+        found: The estimate; None: there is none.
+    """
+    known = dict(told)
+    if found is not None and math.isnan(known["inertia"]):
+        known["inertia"] = found.inertia
+        late, damping = not math.isnan(known["lag"]), known["damping"]
+        if math.isnan(damping):
+            known["damping"] = found.damping(known["lag"]) if late else 0.0
+        if not late:
+            known["lag"] = found.lag(known["damping"])
+    known["lag"] = 0.0 if math.isnan(known["lag"]) else known["lag"]
+    return known
 
 
 def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall) -> KnownWall:

@@ -21,7 +21,8 @@ def test_the_line_names_what_a_person_wants_to_know():
     for word in ("contact", "-0.500 N·m", "+0.1000 rad", "+0.0200", "K 8", "lost 3", "0.42 ms"):
         assert word in line
     assert "\x1b" not in line
-    assert len(line_of(CALM, 40, colour=True)) == 39
+    assert line_of(CALM, 40, colour=True) == "contact   [   ##|     ]  -0.500 N·m"
+    assert line_of(CALM, 10, colour=True) == "contact  "
 
 
 def test_what_is_wrong_is_coloured_unless_nobody_wants_that():

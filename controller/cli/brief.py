@@ -1,0 +1,106 @@
+"""The report of a run in eight lines; ``controller.cli.text`` has all of it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import Any, Final
+
+from controller.cli.text import ending, entry, files, milli, number, oscillation
+from controller.cli.wrapping import width
+
+LINES: Final = 8
+_LABEL: Final = 12
+"""Characters before a line's text"""
+
+
+def brief_text(report: Mapping[str, Any]) -> str:
+    """The report of ``haptic-wall run`` in eight lines.
+
+    They are more only where the end of the run takes so many: a trip's explanation and a torque
+    that could not be read back are never cut. What has no room is counted in the line ``more``.
+
+    Args:
+        report: As the command's ``--json`` gives it; what is None is left out.
+    """
+    ended, places = list(ending(report)), list(files(report))
+    notes = [("note", str(note)) for note in report.get("warnings") or []]
+    reasons = [("why", str(why)) for why in (report.get("guard") or {}).get("reasons") or []]
+    more = [*notes, *reasons]
+    room = LINES - len(ended) - len(places) - bool(more)
+    lines: list[str] = []
+    for fact in (_oscillation(report), _wall(report.get("guard")), _ticks(report), _bus(report)):
+        lines += fact if len(fact) <= room - len(lines) else []
+    shown = {each: _in_one_line(*each) for each in more[: max(0, room - len(lines))]}
+    lines += shown.values()
+    cut = [label for label, text in more if not shown.get((label, text), "").endswith(text)]
+    if cut:
+        said = (_count(cut.count("note"), "note"), _count(cut.count("why"), "reason"))
+        lines += entry("more", f"{', '.join(filter(None, said))}: `run -v`")
+    return "\n".join([*ended, *lines, *places])
+
+
+def _oscillation(report: Mapping[str, Any]) -> list[str]:
+    seen = report.get("oscillation")
+    if not seen:
+        return []
+    torque = (report.get("torque") or {}).get("max")
+    first = seen.get("first_alarm_s")
+    share = (seen.get("reduced_to") or {}).get("stiffness", 1.0)
+    parts = [
+        oscillation(seen),
+        *([] if first is None else [f"alarm after {number(first)} s"]),
+        *([f"wall reduced to {100.0 * share:.0f} %"] if share < 1.0 else []),
+        *([] if torque is None else [f"torque at most {number(torque)} N·m"]),
+    ]
+    return entry("oscillation", "; ".join(parts))
+
+
+def _wall(guard: Mapping[str, Any] | None) -> list[str]:
+    if not guard:
+        return []
+    asked, commanded = guard["requested"], guard["commanded"]
+    parts = []
+    for key, unit in (("stiffness", "N·m/rad"), ("damping", "N·m·s/rad")):
+        same = asked[key] == commanded[key]
+        part = f"{number(commanded[key])} {unit}"
+        parts.append(part if same else f"{part} of {number(asked[key])} requested")
+    if guard["binding"]:
+        parts.append(f"limited by {guard['binding']}")
+    elif asked == commanded:
+        parts.append("as requested")
+    return entry("wall", ", ".join(parts))
+
+
+def _ticks(report: Mapping[str, Any]) -> list[str]:
+    ticks, missed = report["ticks"], report["missed_ticks"]
+    if not ticks and not missed:
+        return entry("ticks", "none: it ended before the wall was on")
+    share = f"{100 * missed / (ticks + missed):.2g} %" if missed else "none"
+    parts = [f"{ticks} at {number(report['rate_hz'])} Hz, {share} missed"]
+    late = report.get("lateness_us") or {}
+    if report.get("real_time_factor") is not None:
+        parts.append("simulated clock")
+    elif late.get("max") is not None:
+        parts.append(f"late by p99 {late['p99']:.3g}, max {late['max']:.0f} µs")
+    if report.get("delay_s"):
+        parts.append(f"delay {milli(report['delay_s']['total'])} ms")
+    return entry("ticks", "; ".join(parts))
+
+
+def _bus(report: Mapping[str, Any]) -> list[str]:
+    bus = report.get("bus")
+    if not bus:
+        return []
+    counts = ", ".join(f"{bus[key]} {key}" for key in ("lost", "late", "corrupt"))
+    age = bus["sample_age_us"].get("p99")
+    known = "" if age is None else f"; sample age p99 {age:.0f} µs"
+    return entry("bus", f"{bus['cycles']} cycles: {counts}{known}")
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count > 1 else ''}" if count else ""
+
+
+def _in_one_line(label: str, text: str) -> str:
+    return f"{label:<{_LABEL}}" + textwrap.shorten(text, width() - _LABEL, placeholder=" …")

@@ -1,0 +1,150 @@
+"""A line on a terminal that tells what is being done, for how long, and how much longer.
+
+It is written on standard error, and only where that is a terminal whose foreground is this
+program's. ``options.say`` and ``options.answer`` take it away before they write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+CLEAR: Final = "\r\x1b[K"
+FIRST_S: Final = 0.5
+"""Nothing is shown for what takes less [s]"""
+EVERY_S: Final = 0.5
+DRAWING_S: Final = 2.0
+"""About how long a picture takes, most of it to load what draws [s]"""
+_writing = threading.RLock()
+_at_work: list[Work] = []
+
+
+@dataclass(slots=True)
+class Work:
+    """What is being done."""
+
+    label: str
+    about_s: float | None
+    """How long it takes [s]; None: nobody knows"""
+    share: Callable[[], float | None] | None
+    """How much of it is done, 0 to 1"""
+    began: float = field(default_factory=time.monotonic)
+    drawn: bool = False
+
+    def now(self, label: str, about_s: float | None = None) -> None:
+        """Something else is being done, from this moment on."""
+        self.label, self.about_s, self.began = label, about_s, time.monotonic()
+
+    def text(self) -> str:
+        """The line."""
+        passed = time.monotonic() - self.began
+        share = None if self.share is None else self.share()
+        about = passed / share if share else self.about_s
+        if about is None:
+            rest = ""
+        elif about > passed:
+            rest = f", about {length(about - passed)} left"
+        else:
+            rest = f", {length(about)} were expected"
+        return f"{self.label}: {length(passed)}{rest}"
+
+
+def length(seconds: float) -> str:
+    """A time in words, in whole seconds or minutes."""
+    return f"{max(1.0, seconds):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+@contextlib.contextmanager
+def working(
+    label: str, about_s: float | None = None, share: Callable[[], float | None] | None = None
+) -> Iterator[Work]:
+    """Show what is being done until the block ends; inside another one, in its place.
+
+    Args:
+        label: What is being done.
+        about_s: How long it takes [s]; None: nobody knows.
+        share: How much of it is done, 0 to 1, which is then what the rest is estimated by; called
+            in a thread of its own.
+    """
+    work = Work(label, about_s, share)
+    if not is_shown():
+        yield work
+        return
+    done = threading.Event()
+    thread = threading.Thread(target=_show, args=(work, done), daemon=True)
+    with aside():
+        _at_work.append(work)
+    thread.start()
+    try:
+        yield work
+    finally:
+        done.set()
+        thread.join(2.0 * EVERY_S)
+        with aside():
+            _at_work.remove(work)
+
+
+def is_shown() -> bool:
+    """Whether there is a terminal to show it on."""
+    return is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb"
+
+
+def is_terminal(stream: object) -> bool:
+    """Whether a standard stream is a terminal; one that is closed or replaced is none."""
+    try:
+        return bool(stream.isatty())  # type: ignore[attr-defined]
+    except (AttributeError, ValueError):
+        return False
+
+
+def in_foreground(number: int) -> bool:
+    """Whether a terminal is ours to write on: a job in the background leaves it alone."""
+    try:
+        return os.tcgetpgrp(number) == os.getpgrp()
+    except OSError:
+        return False
+
+
+@contextlib.contextmanager
+def aside() -> Iterator[None]:
+    """Take the line away; whatever is written inside is not written over."""
+    with _writing:
+        clear()
+        yield
+
+
+def clear() -> None:
+    """Take the line away, if it is there. It waits for nobody, so that a signal's handler may."""
+    for work in _at_work:
+        if work.drawn:
+            _write(CLEAR)
+            work.drawn = False
+
+
+def _show(work: Work, done: threading.Event) -> None:
+    wait = FIRST_S
+    while not done.wait(wait):
+        wait = EVERY_S
+        with _writing:
+            if _at_work[-1:] == [work] and in_foreground(2) and not done.is_set():
+                columns = _columns()
+                _write(CLEAR + work.text()[: columns - 1])
+                work.drawn = True
+
+
+def _columns() -> int:
+    try:
+        return os.get_terminal_size(2).columns or 80
+    except OSError:
+        return 80
+
+
+def _write(text: str) -> None:
+    with contextlib.suppress(OSError):
+        os.write(2, text.encode(errors="replace"))
