@@ -143,6 +143,7 @@ def command(
             beside = Beside(record, RECORD, force=force)
             stack.callback(beside.discard)
             with writing("--record", record):
+                beside.begin()
                 file = beside.part.open("w", encoding="utf-8", newline="\n")
             witness = stack.enter_context(Witness(file))
         with writing("--link", link or Path()), _as_user_error():

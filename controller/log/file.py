@@ -62,6 +62,8 @@ class LogWriter:
         # FORMAT first, and what it says holds for this file, wherever the metadata come from.
         head = _json({**FORMAT, **metadata, **FORMAT})
         self._beside = beside
+        if beside is not None:
+            beside.begin()
         self._begin(path if beside is None else beside.part, dtype, "wb")
         try:
             self._write(head)
