@@ -98,6 +98,9 @@ def command(
         )
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
+    if held is not None:  # what the run itself writes would hold the wall on
+        own = {"--log": log_path, "--plot": plot_path, "--witness": witness}
+        refuse_same_file({**own, "--hold": Path(held.path)})
     log, plot = _places(log_path, plot_path, witness, loaded.name, force=force)
     plan = Plan(
         config=effective,
