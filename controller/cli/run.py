@@ -225,11 +225,8 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
             from controller.plots.run import plot_log
             from controller.whole_file import whole
 
-            rows = LogRows.of(LogReader(log))
-            if next(rows.blocks(), None) is None:
-                return "no picture: the log holds no rows"
             with whole(plot, PICTURE, force=force) as part:
-                plot_log(rows, part, stop_reason)
+                plot_log(LogRows.of(LogReader(log)), part, stop_reason)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:
