@@ -109,9 +109,7 @@ class LogReader:
         if _identity(file) == self._file and _size(file) >= self._size:
             return file
         file.close()
-        raise LogFormatError(
-            f"{self.path}: replaced or cut off while it was read; try again"
-        )
+        raise LogFormatError(f"{self.path}: replaced or cut off while it was read; try again")
 
     @property
     def start(self) -> int:
