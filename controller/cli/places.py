@@ -98,6 +98,26 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
             remove_leftovers(folder / name)
 
 
+def take_link(option: str, path: Path, *, force: bool) -> None:
+    """See that a link to a terminal can go there; until the command ends no other makes it.
+
+    Args:
+        option: Which names it.
+        path: Where the link goes; one that a killed command left there leads to a terminal too.
+        force: Replace whatever link is there.
+
+    Raises:
+        UserError: A link to something else is there, or another command's, or it cannot be made.
+    """
+    with writing(option, path):
+        if not force and path.is_symlink() and not path.readlink().is_relative_to("/dev/pts"):
+            raise UserError(
+                f"{option} {path}: found a link to {path.readlink()}, which would be lost; name"
+                " another place, or give --force to replace it"
+            )
+        _claim(option, path, follow=False)
+
+
 def new_stem(option: str, what: str) -> Path:
     """A name in ./runs/ that nothing there begins with, until the command ends its own.
 
@@ -146,10 +166,10 @@ def _refuse_foreign(option: str, path: Path, kind: Kind, *, force: bool) -> None
         )
 
 
-def _claim(option: str, path: Path) -> None:
+def _claim(option: str, path: Path, *, follow: bool = True) -> None:
     with ExitStack() as stack:
         try:
-            stack.enter_context(claimed(path))
+            stack.enter_context(claimed(path, follow=follow))
         except ClaimedError:
             raise UserError(
                 f"{option}: another run is writing {path}; wait for its end, or name another place"
