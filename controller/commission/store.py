@@ -199,6 +199,21 @@ class CommissionStore:
         """
         self._replace(CONFIG, text)
 
+    def restore_config(self, text: str) -> bool:
+        """Write the configuration of an earlier call where it is gone.
+
+        Returns:
+            Whether another one is there: somebody has edited it, so that it stays as it is.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        try:
+            return kept_bytes(self.folder / CONFIG, "") != _ended(text).encode()
+        except UserError:  # there is none, or a link
+            self.keep_config(text)
+            return False
+
     def keep_page(self, text: str) -> Path:
         """Write the report; its path.
 
@@ -210,5 +225,9 @@ class CommissionStore:
     def _replace(self, name: str, text: str) -> Path:
         path = self.folder / name
         with replaced(path) as stream:
-            stream.write(text if text.endswith("\n") else f"{text}\n")
+            stream.write(_ended(text))
         return path
+
+
+def _ended(text: str) -> str:
+    return text if text.endswith("\n") else f"{text}\n"

@@ -27,15 +27,17 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
     """Draw a log, or a stretch of it, in memory that does not grow with it.
 
     Args:
-        rows: At least one.
+        rows: Of the log.
         path: Where the picture goes.
         stop_reason: As for ``plot_run``.
 
     Raises:
-        LogFormatError: As ``plot_run``.
+        LogFormatError: As ``plot_run``; or there are no rows.
         OSError: The log cannot be read, or the picture not be written.
     """
     count = sum(len(block) for block in rows.blocks())
+    if not count:
+        raise LogFormatError(f"{rows.log.path} holds no rows")
     sketch = sketched(rows.blocks(), count, rows.origin_ns)
     plot_run(sketch, rows.metadata, path, stop_reason)
 

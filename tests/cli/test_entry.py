@@ -144,6 +144,32 @@ def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
     assert "simulated" in done.stdout
 
 
+def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(tmp_path):
+    """matplotlib's fonts, which it had come through, aborted there once in a hundred."""
+    program = (
+        "import atexit, os, signal, sys\n"
+        "class Torn:\n"
+        "    def __del__(self, abort=os.abort):\n"
+        "        abort()\n"
+        "torn = Torn()\n"
+        "atexit.register(lambda: print('in order'))\n"
+        "import controller.plots.boundary\n"
+        "def plot(question, found, path):\n"
+        "    path.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "controller.plots.boundary.plot_boundary = plot\n"
+        "sys.argv = 'haptic-wall boundary --servo=MX-64 --rate=1000 --delay=0.002 --plot=b.png"
+        " --virtual-damping=0.1'.split()\n"
+        "from controller.cli.entry import main\n"
+        "sys.exit(main())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "in order\n", "")
+    assert list(tmp_path.iterdir()) == []
+
+
 # The launcher, as it is installed
 
 COMMAND = Path(sys.executable).with_name("haptic-wall")

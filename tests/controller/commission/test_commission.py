@@ -336,6 +336,21 @@ def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
     assert mine.read_text() == before
 
 
+def test_a_configuration_that_was_edited_since_stays_as_it_is(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
+    config = tmp_path / "config.yaml"
+    written = config.read_text()
+    config.write_text("# stiffer on Tuesdays\n" + written)
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 0
+    assert "config.yaml was edited since it was written" in capsys.readouterr().err
+    assert config.read_text().startswith("# stiffer on Tuesdays\n")
+    config.unlink()
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 0
+    assert "edited" not in capsys.readouterr().err
+    assert config.read_text() == written
+
+
 def test_a_folder_is_wanted(capsys):
     assert call("commission", *SIMULATED) == 2
     assert "--out" in capsys.readouterr().err
