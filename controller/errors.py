@@ -13,13 +13,11 @@ What is wrong with hardware is ``hw.errors.ServoError``.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 
 class HapticWallError(Exception):
     """Anything this program refuses, with the exit status of the command that met it."""
 
-    exit_status: ClassVar[int] = 4
+    exit_status: int = 4
 
 
 class UserError(HapticWallError, ValueError):

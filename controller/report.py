@@ -6,7 +6,7 @@ from typing import Any
 
 from controller.safety import EXPLANATIONS, Trip
 from controller.settings.config import Config
-from controller.tree.plan import Ended
+from controller.tree.plan import Ended, LogState
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
@@ -47,6 +47,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "machine": result.get("setup", []),
         "warnings": _warnings(ended),
         "log": log,
+        "log_state": ended.log,
         "plot": plot,
     }
 
@@ -62,19 +63,26 @@ def explanation(ended: Ended) -> str | None:
     return EXPLANATIONS[Trip(name)] + (f" ({message})" if message else "")
 
 
-def exit_status(stop_reason: str, waited_for: str | None = None) -> int:
+def exit_status(
+    stop_reason: str, waited_for: str | None = None, log: LogState = LogState.NONE
+) -> int:
     """The exit status that goes with a stop reason.
+
+    What happened to the shaft goes before what happened to the log: only a run that ended as
+    planned tells of its log.
 
     Args:
         stop_reason: Why the run ended.
         waited_for: What a wall that never came on waited for; None: it came on, or the run ended
             before it could.
+        log: What there is of its log.
     """
     if stop_reason == f"trip:{Trip.SERVO_LOST}":
         return 4
     if waited_for:
         return 3
-    return {"duration": 0, "interrupted": 130}.get(stop_reason, 3)
+    planned = 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
+    return {"duration": planned, "interrupted": 130}.get(stop_reason, 3)
 
 
 def _speed(config: Config, result: dict[str, Any]) -> float | None:

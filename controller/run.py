@@ -6,11 +6,13 @@ import signal
 from contextlib import closing
 from types import FrameType
 
-from controller.log.file import append_end
+from controller.errors import PlatformError
+from controller.log.file import append_end, identity
 from controller.signals import on_signals
 from controller.telemetry import Telemetry, Word
 from controller.tree.inline import run_inline
-from controller.tree.plan import Ended, Plan, Tell
+from controller.tree.plan import Ended, LogState, Plan, Tell
+from controller.tree.recorder import rows_lacking
 from controller.tree.supervisor import Supervisor
 from controller.tree.teller import Teller
 
@@ -27,8 +29,16 @@ def run(plan: Plan, tell: Tell) -> Ended:
 
     Raises:
         ServoError: The servo could not be started.
+        PlatformError: This machine has no memory for its rows.
     """
-    with closing(Telemetry.create()) as telemetry:
+    try:
+        memory = Telemetry.create()
+    except OSError as error:
+        raise PlatformError(
+            f"there is no memory for the rows ({error.strerror}): raise the limits of this shell, "
+            "ulimit -f and ulimit -v"
+        ) from error
+    with closing(memory) as telemetry:
         return _run(plan, tell, telemetry)
 
 
@@ -53,13 +63,24 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry) -> Ended:
                 Teller(tell) as teller,
             ):
                 ended = Supervisor(plan, telemetry, teller).run()
-        _tell_the_log(plan, ended, int(telemetry.words[Word.HEAD]))
+        ended.log = _finished_log(plan, ended, telemetry.words)
     ended.asked = asked
     return ended
 
 
-def _tell_the_log(plan: Plan, ended: Ended, rows: int) -> None:
-    """Write how the run ended into its log, where a recorder has begun one."""
+def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
+    """Write how the run ended into its log, if that is where it should be; what there is of it."""
+    rows, written = words[Word.HEAD], words[Word.LOG_FILE]
+    if not rows:
+        return LogState.NONE
+    found = identity(plan.log)
+    if not written or found != written:
+        if rows_lacking(words) < rows:
+            there = "another file is in its place" if found else "it was removed or moved"
+            ended.warnings.append(
+                f"the log {plan.log} is missing: {there}; the run was not disturbed"
+            )
+        return LogState.MISSING
     facts = {
         "stop_reason": ended.stop_reason,
         "message": ended.cause or (ended.result or {}).get("message", ""),
@@ -71,3 +92,5 @@ def _tell_the_log(plan: Plan, ended: Ended, rows: int) -> None:
         append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")
     except OSError as error:
         ended.warnings.append(f"the log does not tell how the run ended: {error.strerror or error}")
+        return LogState.INCOMPLETE
+    return LogState.WHOLE if ended.lacking == 0 else LogState.INCOMPLETE

@@ -91,6 +91,8 @@ class Word(IntEnum):
     """Rows before ``TAIL`` that the log lacks (recorder)."""
     HELD_NS = 11
     """Until when the dead man counts as held [ns]; far ahead where there is none (watcher)."""
+    LOG_FILE = 12
+    """Identity of the log's file; 0: none was begun (recorder)."""
 
 
 _HEAD = int(Word.HEAD)  # in every tick: a plain number is twice as quick as a member

@@ -2,38 +2,92 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from controller.file_kinds import Kind, may_be_replaced
 from controller.signals import on_signals
+
+_NAME = 40
+"""Characters of a file's name that its other name shows: a name has 255 bytes at most"""
+
+
+class Beside:
+    """Another name beside a file's, until there is something to replace that file with.
+
+    A device or a pipe (/dev/stdout, ``>(gzip)``) is written as it is.
+
+    Args:
+        path: Where the file goes; what a link points to is replaced, not the link.
+        kind: What it is.
+        force: Replace whatever is there.
+        writer: Number of the process that the other name names; None: this one's.
+
+    Attributes:
+        part: Where to write until it is placed.
+    """
+
+    def __init__(
+        self, path: Path, kind: Kind, *, force: bool = False, writer: int | None = None
+    ) -> None:
+        # First: a pipe has no name to resolve to, and others write to what /dev/stdout is, too.
+        self._as_it_is = path.exists() and (not path.is_file() or path.is_relative_to("/dev"))
+        self._kind = kind
+        self._force = force
+        if self._as_it_is:
+            self._path = self.part = path
+            return
+        self._path = Path(os.path.realpath(path))  # of links in a circle too
+        pid = os.getpid() if writer is None else writer
+        self.part = self._path.with_name(f".{path.name[:_NAME]}.{pid}.part")
+
+    def place(self) -> None:
+        """Put what was written in its place.
+
+        Raises:
+            FileExistsError: A file that is none of this program's is there.
+            OSError: It cannot be put there.
+        """
+        if self._as_it_is:
+            return
+        if not self._force and not may_be_replaced(self._path, self._kind):
+            why = f"found a file that is not {self._kind.name}"
+            raise FileExistsError(errno.EEXIST, why, str(self._path))
+        self.part.replace(self._path)
+
+    def discard(self) -> None:
+        """Remove what was written, if it was not placed."""
+        if not self._as_it_is:
+            self.part.unlink(missing_ok=True)
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
     """Where to write in place of ``path``; it is moved there when all went well, else removed.
 
     SIGTERM and SIGHUP interrupt whoever writes, as Ctrl-C does.
-    A device or a pipe (/dev/stdout, ``>(gzip)``) is written as it is.
+
+    Args:
+        path: Where the file goes, see ``Beside``.
+        kind: What it is.
+        force: Replace whatever is there.
 
     Raises:
+        FileExistsError: A file that is none of this program's is there.
         OSError: It cannot be put in place.
     """
-    # First: a pipe has no name to resolve to, and others write to what /dev/stdout is, too.
-    if path.exists() and (not path.is_file() or path.is_relative_to("/dev")):
-        yield path
-        return
-    path = path.resolve()  # what a link points to is replaced, not the link
-    part = path.with_name(f"{path.name}.part-{os.getpid()}")
+    beside = Beside(path, kind, force=force)
     try:
         # A terminal that is closed and a machine that shuts down leave no half file either; what
         # nohup has had ignored stays so.
         ending = (signal.SIGTERM, signal.SIGHUP)
         heeded = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
         with on_signals(signal.default_int_handler, heeded):
-            yield part
-            part.replace(path)
+            yield beside.part
+            beside.place()
     finally:
-        part.unlink(missing_ok=True)
+        beside.discard()

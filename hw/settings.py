@@ -72,8 +72,6 @@ class DynamixelSettings:
     """Largest torque of the probe that proves the torque's sign [N·m]; 0: no probe"""
     probe_direction: int = -1
     """Direction of the probe: away from the wall"""
-    keep_out: tuple[float, float] | None = None
-    """Positions the servo must not be in at the start (inside the wall) [rad]; None: anywhere"""
     period_s: float = 1e-3
     """Of the loop that will drive it [s]: what fits on the bus beside a sample"""
     max_speed: float | None = 0.0

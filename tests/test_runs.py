@@ -255,7 +255,7 @@ def refused(tmp_path, monkeypatch, capsys):
             ended = left.code
         said = capsys.readouterr()
         assert ended == status
-        assert said.out == ""
+        assert json.loads(said.out)["exit_status"] == status
         assert "Traceback" not in said.err
         return said.err
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import textwrap
@@ -14,7 +15,10 @@ import click
 from controller.benchmarks import words
 from controller.cli import interrupt
 from controller.cli.options import answer, as_json, json_option, say, writing
+from controller.cli.places import force_option, take_file
+from controller.file_kinds import Kind
 from controller.signals import on_signals
+from controller.whole_file import whole
 
 SECTIONS = {
     "lateness": "controller.benchmarks.lateness",
@@ -43,6 +47,10 @@ ABOUT_S = {
 }
 """What each takes with its peers [s]; a busy machine takes up to half as long again"""
 _WIDTH = 98
+_PAGE = Kind(
+    "a report of haptic-wall bench",
+    re.compile(rb"<!DOCTYPE html>.{0,400}<title>haptic-wall ", re.DOTALL),
+)
 
 
 @click.command()
@@ -59,8 +67,9 @@ _WIDTH = 98
     metavar="FILE",
     help="Write the report as one HTML page too, with histograms.",
 )
+@force_option
 @json_option
-def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> None:
+def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_wanted: bool) -> None:
     """Measure how well this machine keeps time, computes limits, simulates walls, talks to servos.
 
     Pieces of work that are compared take turns over several rounds; the figures are medians. Times
@@ -70,8 +79,7 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
     from controller.benchmarks.report import measured
 
     if html is not None:
-        with writing("--html", html):
-            html.open("ab").close()  # not found out after minutes
+        take_file("--html", html, _PAGE, force=force)
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
     say(f"this takes about {_length(sum(ABOUT_S[name] for name in chosen))}")
 
@@ -85,8 +93,8 @@ def command(names: tuple[str, ...], html: Path | None, as_json_wanted: bool) -> 
         if html is not None:
             from controller.benchmarks.page import page
 
-            with writing("--html", html):
-                html.write_text(page(report), encoding="utf-8")
+            with writing("--html", html), whole(html, _PAGE, force=force) as part:
+                part.write_text(page(report), encoding="utf-8")
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
 

@@ -11,13 +11,16 @@ import click
 from controller.cli.boundary_text import boundary_text
 from controller.cli.numbers import numbers, span
 from controller.cli.options import answer, as_json, json_option, refuse_other_pictures, writing
+from controller.cli.places import force_option, take_file
 from controller.errors import UserError
+from controller.file_kinds import PICTURE
 from controller.guard.belief import Belief, Bounded
 from controller.guard.boundary_curve import Question, WallSide, default_dampings
 from controller.guard.boundary_report import report
 from controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from controller.guard.types import Situation
 from controller.theory.servos import ServoFacts, servo
+from controller.whole_file import whole
 from hw.wire import cycle_s
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
@@ -58,10 +61,12 @@ _WIDEST = 10_000
     "--latency-timer", type=float, metavar="MS", help="An adapter's, part of the delay [ms]."
 )
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw the K-B plane there as PNG.")
+@force_option
 @json_option
 def command(
     dampings: tuple[float, ...] | None,
     plot: Path | None,
+    force: bool,
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
@@ -76,6 +81,7 @@ def command(
     """  # noqa: D301 - the \b is what click takes for "as it stands"
     if plot is not None:
         refuse_other_pictures("--plot", plot)
+        take_file("--plot", plot, PICTURE, force=force)
     question = _question(given)
     try:
         chosen = default_dampings(question) if dampings is None else dampings
@@ -85,8 +91,8 @@ def command(
     if plot is not None:
         from controller.plots.boundary import plot_boundary
 
-        with writing("--plot", plot):
-            plot_boundary(question, found, plot)
+        with writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
+            plot_boundary(question, found, part)
     answer(as_json(found) if as_json_wanted else boundary_text(found))
 
 

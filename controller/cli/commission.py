@@ -23,9 +23,12 @@ from controller.cli.options import (
     set_option,
     writing,
 )
+from controller.cli.places import take_folder
 from controller.errors import UserError
+from controller.file_kinds import PICTURE
 from controller.settings.load import Loaded, file_of, load_config
 from controller.signals import on_signals
+from controller.whole_file import whole
 
 if TYPE_CHECKING:
     from controller.commission.outcome import Step
@@ -115,6 +118,8 @@ def _store(
             " for example --out my-testbed"
         )
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
+    if not only_look:
+        take_folder("--out", out, {}, force=False)  # the store knows what may be replaced
     asked = settings_of(loaded.config, reach)
     return CommissionStore(out, asked, loaded.name, as_json, fresh, only_look)
 
@@ -171,7 +176,8 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     data = report(ended, name, folder)
     allowed: Path | None = folder / NAME
     try:
-        draw_allowed(Question.of(ended.config, data["delay"]), data, folder / NAME)
+        with whole(folder / NAME, PICTURE, force=True) as part:
+            draw_allowed(Question.of(ended.config, data["delay"]), data, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         say(f"the picture of the verdict could not be drawn ({error}); the report is without it")
         allowed = None

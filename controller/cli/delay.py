@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, yes_option
+from controller.cli.experiment import ask_to_move, endings, folder_for, keep, yes_option
 from controller.cli.numbers import numbers
 from controller.cli.options import (
     answer,
@@ -16,9 +17,10 @@ from controller.cli.options import (
     json_option,
     say,
     set_option,
-    writing,
 )
+from controller.cli.places import force_option
 from controller.errors import UserError
+from controller.file_kinds import RESULT_MARK
 from controller.guard.delay_parts import ms
 from controller.settings.load import load_config
 
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     help="Where delay.json, delay.png and the logs go; default: a folder in ./runs/.",
 )
 @yes_option
+@force_option
 @json_option
 def command(
     config: str,
@@ -59,6 +62,7 @@ def command(
     seed: int,
     out: Path | None,
     yes: bool,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and what it is made of.
@@ -71,7 +75,7 @@ def command(
     loaded = load_config(config, sets)
     effective = loaded.config
     chosen = _whole([0.0, effective.delay.steps + CHECK_STEPS] if steps is None else steps)
-    folder = folder_for(out, "delay")
+    folder = folder_for(out, "delay", force=force)
     ask_to_move(effective.servo, yes)
     with endings():
         found = measure_delay(effective, folder, chosen, bursts or BURSTS, seed, say)
@@ -79,13 +83,12 @@ def command(
 
     files = [folder / "delay.json", folder / "delay.png"]
     report = {
+        **RESULT_MARK,
         "name": loaded.name,
         **delay_report(found, effective.period_s, effective.belief().delay.high),
         "files": files,
     }
-    with writing("--out", folder):
-        files[0].write_text(as_json(report) + "\n", encoding="utf-8")
-        plot_delay(found, loaded.name, files[1])
+    keep(folder, "delay", report, partial(plot_delay, found, loaded.name), force=force)
     answer(as_json(report) if as_json_wanted else _text(found, effective.period_s, files))
 
 

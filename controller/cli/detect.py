@@ -16,7 +16,9 @@ from controller.cli.options import (
     refuse_same_file,
     writing,
 )
+from controller.cli.places import force_option, take_file
 from controller.errors import UserError
+from controller.file_kinds import PICTURE
 from controller.whole_file import whole
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ _NUMBER = click.FLOAT
     "--delay", type=_NUMBER, metavar="S", help="From a sample to its torque's action [s]."
 )
 @click.option("--plot", type=click.Path(path_type=Path), help="Draw what was seen there as PNG.")
+@force_option
 @json_option
 def command(
     log: Path,
@@ -42,6 +45,7 @@ def command(
     coulomb: float | None,
     delay: float | None,
     plot: Path | None,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Look for an oscillation in LOG: a .hwlog of run, or a CSV.
@@ -63,6 +67,7 @@ def command(
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
+        take_file("--plot", plot, PICTURE, force=force)
     try:
         detected = detect_all(read_recordings(log), given)
     except OSError as error:
@@ -75,7 +80,7 @@ def command(
         from controller.plots.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
-        with writing("--plot", plot), whole(plot) as part:
+        with writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
             plot_detection(parts, found, part)
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))

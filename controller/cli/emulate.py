@@ -7,7 +7,7 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -16,9 +16,12 @@ import click
 from controller import realtime
 from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
-from controller.cli.options import say, writing
+from controller.cli.options import refuse_same_file, say, writing
+from controller.cli.places import force_option, take_file
 from controller.errors import PlatformError, UserError
+from controller.file_kinds import RECORD
 from controller.signals import on_signals
+from controller.whole_file import Beside
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
 from hw.dynamixel.emulated.bus import EmulatedBus
 from hw.dynamixel.emulated.console import Console
@@ -99,7 +102,9 @@ _MS_NS = 1_000_000
     metavar="servo.NAME=VALUE",
     help="What the servos truly are (repeatable): " + ", ".join(TRUTH) + ". SI units.",
 )
+@force_option
 @click.option("--die-with-parent", is_flag=True, hidden=True)
+@click.option("--owner", type=int, hidden=True)  # its parent, who alone reads the record
 def command(
     servos: tuple[str, ...],
     baud: str,
@@ -110,7 +115,9 @@ def command(
     faults: tuple[str, ...],
     seed: int,
     sets: tuple[str, ...],
+    force: bool,
     die_with_parent: bool,
+    owner: int | None,
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
@@ -118,18 +125,24 @@ def command(
     open it. Runs until interrupted.
     """
     signals: list[int] = []
-    if die_with_parent:
-        realtime.die_with_parent(os.getppid(), signal.SIGTERM)
+    orphaned = _orphaned(owner) if die_with_parent else lambda: False
     speed = _speed(baud)
     timer_ms, block_size = _adapter(latency_timer, block)
     given = given_truth(sets)
     plan = [servo_of(text) for text in servos]
+    refuse_same_file({"--record": record, "--link": link})
     with ExitStack() as stack:
+        if owner is not None and record is not None:
+            stack.callback(_leave_nothing, record, orphaned)
         stack.enter_context(on_signals(lambda received, _frame: signals.append(received)))
-        witness = None
+        witness = beside = None
         if record is not None:
+            if not die_with_parent:  # else the parent has taken it
+                take_file("--record", record, RECORD, force=force)
+            beside = Beside(record, RECORD, force=force)
+            stack.callback(beside.discard)
             with writing("--record", record):
-                file = record.open("w", encoding="utf-8", newline="\n")
+                file = beside.part.open("w", encoding="utf-8", newline="\n")
             witness = stack.enter_context(Witness(file))
         with writing("--link", link or Path()), _as_user_error():
             terminal = stack.enter_context(PseudoTerminal(link))
@@ -157,6 +170,9 @@ def command(
                 adapter=Adapter(timer_ms * _MS_NS, block_size, start_ns) if timer_ms else None,
                 faults=Faults(faults, seed),
             )
+        if beside is not None and record is not None:
+            with writing("--record", record):
+                beside.place()  # the bus is there, and so is a record of it
         settings = realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0))
         realtime.freeze_garbage()
         click.echo(terminal.path)
@@ -164,13 +180,35 @@ def command(
             _report(settings)
             _warn_of_shared_ids([id_ for _, id_, _ in plan])
         console = Console(bus, sys.stdin.fileno(), _say, say) if sys.stdin else None
-        serve(bus, terminal, lambda: bool(signals), witness, console, _say)
+        serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say)
     if witness is not None and witness.failure is not None:
         raise PlatformError(
             f"--record {record}: the record is incomplete: {witness.failure.strerror}; make room "
             "or name another place (the bus itself was not disturbed)"
         )
-    return interrupt.INTERRUPTED if signals[0] == signal.SIGINT else 0
+    return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
+
+
+def _orphaned(owner: int | None) -> Callable[[], bool]:
+    """Tells whether the process that started this one has ended.
+
+    Not by PR_SET_PDEATHSIG: that comes when the *thread* ends that started this process.
+
+    Args:
+        owner: Its number: it may have ended before this is asked; None: it has not.
+    """
+    parent = os.getppid()
+    if owner is not None and owner != parent and not Path(f"/proc/{owner}").exists():
+        return lambda: True
+    return lambda: os.getppid() != parent
+
+
+def _leave_nothing(record: Path, orphaned: Callable[[], bool]) -> None:
+    """Remove a record in a folder of its own that nobody is there to read."""
+    if orphaned():
+        with suppress(OSError):
+            record.unlink(missing_ok=True)
+            record.parent.rmdir()
 
 
 def _speed(text: str) -> int:

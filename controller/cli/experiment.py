@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
+from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
-from controller.cli.options import refuse_no_folder, say
+from controller.cli.options import as_json, say, writing
+from controller.cli.places import new_stem, take_folder
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.file_kinds import PICTURE, RESULT
 from controller.report import exit_status
 from controller.settings.servo import Servo
+from controller.whole_file import whole
 
 yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
@@ -35,23 +39,48 @@ def ask_to_move(servo: Servo, yes: bool) -> None:
     click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 
-def folder_for(out: Path | None, what: str) -> Path:
+def folder_for(out: Path | None, what: str, *, force: bool) -> Path:
     """The folder of an experiment's files: the one named, or a new one in ./runs/.
 
     Args:
         out: What ``--out`` names; None: nothing.
-        what: The command.
+        what: The command; JSON and picture are called so.
+        force: Replace whatever is called so.
 
     Raises:
-        UserError: It is a file, or cannot be looked at.
+        UserError: It is a file, or cannot be looked at, or those in it are not of this program.
     """
-    if out is not None:
-        refuse_no_folder("--out", out)
-        return out
-    folder = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
-    while folder.exists():  # two within a second
-        folder = folder.with_name(folder.name + "+")
-    return folder
+    if out is None:
+        return new_stem("--out", what)
+    take_folder("--out", out, {f"{what}.json": RESULT, f"{what}.png": PICTURE}, force=force)
+    return out
+
+
+def keep(
+    folder: Path,
+    what: str,
+    report: Mapping[str, Any],
+    draw: Callable[[Path], None],
+    *,
+    force: bool,
+) -> None:
+    """Write an experiment's JSON and picture.
+
+    Args:
+        folder: As ``folder_for`` gave it.
+        what: As for ``folder_for``.
+        report: What goes into the JSON, ``RESULT_MARK`` first.
+        draw: Draws the picture.
+        force: As for ``folder_for``.
+
+    Raises:
+        UserError: They cannot be written.
+    """
+    json_whole = whole(folder / f"{what}.json", RESULT, force=force)
+    picture_whole = whole(folder / f"{what}.png", PICTURE, force=force)
+    with writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
+        json_part.write_text(as_json(report) + "\n", encoding="utf-8")
+        draw(picture_part)
 
 
 @contextmanager
@@ -60,8 +89,7 @@ def endings() -> Iterator[None]:
     try:
         yield
     except ExperimentInterruptedError as error:
-        say(f"haptic-wall: {error}")
-        sys.exit(INTERRUPTED)
+        raise EndedEarlyError(str(error), INTERRUPTED) from None
     except ExperimentTrippedError as error:
-        say(f"haptic-wall: {error.stop_reason}: {error}")
-        sys.exit(exit_status(error.stop_reason))
+        status = exit_status(error.stop_reason)
+        raise EndedEarlyError(f"{error.stop_reason}: {error}", status) from None

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-import sys
-import time
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from controller.cli.experiment import ask_to_move, yes_option
+from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.options import (
     answer,
     as_json,
     config_argument,
     json_option,
-    refuse_no_folder,
     refuse_other_pictures,
     refuse_same_file,
-    refuse_unwritable,
     say,
     set_option,
     writing,
 )
+from controller.cli.places import force_option, new_stem, take_file, take_folder
 from controller.errors import UserError
+from controller.file_kinds import PICTURE, Kind
 from controller.settings.config import Config
 from controller.settings.load import Loaded, file_of, load_config
 from controller.whole_file import whole
@@ -35,6 +37,10 @@ if TYPE_CHECKING:
     from controller.experiments.identification import Identified
 
 _REACH = 0.6
+_CONFIG = Kind(
+    "a configuration that haptic-wall identify wrote",
+    re.compile(rb"# [^\n]*haptic-wall identify found on"),
+)
 
 
 @click.command()
@@ -70,6 +76,7 @@ _REACH = 0.6
 )
 @set_option
 @yes_option
+@force_option
 @json_option
 def command(
     config: str,
@@ -81,6 +88,7 @@ def command(
     no_motion: bool,
     sets: tuple[str, ...],
     yes: bool,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Find inertia, friction and delay of CONFIG's servo from motions of its own.
@@ -102,17 +110,19 @@ def command(
     result: dict[str, Any] = {"name": loaded.name}
     if not no_motion:
         about = announcement(bounds_of(loaded.config, reach))
-        stem = _stem(loaded.name)
-        logs = stem if logs is None else logs
-        plot_path = stem.with_name(f"{stem.name}.png") if plot_path is None else plot_path
-        _check_places(out, plot_path, logs, {"CONFIG": file_of(config), "--from-sweep": sweep})
+        read = {"CONFIG": file_of(config), "--from-sweep": sweep}
+        plot_path, logs = _places(out, plot_path, logs, read, loaded.name, force=force)
         say(f"{loaded.name}: {about}")
         ask_to_move(loaded.config.servo, yes)
         found = _moved(loaded, logs, reach)
         result |= report(found)
-        result["plot"] = _kept(lambda: _draw(found, loaded.name, plot_path), plot_path, failures)
+        kept = _Kept(force)
+        result["plot"] = kept.write(
+            "--plot", plot_path, PICTURE, partial(_draw, found, loaded.name)
+        )
         if out is not None:
-            result["config"] = _kept(lambda: _write(out, loaded, found), out, failures)
+            result["config"] = kept.write("--out", out, _CONFIG, partial(_write, found, loaded))
+        failures = kept.failures
     if boundary is not None:
         result["from_sweep"] = _from_sweep(*boundary, loaded, found)
     if as_json_wanted:
@@ -127,23 +137,28 @@ def command(
         raise UserError("\n".join(failures))
 
 
-def _stem(name: str) -> Path:
-    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-identify-{Path(name).stem}"
-    while stem.exists():  # two within a second
-        stem = stem.with_name(stem.name + "+")
-    return stem
-
-
-def _check_places(
-    out: Path | None, plot: Path, logs: Path, read: Mapping[str, Path | None]
-) -> None:
-    """Refuse what could not be written before anything moves."""
-    refuse_other_pictures("--plot", plot)
+def _places(
+    out: Path | None,
+    plot: Path | None,
+    logs: Path | None,
+    read: Mapping[str, Path | None],
+    name: str,
+    *,
+    force: bool,
+) -> tuple[Path, Path]:
+    """Where picture and logs go; what cannot be written is refused before anything moves."""
+    if plot is not None:
+        refuse_other_pictures("--plot", plot)
     refuse_same_file({**read, "--out": out, "--plot": plot})
-    refuse_no_folder("--logs", logs)
-    for option, path in (("--out", out), ("--plot", plot)):
+    for option, path, kind in (("--out", out, _CONFIG), ("--plot", plot, PICTURE)):
         if path is not None:
-            refuse_unwritable(option, path)
+            take_file(option, path, kind, force=force, make=True)
+    if logs is not None:
+        take_folder("--logs", logs, {}, force=force)
+    if plot is not None and logs is not None:
+        return plot, logs
+    stem = new_stem("--logs" if logs is None else "--plot", f"identify-{Path(name).stem}")
+    return plot or stem.with_name(f"{stem.name}.png"), logs or stem
 
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
@@ -155,28 +170,36 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     try:
         return identify(loaded.config, logs, reach, say)
     except ExperimentInterruptedError as error:
-        say(f"{error}; nothing is identified")
-        sys.exit(INTERRUPTED)
+        raise EndedEarlyError(f"{error}; nothing is identified", INTERRUPTED) from None
     except ExperimentTrippedError as error:
-        say(f"haptic-wall: {error.stop_reason}: {error}; the logs are in {logs}")
-        sys.exit(exit_status(error.stop_reason))
+        text = f"{error.stop_reason}: {error}; the logs are in {logs}"
+        raise EndedEarlyError(text, exit_status(error.stop_reason)) from None
 
 
-def _kept(write: Callable[[], None], path: Path, failures: list[str]) -> str | None:
-    """Write a file; where that fails the reason waits until the figures are printed."""
-    try:
-        write()
-    except UserError as error:
-        failures.append(str(error))
-        return None
-    return str(path)
+@dataclass(slots=True)
+class _Kept:
+    """Writes files; the reasons where that fails wait until the figures are printed."""
+
+    force: bool
+    failures: list[str] = field(default_factory=list)
+
+    def write(
+        self, option: str, path: Path, kind: Kind, write: Callable[[Path], None]
+    ) -> str | None:
+        """Where the file is; None: it could not be written."""
+        try:
+            with writing(option, path), whole(path, kind, force=self.force) as part:
+                write(part)
+        except UserError as error:
+            self.failures.append(str(error))
+            return None
+        return str(path)
 
 
 def _draw(found: Identified, name: str, path: Path) -> None:
     from controller.plots.identify import plot_identification
 
-    with writing("--plot", path), whole(path) as part:
-        plot_identification(found, name, part)
+    plot_identification(found, name, path)
 
 
 def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
@@ -235,9 +258,7 @@ def _from_sweep(
     }
 
 
-def _write(out: Path, loaded: Loaded, found: Identified) -> None:
+def _write(found: Identified, loaded: Loaded, path: Path) -> None:
     from controller.experiments.identified_config import identified_config
 
-    text = identified_config(loaded.config, found, loaded.name)
-    with writing("--out", out), whole(out) as part:
-        part.write_text(text, encoding="utf-8")
+    path.write_text(identified_config(loaded.config, found, loaded.name), encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,25 @@ from controller.cli.options import (
     refuse_same_file,
     writing,
 )
+from controller.cli.places import force_option, take_file
 from controller.errors import UserError
+from controller.file_kinds import LOG, PICTURE, Kind, table
+from controller.log.columns import COLUMNS
 from controller.log.reader import LogReader
 from controller.log.rows import LogRows, Stretch
 from controller.log.summary import summarised
 from controller.whole_file import whole
 
 _FILE = click.Path(path_type=Path)
+_MCAP = Kind(
+    "an export of haptic-wall", re.compile(rb"\x89MCAP0\r\n.{0,60}haptic-wall ", re.DOTALL)
+)
+_KINDS = {
+    "--csv": table(",".join([*COLUMNS][:5])),
+    "--mcap": _MCAP,
+    "--plot": PICTURE,
+    "--cut": LOG,
+}
 
 
 @click.command()
@@ -35,6 +48,7 @@ _FILE = click.Path(path_type=Path)
 @click.option("--mcap", "mcap_path", type=_FILE, help="Write all rows there as MCAP.")
 @click.option("--plot", type=_FILE, help="Draw the run there as PNG.")
 @click.option("--cut", "cut_path", type=_FILE, help="Write the stretch there as a log of its own.")
+@force_option
 @json_option
 def command(
     log: Path,
@@ -44,6 +58,7 @@ def command(
     mcap_path: Path | None,
     plot: Path | None,
     cut_path: Path | None,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Summarise LOG, a file written by run; on request export it, draw it, or cut a stretch out.
@@ -66,6 +81,9 @@ def command(
                 f"{option} {path}: found a pipe or a device, wanted a file: it is not written from"
                 " its beginning to its end; only --csv is"
             )
+    for option, path in wanted.items():
+        if path is not None:
+            take_file(option, path, _KINDS[option], force=force)
     stretch = _stretch(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError("--cut: found neither --from nor --to; say which stretch, in seconds")
@@ -79,7 +97,7 @@ def command(
     report = summary.report(rows.origin_ns)
     if not summary.rows:
         _refuse_nothing(log, rows, any(wanted.values()))
-    _write(rows, wanted, log, report)
+    _write(rows, wanted, log, report, force=force)
     metadata = rows.log.metadata
     facts = {"program": metadata.get("program"), "name": metadata.get("name")}
     full = {**facts, **report, "config": config_line(metadata.get("config", {}))}
@@ -113,7 +131,7 @@ def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
 
 
 def _write(
-    rows: LogRows, wanted: dict[str, Path | None], log: Path, report: dict[str, Any]
+    rows: LogRows, wanted: dict[str, Path | None], log: Path, report: dict[str, Any], *, force: bool
 ) -> None:
     """Write what was asked for; each file is there whole, or not at all."""
 
@@ -145,5 +163,5 @@ def _write(
     }
     for option, path in wanted.items():
         if path is not None:
-            with writing(option, path), whole(path) as part:
+            with writing(option, path), whole(path, _KINDS[option], force=force) as part:
                 writers[option](part)

@@ -63,13 +63,17 @@ def _damage(damaged: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
-    on = summary["rows"] - summary["warm_up_ticks"]
+    off = summary["off_ticks"]
+    on = summary["rows"] - summary["warm_up_ticks"] - off
     if on == 0:
         yield "wall        never on"
     else:
         contact = 100.0 * summary["contact_ticks"] / on
-        warm_up = f", after {summary['warm_up_ticks']} of warm-up" if on < summary["rows"] else ""
-        yield f"wall        on for {on} ticks{warm_up}; in contact for {contact:.3g} % of them"
+        warm_up = summary["warm_up_ticks"]
+        before = f", after {warm_up} of warm-up" if warm_up else ""
+        between = f", off for {off}" if off else ""
+        ticks = f"{on} ticks{before}{between}"
+        yield f"wall        on for {ticks}; in contact for {contact:.3g} % of them"
     if summary["phases"] > 1:
         yield f"phases      {summary['phases']} of an experiment's program"
     yield f"position    {_span(summary['position_rad'])} rad"

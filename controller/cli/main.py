@@ -14,13 +14,13 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 
 import click
 
 from controller import __version__
 from controller.cli import interrupt
-from controller.cli.options import forget_output, say
+from controller.cli.failure import tell, wants_json
+from controller.cli.options import begin, forget_output
 from controller.errors import HapticWallError, PlatformError, UserError
 from hw.errors import ServoError
 
@@ -88,7 +88,8 @@ def haptic_wall() -> None:
     """A virtual wall on a Dynamixel servo at a fixed rate, with a stability guard.
 
     Exit status: 0 done; 1 doctor found something wrong; 2 the input is wrong; 3 ended by a safety
-    trip; 4 the hardware could not be reached, is unfit, or was lost; 130 interrupted.
+    trip; 4 the hardware could not be reached, is unfit, or was lost; 5 the run's log is missing or
+    incomplete; 130 interrupted.
     """
 
 
@@ -105,19 +106,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
+    begin()
+    json = wants_json(sys.argv[1:] if arguments is None else arguments)
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
-        with suppress(OSError):  # nobody listens
-            error.show()
-        return USER
+        return tell(error, USER, json=json)
     except (click.Abort, KeyboardInterrupt):
-        return interrupt.INTERRUPTED
+        return tell(KeyboardInterrupt(), interrupt.INTERRUPTED, json=json)
     except HapticWallError as error:
-        return _say(error, error.exit_status)
+        return tell(error, error.exit_status, json=json)
     except ServoError as error:
-        return _say(error, HARDWARE)
+        return tell(error, HARDWARE, json=json)
     except BrokenPipeError:
         forget_output()
         return 0  # the reader has seen enough (``| head``)
@@ -125,9 +126,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno != errno.ENOSPC:
             if error.filename is None:
                 raise
-            return _say(UserError(f"{error.filename}: {error.strerror}"), USER)
+            return tell(UserError(f"{error.filename}: {error.strerror}"), USER, json=json)
         forget_output()
-        return _say(OSError("the disk is full: make room, or name another place"), HARDWARE)
+        full = OSError("the disk is full: make room, or name another place")
+        return tell(full, HARDWARE, json=json)
     return result if isinstance(result, int) else 0
 
 
@@ -144,11 +146,6 @@ def _fill_missing_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
-
-
-def _say(error: Exception, status: int) -> int:
-    say(f"haptic-wall: {error}")
-    return status
 
 
 if __name__ == "__main__":

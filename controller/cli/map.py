@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from controller.cli.failure import EndedEarlyError
 from controller.cli.interrupt import INTERRUPTED
 from controller.cli.numbers import numbers
 from controller.cli.options import (
@@ -19,13 +20,15 @@ from controller.cli.options import (
     as_json,
     config_argument,
     json_option,
-    refuse_no_folder,
     say,
     set_option,
     writing,
 )
+from controller.cli.places import force_option, take_folder
 from controller.errors import UserError
+from controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from controller.settings.load import load_config
+from controller.whole_file import whole
 
 if TYPE_CHECKING:
     from controller.experiments.maps import CriticalMap, Setting
@@ -35,13 +38,17 @@ _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and play, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
-_FILES = ("map.csv", "map.json", "map.png")
+_COLUMNS = (
+    *("virtual_damping", "delay_steps", "delay_s", "kick_rad"),
+    *("simulated", "outcome", "exact", "linear", "one_sided"),
+)
+_FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png": PICTURE}
 
 
 @click.command()
 @config_argument()
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", required=True,
-              help="Where map.csv, map.json and map.png go; those there are replaced.")  # fmt: skip
+              help="Where map.csv, map.json and map.png go; a map there is replaced.")  # fmt: skip
 @click.option(
     "--virtual-damping",
     "dampings",
@@ -65,6 +72,7 @@ _FILES = ("map.csv", "map.json", "map.png")
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes (all cores).")
 @set_option
+@force_option
 @json_option
 def command(
     config: str,
@@ -74,6 +82,7 @@ def command(
     kicks: list[float] | None,
     workers: int | None,
     sets: tuple[str, ...],
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
@@ -91,8 +100,7 @@ def command(
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    refuse_no_folder("--out", out)
-    _prepare(out)
+    take_folder("--out", out, _FILES, force=force)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
     label = f"{loaded.name}: {total} points"
@@ -115,25 +123,15 @@ def command(
         except MapInterruptedError as stopped:
             found, interrupted = stopped.partial, True
     if interrupted and not found.begun:
-        say("interrupted before anything was computed: nothing is written")
-        sys.exit(INTERRUPTED)
-    files = _write(found, loaded.name, out)
-    report = {**_report(found, loaded.name), "files": files}
+        text = "interrupted before anything was computed: nothing is written"
+        raise EndedEarlyError(text, INTERRUPTED)
+    report = _report(found, loaded.name)
+    files = _write(found, report, out, force=force)
+    report["files"] = files
     answer(as_json(report) if as_json_wanted else _text(found, files))
     if interrupted:
         say("interrupted: what was done until then is kept, the rest is empty")
         sys.exit(INTERRUPTED)
-
-
-def _prepare(out: Path) -> None:
-    """Make the folder, and refuse one that cannot be written before time is spent on a map."""
-    with writing("--out", out):
-        out.mkdir(parents=True, exist_ok=True)
-    if not os.access(out, os.W_OK | os.X_OK):
-        raise UserError(f"--out {out}: found a folder without leave to write; name another place")
-    for name in _FILES:
-        if (out / name).is_dir():
-            raise UserError(f"--out {out}: found a folder {name} in it, wanted a file or nothing")
 
 
 def _whole(values: list[float] | tuple[int, ...]) -> list[int]:
@@ -192,6 +190,7 @@ def _outcome(simulated: float) -> str:
 def _report(found: CriticalMap, name: str) -> dict[str, Any]:
     servo = found.setting.servo
     return {
+        **RESULT_MARK,
         "name": name,
         "side": "one" if found.setting.one_sided else "both",
         "period_s": found.setting.period,
@@ -211,18 +210,27 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
     }
 
 
-def _write(found: CriticalMap, name: str, out: Path) -> list[Path]:
+def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool) -> list[Path]:
     from controller.plots.maps import plot_map
 
-    files = [out / name for name in _FILES]
-    points = _points(found)
-    with writing("--out", out):
-        with files[0].open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, list(points[0]))
+    def csv_table(path: Path) -> None:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, _COLUMNS)
             writer.writeheader()
-            writer.writerows(points)
-        files[1].write_text(as_json(_report(found, name)) + "\n", encoding="utf-8")
-        plot_map(found, name, files[2])
+            writer.writerows(report["points"])
+
+    def json_text(path: Path) -> None:
+        path.write_text(as_json(report) + "\n", encoding="utf-8")
+
+    def picture(path: Path) -> None:
+        plot_map(found, report["name"], path)
+
+    files = [out / name for name in _FILES]
+    with writing("--out", out), ExitStack() as all_or_none:
+        for file, kind, write in zip(
+            files, _FILES.values(), (csv_table, json_text, picture), strict=True
+        ):
+            write(all_or_none.enter_context(whole(file, kind, force=force)))
     return files
 
 

@@ -7,9 +7,9 @@ import json
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
@@ -75,6 +75,24 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
     return value
 
 
+@dataclass(slots=True)
+class _Command:
+    answered: bool = False
+
+
+_command = _Command()
+
+
+def begin() -> None:
+    """A command begins, which has not answered yet."""
+    _command.answered = False
+
+
+def is_answered() -> bool:
+    """Whether the command has printed its answer: on standard output there is one at most."""
+    return _command.answered
+
+
 def say(text: str) -> None:
     """Tell a person on standard error; that nobody listens is no reason to end."""
     with suppress(OSError):
@@ -83,6 +101,7 @@ def say(text: str) -> None:
 
 def answer(text: str) -> None:
     """Print a command's answer on standard output; a reader that leaves early is no error."""
+    _command.answered = True
     try:
         click.echo(text)
         sys.stdout.flush()
@@ -145,20 +164,6 @@ def refuse_other_pictures(option: str, path: Path) -> None:
             f"{option} {path}: found a name ending in {path.suffix}, wanted one ending in .png:"
             " pictures are PNG"
         )
-
-
-def refuse_unwritable(option: str, path: Path) -> None:
-    """See that a file can be written there, whole, before time is spent on what it is to hold.
-
-    Raises:
-        UserError: It cannot.
-    """
-    if path.is_dir():
-        raise UserError(f"{option}: {path} is a folder; name a file")
-    with writing(option, path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not path.exists() or path.is_file():  # as whole() does: beside it, then in its place
-            tempfile.TemporaryFile(dir=path.resolve().parent).close()
 
 
 @contextmanager

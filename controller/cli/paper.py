@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.options import answer, as_json, json_option, refuse_no_folder, say, writing
+from controller.cli.options import answer, as_json, json_option, say, writing
+from controller.cli.places import force_option, take_folder
 from controller.errors import UserError
+from controller.file_kinds import PICTURE
 
 if TYPE_CHECKING:
     from controller.paper.items import Made
@@ -21,32 +23,36 @@ _ALL = "all"
 @click.command()
 @click.argument("item", metavar="[ITEM]", default=_ALL)
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Where the files go.")
+@force_option
 @json_option
-def command(item: str, out: Path | None, as_json_wanted: bool) -> None:
+def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:
     """Compute the paper's results anew: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5,
     fig6, fig8, fig9, fig10 or all (the default), which also writes a page that shows all of them.
 
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
-    from controller.paper.items import ITEMS, make
-    from controller.paper.page import write_page
+    from controller.paper.items import ITEMS, TABLE, make
+    from controller.paper.page import KIND, PAGE, write_page
 
     names = [entry.name for entry in ITEMS]
     if item not in (*names, _ALL):
         raise UserError(_unknown(item, [*names, _ALL]))
     if out is None:
         raise UserError("--out: no folder is named, wanted where the files go, e.g. --out paper")
-    refuse_no_folder("--out", out)
+    wanted = names if item == _ALL else [item]
+    kinds = {f"{name}.csv": TABLE for name in wanted} | {f"{name}.png": PICTURE for name in wanted}
+    if item == _ALL:
+        kinds[PAGE] = KIND
+    take_folder("--out", out, kinds, force=force)
     made = []
     with writing("--out", out):
-        out.mkdir(parents=True, exist_ok=True)
-        for name in names if item == _ALL else [item]:
+        for name in wanted:
             say(f"{name} ...")
-            made.append(make(name, out))
+            made.append(make(name, out, force=force))
         files = [path for entry in made for path in (entry.csv, entry.png)]
         if item == _ALL:
-            files.append(write_page(made, out))
+            files.append(write_page(made, out, force=force))
     answer(as_json(_report(made, files)) if as_json_wanted else _text(made, files))
 
 

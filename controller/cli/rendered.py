@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, yes_option
+from controller.cli.experiment import ask_to_move, endings, folder_for, keep, yes_option
 from controller.cli.options import (
     answer,
     as_json,
@@ -15,8 +16,9 @@ from controller.cli.options import (
     json_option,
     say,
     set_option,
-    writing,
 )
+from controller.cli.places import force_option
+from controller.file_kinds import RESULT_MARK
 from controller.settings.load import load_config
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     help="Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/.",
 )
 @yes_option
+@force_option
 @json_option
 def command(
     config: str,
@@ -41,6 +44,7 @@ def command(
     seed: int,
     out: Path | None,
     yes: bool,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Measure what CONFIG's servo renders: is the commanded stiffness that of the wall?
@@ -51,17 +55,15 @@ def command(
     from controller.experiments.rendering import measure_rendering, rendering_report
 
     loaded = load_config(config, sets)
-    folder = folder_for(out, "rendered")
+    folder = folder_for(out, "rendered", force=force)
     ask_to_move(loaded.config.servo, yes)
     with endings():
         found = measure_rendering(loaded.config, folder, seed, say)
     from controller.plots.rendered import plot_rendering
 
     files = [folder / "rendered.json", folder / "rendered.png"]
-    report = {"name": loaded.name, **rendering_report(found), "files": files}
-    with writing("--out", folder):
-        files[0].write_text(as_json(report) + "\n", encoding="utf-8")
-        plot_rendering(found, loaded.name, files[1])
+    report = {**RESULT_MARK, "name": loaded.name, **rendering_report(found), "files": files}
+    keep(folder, "rendered", report, partial(plot_rendering, found, loaded.name), force=force)
     answer(as_json(report) if as_json_wanted else _text(found, files))
 
 

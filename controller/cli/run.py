@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,8 +20,10 @@ from controller.cli.options import (
     say,
     set_option,
 )
+from controller.cli.places import force_option, new_stem, take_file
 from controller.cli.text import report_text
 from controller.errors import UserError
+from controller.file_kinds import LOG, PICTURE, RECORD
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
 from controller.signals import on_signals
@@ -61,6 +62,7 @@ SIMULATED_S = 5.0
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
     " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
 )
+@force_option
 @json_option
 def command(
     config: str,
@@ -72,6 +74,7 @@ def command(
     stream: str | None,
     stream_rate: float | None,
     hold: tuple[str, ...],
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
@@ -93,7 +96,7 @@ def command(
         )
     streamed = _stream(effective, stream, stream_rate)
     held = _hold(effective, hold)
-    log, plot = _places(log_path, plot_path, witness, loaded.name)
+    log, plot = _places(log_path, plot_path, witness, loaded.name, force=force)
     plan = Plan(
         config=effective,
         duration_s=seconds,
@@ -106,23 +109,24 @@ def command(
         witness=witness,
         stream=streamed,
         hold=held,
+        force=force,
     )
     say(f"{loaded.name}: {'until Ctrl-C' if seconds is None else f'{seconds:g} s'}")
     ended = run(plan, say)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
-        if log.is_file() and not log.stat().st_size:  # ended before a recorder had begun it
-            log.unlink()
-        warning = _draw(log, plot, ended.stop_reason)
-        if warning is not None:
+        warning = "no picture: there is no log"
+        if ended.logged:
+            warning = _draw(log, plot, ended.stop_reason, force=force)
+        if warning:
             ended.warnings.append(warning)
         report = reports.run_report(
             effective,
             ended,
-            str(log) if log.exists() else None,
-            None if warning is not None else str(plot),
+            str(log) if ended.logged else None,
+            None if warning else str(plot),
         )
         answer(as_json(report) if as_json_wanted else report_text(report))
-    sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"]))
+    sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
 
 
 def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:
@@ -177,62 +181,33 @@ def _duration(config: Config, asked: float | None) -> float | None:
 
 
 def _places(
-    log: Path | None, plot: Path | None, witness: Path | None, name: str
+    log: Path | None, plot: Path | None, witness: Path | None, name: str, *, force: bool
 ) -> tuple[Path, Path]:
     """Where log and picture go; what is not said goes into ./runs/."""
-    stem = f"{time.strftime('%Y%m%d-%H%M%S')}-{Path(name).stem}"
-    while (new := Path("runs") / f"{stem}.hwlog").exists():  # two runs within a second
-        stem += "+"
-    asked = log, plot
-    log = new if log is None else log
-    plot = Path("runs") / f"{stem}.png" if plot is None else plot
-    refuse_other_pictures("--plot", plot)
+    if plot is not None:
+        refuse_other_pictures("--plot", plot)
     refuse_same_file({"CONFIG": file_of(name), "--log": log, "--plot": plot, "--witness": witness})
-    for option, path in (("--log", log), ("--plot", plot), ("--witness", witness)):
+    for option, path, kind in (
+        ("--log", log, LOG),
+        ("--plot", plot, PICTURE),
+        ("--witness", witness, RECORD),
+    ):
         if path is not None:
-            _make_room(option, path, ours=option != "--log" or asked[0] is not None)
-    if asked[0] is None:
-        try:
-            log.touch(exist_ok=False)
-        except FileExistsError:  # by another run, this very moment: two must not write one log
-            return _places(*asked, witness, name)
-        except OSError:
-            pass  # the recorder will say it
-    return log, plot
+            if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
+                raise UserError(f"{option}: {path} is a pipe; name a file")
+            # What cannot be written there is told, and the run goes on without it.
+            take_file(option, path, kind, force=force, make=True, try_it=False)
+    if log is not None and plot is not None:
+        return log, plot
+    stem = new_stem("--log" if log is None else "--plot", Path(name).stem)
+    return (
+        stem.with_name(f"{stem.name}.hwlog") if log is None else log,
+        stem.with_name(f"{stem.name}.png") if plot is None else plot,
+    )
 
 
-def _make_room(option: str, path: Path, *, ours: bool) -> None:
-    """See that a file can be made there; one of a run before, if it is ours, is taken away."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(
-            f"{option}: the folder {path.parent} cannot be made ({error.strerror}); name"
-            " another place"
-        ) from error
-    if path.is_dir():
-        raise UserError(f"{option}: {path} is a folder; name a file")
-    if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
-        raise UserError(f"{option}: {path} is a pipe; name a file")
-    if not ours or not path.is_file():
-        return
-    if option == "--log":
-        from controller.log.file import being_written
-
-        if being_written(path):
-            raise UserError(f"--log: another run is writing {path}; name another file")
-    try:
-        path.unlink()  # what a failed run leaves here must not pass for its own
-    except OSError as error:
-        raise UserError(
-            f"{option}: {path} cannot be replaced ({error.strerror}); name another file"
-        ) from error
-
-
-def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
-    """Draw the picture from the log; what went wrong, or None."""
-    if not log.exists():
-        return "no picture: there is no log"
+def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
+    """Draw the picture from the log; what went wrong, or nothing."""
     try:
         with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
             from controller.log.reader import LogReader
@@ -243,10 +218,10 @@ def _draw(log: Path, plot: Path, stop_reason: str) -> str | None:
             rows = LogRows.of(LogReader(log))
             if next(rows.blocks(), None) is None:
                 return "no picture: the log holds no rows"
-            with whole(plot) as part:
+            with whole(plot, PICTURE, force=force) as part:
                 plot_log(rows, part, stop_reason)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:
         return f"no picture: interrupted; haptic-wall log {log} --plot {plot} draws it"
-    return None
+    return ""

@@ -21,8 +21,11 @@ from controller.cli.options import (
     set_option,
     writing,
 )
+from controller.cli.places import force_option, new_stem, take_folder
 from controller.errors import UserError
+from controller.file_kinds import PICTURE, RESULT, table
 from controller.settings.load import load_config
+from controller.whole_file import whole
 
 if TYPE_CHECKING:
     from controller.experiments.sweep_plan import Options, Setting
@@ -85,6 +88,7 @@ _MOST_STEPS = 1000
               help="Processes on the simulated clock (all cores).")  # fmt: skip
 @set_option
 @yes_option
+@force_option
 @json_option
 def command(
     config: str,
@@ -98,6 +102,7 @@ def command(
     workers: int | None,
     sets: tuple[str, ...],
     yes: bool,
+    force: bool,
     as_json_wanted: bool,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at every B and delay.
@@ -119,7 +124,7 @@ def command(
     settings = _settings(dampings, steps)
     options = Options(kick, repeats, tolerance)
     device = Device.of(effective)
-    folder = _folder(loaded.name) if out is None else out
+    folder = _folder(out, loaded.name, fresh=fresh, force=force)
     store = SweepStore(folder, Asked(effective, settings, options), fresh)
     _announce(effective, settings, options, store.done)
     if not store.complete:
@@ -137,8 +142,9 @@ def command(
         from controller.plots.sweep import plot_sweep
 
         store.write()
-        with writing("--out", folder):
-            plot_sweep(points, device, loaded.name, folder / PNG)
+        picture = whole(folder / PNG, PICTURE, force=force)
+        with writing("--out", folder), picture as part:
+            plot_sweep(points, device, loaded.name, part)
     report = {**store.report(loaded.name), "out": folder}
     answer(as_json(report) if as_json_wanted else _text(points, folder))
     if not finished:
@@ -162,11 +168,16 @@ def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
     return tuple(dict.fromkeys(Setting(b, int(n)) for n in steps for b in dampings))
 
 
-def _folder(name: str) -> Path:
-    stem = Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-sweep-{Path(name).stem}"
-    while stem.exists():  # two within a second
-        stem = stem.with_name(stem.name + "+")
-    return stem
+def _folder(out: Path | None, name: str, *, fresh: bool, force: bool) -> Path:
+    from controller.experiments.sweep_store import CSV, JSON, PNG
+
+    if out is None:
+        return new_stem("--out", f"sweep-{Path(name).stem}")
+    kinds = {CSV: table("virtual_damping,delay_steps,"), PNG: PICTURE}
+    if fresh:  # else the store looks closer
+        kinds[JSON] = RESULT
+    take_folder("--out", out, kinds, force=force)
+    return out
 
 
 def _announce(

@@ -41,11 +41,16 @@ def _ending(report: Mapping[str, Any]) -> Iterator[str]:
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if reason.startswith("trip:"):
         how = f"ENDED BY A SAFETY TRIP: {reason.removeprefix('trip:')}"
+    log = str(report.get("log_state"))
+    flaw = f", AND ITS LOG IS {log.upper()}" if log in ("incomplete", "missing") else ""
     off = report.get("torque_off")
+    torque = ""
     if off is not None:
-        how += "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
+        torque = "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
     if report.get("waited_for"):
-        how = f"THE WALL NEVER CAME ON: {report['waited_for']}; {how}"
+        how = f"THE WALL NEVER CAME ON{flaw}: {report['waited_for']}; {how}{torque}"
+    else:
+        how += flaw + torque
     yield from _entry("run", how)
     if report.get("explanation"):
         yield from _entry("", str(report["explanation"]))

@@ -14,6 +14,7 @@ from controller.commission.steps import Bench, Draw, Measured, identified
 from controller.commission.store import settings_of
 from controller.errors import HapticWallError
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
+from controller.file_kinds import PICTURE
 from controller.report import exit_status
 from controller.settings.config import Config
 from controller.whole_file import whole
@@ -148,7 +149,7 @@ def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
     """The step, which is kept, with its picture if that can be drawn."""
     picture = bench.picture(outcome.step)
     try:
-        with whole(picture) as part:
+        with whole(picture, PICTURE, force=True) as part:
             draw(part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws

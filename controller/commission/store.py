@@ -16,6 +16,10 @@ from controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
 _FORMAT = "haptic-wall commission 1"
+_WRITTEN = (
+    *(CONFIG, PAGE),
+    *(f"{step}{suffix}" for step in STEPS for suffix in (".json", ".png")),
+)
 
 Encode = Callable[[Mapping[str, Any]], str]
 """One JSON object as text; what is not finite is null"""
@@ -65,9 +69,10 @@ class CommissionStore:
         if folder.exists() and not folder.is_dir():
             raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
         ours = self._ours(asked, fresh)
-        if not ours and (folder / CONFIG).exists():
+        held = [name for name in _WRITTEN if not ours and (folder / name).exists()]
+        if held:
             raise UserError(
-                f"--out {folder}: it holds a {CONFIG} that no commissioning wrote; name another"
+                f"--out {folder}: it holds a {held[0]} that no commissioning wrote; name another"
                 " folder, so that it is not lost"
             )
         if ours and not fresh:
@@ -75,8 +80,7 @@ class CommissionStore:
         if only_look:
             return
         made(folder, LOGS)
-        if fresh:
-            self._forget()
+        self._outdated = fresh
         head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
         self._replace(MAIN, self._encode(head))
 
@@ -104,7 +108,9 @@ class CommissionStore:
         return True
 
     def _forget(self) -> None:
-        for name in (MAIN, CONFIG, PAGE, *(f"{step}.json" for step in STEPS)):
+        """Remove what an earlier commissioning left: now there is something to replace it with."""
+        self._outdated = False
+        for name in (CONFIG, PAGE, *(f"{step}.json" for step in STEPS)):
             (self.folder / name).unlink(missing_ok=True)
 
     def _resume(self) -> None:
@@ -146,6 +152,8 @@ class CommissionStore:
         Raises:
             OSError: It cannot be written.
         """
+        if self._outdated and outcome.state == "done":
+            self._forget()
         text = self._encode(asdict(outcome))
         kept = Outcome(**json.loads(text))
         if outcome.step == "identify":  # what comes after it was measured of another model

@@ -21,13 +21,12 @@ from controller.detector.evidence import (
     beyond_hands,
     is_limit_cycle,
     lasts,
-    may_be_a_load,
     same_period,
     saturates,
     sighting,
-    took_longer,
 )
 from controller.detector.half_cycles import Repeated
+from controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
 from controller.detector.steady import Steadiness
 
 PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
@@ -48,18 +47,8 @@ _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
 """Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
-_FADE_SIZE = 2.5
-"""Motions whose period stays in a probe and that are smaller than so many thresholds may be tremor;
-larger ones may be a load that swings on its transmission."""
-_FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
-"""Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
-_COLLAPSED = 0.6
-"""Ratio of amplitudes below which a motion has stopped in the probe"""
-_STOPPED = 3.0
-"""The same, in times between turning points, without another one"""
-_AGAIN_S, _AGAIN_PERIOD, _AGAIN_AMPLITUDE = 5.0, 0.1, 0.5
-"""A motion that stopped in a probe and is back within this time, as fast and as large but for these
-logarithms, is the wall's."""
+_AGAIN_S = 5.0
+"""A motion that stopped in a probe and is back within this time is the wall's."""
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
@@ -157,11 +146,10 @@ class Backstop:
         "_begun",
         "_cause",
         "_count",
-        "_fading",
-        "_first",
+        "_distance",
         "_hands",
         "_motion",
-        "_probed",
+        "_probe",
         "_settings",
         "_settled",
         "_since",
@@ -171,6 +159,7 @@ class Backstop:
         "_stop",
         "_streak",
         "_time",
+        "_whole",
         "alarm",
         "backlash",
         "damping_scale",
@@ -197,11 +186,11 @@ class Backstop:
         self._motion = motion
         self._steadiness = Steadiness(settings.period, settings.position_step)
         self._time = self._since = self._begun = 0.0
-        self._stiffness = 0.0
-        self._streak = self._count = self._step = 0
-        self._first = self._fading = 0.0
+        self._stiffness = self._distance = 0.0
+        self._streak = self._count = self._step = self._whole = 0
         self._cause = Cause.STOPPED
-        self._probed = self._hands = self._stop = NEVER
+        self._probe = Probe(settings.threshold, contacts=settings.bounces)
+        self._hands = self._stop = NEVER
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
         self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
@@ -215,31 +204,41 @@ class Backstop:
         motion = self._motion
         return min(motion.amplitude, motion.amplitude_2) >= self._settings.threshold
 
-    def passed(self, span: float, elongation: float, stiffness: float) -> None:
-        """Let time pass; to be called once a sample, before ``ended``.
+    def update(self, span: float, elongation: float, stiffness: float, *, ended: bool) -> None:
+        """Take a sample.
 
         Args:
-            span: Since the sample before [s].
+            span: Time since the sample before [s].
             elongation: Of the wall's spring, either sign [rad].
             stiffness: K without this object's scale [N·m/rad].
+            ended: A half-cycle, or a contact, has ended.
         """
         self._time += span
         self._stiffness = stiffness
-        phase = self.phase
+        distance, phase = abs(elongation), self.phase
+        lets_go = distance < self._distance
+        self._distance = distance
         if phase == Phase.WATCHING:
-            return
-        if phase == Phase.PROBING:
-            motion = self._motion
-            if motion.elapsed > _STOPPED * max(motion.interval, 0.5 * self._probed.cycle):
+            if self.suspected and lets_go and not (ended or self._settings.bounces):
+                self._probe_a_suspicion(begun=True)
+        elif phase == Phase.PROBING:
+            if self._probe.still(self._motion):
                 self._stopped()
         elif phase == Phase.RETURNING:
-            missing = (1.0 - self.stiffness_scale) * stiffness * elongation
-            least = _LEAST_STEPS * self._settings.position_step
-            if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
-                self.stiffness_scale = self.damping_scale = 1.0
-                self.phase = Phase.WATCHING
-        elif self.alarm and self._motion.elapsed > _STOPPED * self._motion.interval:
+            self._return(elongation)
+        elif self.alarm and self._motion.elapsed > STILL * self._motion.interval:
             self.alarm = False  # the reduced wall is at rest
+        if ended:
+            self._ended()
+
+    def _return(self, elongation: float) -> None:
+        """Give the wall back if its spring is at rest."""
+        missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
+        least = _LEAST_STEPS * self._settings.position_step
+        if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
+            self.stiffness_scale = self.damping_scale = 1.0
+            self.phase = Phase.WATCHING
+            self._whole = -1  # the present half-cycle began on a softer wall
 
     def raise_again(self) -> None:
         """Give back what was taken, as soon as the spring is at rest, and begin to watch anew."""
@@ -255,7 +254,7 @@ class Backstop:
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
 
-    def ended(self) -> None:
+    def _ended(self) -> None:
         """Take notice that a half-cycle, or a contact, has ended."""
         motion, settings = self._motion, self._settings
         self._count += 1
@@ -269,36 +268,45 @@ class Backstop:
             self.steady = self.steady or self._streak >= settings.unprobed
         if not self._streak:
             self._since = self._time - motion.duration - motion.duration_2
+        self._whole += 1
         if self.phase == Phase.WATCHING:
-            if size < settings.threshold:
-                regular = self.steady
-            else:
-                before = min(motion.amplitude_3, motion.amplitude_4)
-                even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
-                limit = settings.torque_limit
-                regular = even or saturates(motion, limit)
-            regular = regular and motion.gain > _LEAST_GAIN
-            if regular or (self.suspected and size >= settings.threshold and motion.known >= 2):
-                self._consider()
-            else:
-                self.alarm = False
+            if self.suspected:
+                self._probe_a_suspicion(begun=False)
+            if self.phase == Phase.WATCHING:
+                self._watch(size)
         elif self.phase == Phase.PROBING:
-            self._answer()
+            self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
+
+    def _watch(self, size: float) -> None:
+        """Answer a motion that is regular and does not die.
+
+        Args:
+            size: Smaller amplitude of the last two half-cycles [rad].
+        """
+        motion, settings = self._motion, self._settings
+        if size < settings.threshold:
+            regular = self.steady
+        else:
+            before = min(motion.amplitude_3, motion.amplitude_4)
+            even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
+            regular = even or saturates(motion, settings.torque_limit)
+        if regular and motion.gain > _LEAST_GAIN:
+            self._consider()
+        else:
+            self.alarm = False
 
     def _consider(self) -> None:
         """Decide what a regular motion that does not die is answered with."""
         motion, settings = self._motion, self._settings
         self._begun = self._since
         self._settled = is_limit_cycle(motion, settings.torque_limit)
-        self._probed = seen = sighting(motion, self._time)
+        self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
         elif not settings.acts:
             return
-        elif self.suspected:
-            self._probe()
         elif self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
@@ -307,7 +315,31 @@ class Backstop:
             or self._streak >= _UNLIKELY
             or settings.light < seen.inertia < settings.heavy
         ):
-            self._probe()
+            self._ask(within=False)
+
+    def _probe_a_suspicion(self, *, begun: bool) -> None:
+        """Probe a motion as soon as somebody suspects the wall.
+
+        Args:
+            begun: A half-cycle has begun some time ago; its length will say little.
+        """
+        motion, settings = self._motion, self._settings
+        known = min(motion.known, self._whole)
+        if not settings.acts or known < 1 or motion.amplitude < settings.small:
+            return
+        seen = sighting(motion, self._time)
+        if known < 2:
+            seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
+        hands = self._hands
+        if seen.at - hands.at < _HOLD_OFF_S and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude:
+            return
+        self._begun = self._time - motion.elapsed - motion.duration
+        self._settled = False
+        self._probe.before = seen
+        if motion.amplitude >= settings.threshold and self._beyond_hands(seen):
+            self._alarm(Cause.BEYOND_HANDS)
+            return
+        self._ask(within=begun)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -321,57 +353,38 @@ class Backstop:
             and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude
         )
 
-    def _probe(self) -> None:
+    def _ask(self, *, within: bool) -> None:
+        """Begin a probe; ``within`` a half-cycle that has begun before."""
         self.phase = Phase.PROBING
         self.probes += 1
-        self._count = 0
+        self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self.damping_scale = PROBE
 
-    def _answer(self) -> None:
-        """Judge a probe when a half-cycle of it has ended."""
-        motion = self._motion
-        before, now = self._probed, sighting(motion, self._time)
-        ratio = 2.0 * motion.duration / before.cycle
-        if self._count == 1:
-            self._first = ratio
-        elif self._count == 2:
-            contacts = self._settings.bounces
-            inertia = now.inertia / before.inertia if before.inertia else 0.0
-            if took_longer(self._first, ratio, inertia, contacts=contacts):
-                self._alarm(Cause.LONGER)
-            elif now.amplitude < _COLLAPSED * before.amplitude:
-                self._stopped()
-            elif self._may_fade():
-                self._fading = now.amplitude
-            else:
-                self._somebody_moves_it()
-        elif now.amplitude < _FADE_ALL * self._fading:
+    def _answer(self, verdict: Verdict) -> None:
+        """Do what follows from a probe."""
+        if verdict == Verdict.WALL:
+            self._alarm(Cause.LONGER)
+        elif verdict == Verdict.STOPPED:
             self._stopped()
-        elif motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
+        elif verdict == Verdict.HAND or (verdict == Verdict.CHANGED and self.suspected):
             self._somebody_moves_it()
-
-    def _may_fade(self) -> bool:
-        """Whether a probed motion whose period stays may be a load on its transmission."""
-        settings, before = self._settings, self._probed
-        return (
-            not settings.bounces
-            and may_be_a_load(before.cycle)
-            and before.amplitude > _FADE_SIZE * settings.threshold
-        )
+        elif verdict == Verdict.CHANGED:
+            self.phase = Phase.RETURNING
 
     def _stopped(self) -> None:
         """Take notice that the motion has stopped in the probe.
 
         It was the wall's if somebody suspected that, or if it comes again and stops again.
         """
-        before = self._probed
+        before = self._probe.before
         again = self._time - self._stop.at < _AGAIN_S and alike(
-            before, self._stop, _AGAIN_PERIOD, _AGAIN_AMPLITUDE
+            before, self._stop, SAME_PERIOD, SAME_AMPLITUDE
         )
-        if again or self.suspected:
+        if again or (self.suspected and before.amplitude >= self._settings.threshold):
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
+        self.suspected = False
         self.phase = Phase.RETURNING
 
     def _alarm(self, cause: Cause) -> None:
@@ -379,9 +392,9 @@ class Backstop:
         self.reductions += not self.alarm
         self.alarm = True
         self.suspected = False
-        self.small_cycle = self._probed.amplitude < self._settings.threshold
+        self.small_cycle = self._probe.before.amplitude < self._settings.threshold
         self.backlash = (
-            self._settled and self._probed.amplitude < _BACKLASH * self._settings.threshold
+            self._settled and self._probe.before.amplitude < _BACKLASH * self._settings.threshold
         )
         if not self._settings.acts:
             return
@@ -389,7 +402,7 @@ class Backstop:
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
         self.stiffness_scale = PROBE
-        self.damping_scale = 1.0 if cause == Cause.LONGER else PROBE
+        self.damping_scale = PROBE if cause == Cause.STOPPED else 1.0
 
     def _judge(self, undying: bool) -> None:
         """Go on reducing a motion that does not die; give the wall back if a hand makes it."""
@@ -408,7 +421,7 @@ class Backstop:
             return
         self.alarm = True
         cycle = motion.duration + motion.duration_2
-        if self._hand_after_all(cycle / self._probed.cycle):
+        if self._hand_after_all(cycle / self._probe.before.cycle):
             self._was_wrong()
         elif size >= settings.threshold and self._own(cycle) and self._is_last():
             self.failed = True
@@ -444,7 +457,7 @@ class Backstop:
             cycle: Its period [s].
         """
         if self._cause == Cause.LONGER:
-            return self._streak > 0 and cycle / self._probed.cycle > _OWN[self._step - 1]
+            return self._streak > 0 and cycle / self._probe.before.cycle > _OWN[self._step - 1]
         return self._cause == Cause.BEYOND_HANDS or self.steady
 
     def _is_last(self) -> bool:
@@ -467,5 +480,5 @@ class Backstop:
         """Give the wall back, and leave this motion alone for a while."""
         self.moved += 1
         self.suspected = False
-        self._hands = self._probed._replace(at=self._time)
+        self._hands = self._probe.before._replace(at=self._time)
         self.phase = Phase.RETURNING

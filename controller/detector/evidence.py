@@ -29,9 +29,17 @@ longer than this; relative to the half-cycles before"""
 _CONTACT, _CONTACTS = 1.6, 3.5
 """The same of the two contacts of a probe: least ratio of each, and of their sum. A hand's contact
 lasts longer at a softer wall too, but not that much."""
-_LONGEST = 3.2
-"""A half-cycle in which the motion has changed altogether"""
-_APPARENT = 0.5, 1.3
+_GROWN, _FIRST_GROWN = 1.3, 1.25
+"""Growth from which the first one must be longer: a hand meets less resistance in the probe"""
+_EXPLAINED, _EACH, _SUM = 0.78, 1.1, 2.4
+"""Or if both are a little longer, by each and by the sum, while the torque explains the motion to
+so much of the apparent inertia, and the amplitude has not grown"""
+_UNSURE, _UNSURE_INERTIA, _AS_UNSURE = (1.18, 1.45), (0.35, 0.7), 0.06
+"""Range of the second half-cycle and of the apparent inertia of a probe that does not tell a hand's
+motion from one that a hand only holds; and how well two such answers agree"""
+_LONGEST, _LARGEST = 3.2, 3.2
+"""A half-cycle, and an amplitude, by which the motion has changed altogether"""
+_APPARENT = 0.5, 1.6
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
 _FADES_HZ = 8.0
@@ -137,21 +145,53 @@ def may_be_a_load(cycle: float) -> bool:
     return cycle * _FADES_HZ < 1.0
 
 
-def took_longer(first: float, second: float, inertia: float, *, contacts: bool) -> bool:
+class Answer(NamedTuple):
+    """What a probe shows, relative to the motion before it."""
+
+    first: float
+    """Duration of its first half-cycle, over half the period before [1]"""
+    second: float
+    """Of its second one [1]"""
+    inertia: float
+    """Apparent inertia in them, over that before [1]"""
+    amplitude: float
+    """Amplitude of them, over that before [1]"""
+
+
+def took_longer(answer: Answer, *, contacts: bool) -> bool:
     """Whether a probe shows that the wall moves the shaft.
 
     Args:
-        first: Duration of the first half-cycle of the probe, over half the period before [1].
-        second: Of the second one.
-        inertia: Apparent inertia in them, over that before [1].
-        contacts: They are contacts with a one-sided wall.
+        answer: Of the probe.
+        contacts: It was of contacts with a one-sided wall.
     """
+    first, second, inertia, amplitude = answer
     least, most = _APPARENT
     if contacts:
         long = min(first, second) > _CONTACT and first + second > _CONTACTS
+    elif inertia > _EXPLAINED and amplitude < _GROWN:
+        long = min(first, second) > _EACH and first + second > _SUM
     else:
-        long = first > _FIRST and second > _SECOND and first + second > _BOTH
-    return long and second < _LONGEST and least < inertia < most
+        least_first = _FIRST if amplitude < _GROWN else _FIRST_GROWN
+        long = first > least_first and second > _SECOND and first + second > _BOTH
+    return long and second < _LONGEST and amplitude < _LARGEST and least < inertia < most
+
+
+def as_unsure(one: Answer, other: Answer) -> bool:
+    """Whether two probes have the same answer, which a hand's motion seldom gives twice.
+
+    Args:
+        one: An answer by which the wall does not move the shaft.
+        other: That of the probe before.
+    """
+    least, most = _UNSURE
+    light, heavy = _UNSURE_INERTIA
+    return (
+        all(a.first > _FIRST and least < a.second < most for a in (one, other))
+        and all(light < a.inertia < heavy for a in (one, other))
+        and abs(math.log(one.second / other.second)) < _AS_UNSURE
+        and abs(one.inertia - other.inertia) < _AS_UNSURE
+    )
 
 
 def alike(one: Sighting, other: Sighting, period: float, amplitude: float) -> bool:

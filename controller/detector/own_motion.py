@@ -63,25 +63,21 @@ class OwnMotion:
         backstop, bounces = self._backstop, self._bounces
         ended = self._half_cycles.update(away, torque, span)
         if bounces is None:
-            backstop.passed(span, away, stiffness)
-            if ended:
-                backstop.ended()
+            backstop.update(span, away, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
             return
         depth = away * self._side
         elongation = depth if depth > 0.0 else 0.0
-        backstop.passed(span, elongation, stiffness)
-        bounces.passed(span, elongation, stiffness)
         if depth <= 0.0:
             self._inside = False
+        whole = ended and self._inside
         if ended:
-            if self._inside:
-                backstop.ended()
-            else:  # a half-cycle with a part outside says nothing about the spring
+            if not whole:  # a half-cycle with a part outside says nothing about the spring
                 self._half_cycles.known = 0
             self._inside = depth > 0.0
-        if self._contacts.update(depth, torque * self._side, span):
-            bounces.ended()
+        backstop.update(span, elongation, stiffness, ended=whole)
+        left = self._contacts.update(depth, torque * self._side, span)
+        bounces.update(span, elongation, stiffness, ended=left)
         if backstop.suspected != bounces.suspected:  # one of them has found the answer
             backstop.suspected = bounces.suspected = False
         self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)

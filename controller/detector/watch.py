@@ -294,7 +294,7 @@ class Watch:
         if self._settings.answer == "trip":
             self.failed = True
         own = self.own
-        if own is not None and own.large and not (own.answering or own.suspected):
+        if own is not None and not (own.answering or own.suspected):
             own.suspect()
 
 

@@ -50,6 +50,10 @@ def replaced(path: Path) -> Iterator[IO[str]]:
         OSError: It cannot be written; the old one stays.
     """
     part = path.with_name(f"{path.name}.part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
-        yield stream
-    part.replace(path)
+    part.unlink(missing_ok=True)
+    try:
+        with part.open("x", newline="", encoding="utf-8") as stream:
+            yield stream
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

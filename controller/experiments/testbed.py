@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from controller import __version__
 from controller.errors import UserError
+from controller.file_kinds import LOG, may_be_replaced
 from controller.lateness.machine_setup import START
 from controller.log.file import SUFFIX, read_log
 from controller.program import Phase
@@ -23,7 +24,7 @@ from controller.run import run
 from controller.safety import Trip
 from controller.settings.config import Config
 from controller.telemetry import FLAG_WARM_UP
-from controller.tree.plan import Ended, Plan
+from controller.tree.plan import Ended, LogState, Plan
 
 _GONE = frozenset(
     f"trip:{trip}"
@@ -140,7 +141,7 @@ class Testbed:
         """Run a program from its beginning to its end, torque off before and after.
 
         Args:
-            name: Of its log; one that is there is replaced.
+            name: Of its log; one that is there is replaced as soon as there are rows.
             phases: At least one.
             delay_steps: Periods inserted in place of the configuration's.
 
@@ -148,7 +149,7 @@ class Testbed:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
             ExperimentTrippedError: A trip has ended it.
-            UserError: The log could not be kept whole.
+            UserError: The log could not be kept whole, or a file that is no log is in its place.
         """
         config = self.config
         if delay_steps is not None:
@@ -156,7 +157,11 @@ class Testbed:
             raw["delay"]["steps"] = delay_steps
             config = Config.model_validate(raw)
         log = self.folder / f"{name}{SUFFIX}"
-        log.unlink(missing_ok=True)
+        if not may_be_replaced(log, LOG):
+            raise UserError(
+                f"{log}: found a file that is not {LOG.name}, and would be lost; name another"
+                " folder"
+            )
         metadata = {
             "program": f"haptic-wall {__version__}",
             "name": name,
@@ -174,7 +179,7 @@ class Testbed:
         ended = run(plan, self._tell_new)
         if ended.stop_reason == "interrupted" or ended.asked:
             raise ExperimentInterruptedError(
-                f"interrupted; {log} holds what was recorded" if log.exists() else "interrupted"
+                f"interrupted; {log} holds what was recorded" if ended.logged else "interrupted"
             )
         if ended.stop_reason != "duration":
             raise ExperimentTrippedError(
@@ -210,8 +215,10 @@ def _fault(log: Path, ended: Ended) -> str:
 
     Half a motion would be fitted as if it were the whole.
     """
-    if ended.lacking == 0:
+    if ended.lacking == 0 and ended.logged:
         return ""
+    if ended.log is LogState.NONE:
+        return _unusable(f"the log {log} holds no rows")
     return _unusable(f"the log {log} is not whole ({'; '.join(ended.warnings)})")
 
 

@@ -13,7 +13,8 @@ import errno
 import fcntl
 import json
 import os
-from collections.abc import Mapping
+import stat
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, cast
@@ -24,8 +25,9 @@ from numpy.typing import NDArray
 from controller.errors import LogFormatError
 from controller.log.blocks import encoded
 from controller.log.reader import FORMAT, SUFFIX, Damage, LogReader
+from controller.whole_file import Beside
 
-__all__ = ["SUFFIX", "LogWriter", "append_end", "being_written", "read_log"]
+__all__ = ["SUFFIX", "LogWriter", "append_end", "identity", "read_log"]
 
 
 class LogWriter:
@@ -38,33 +40,46 @@ class LogWriter:
         path: Where to; a file that is there is replaced.
         metadata: What the rows belong to, as JSON can hold it; NaN is not in JSON.
         dtype: Of the rows, little-endian.
+        beside: Other name of ``path``: the log is there until its first rows are written, and then
+            replaces what is at ``path``. None: it replaces it at once.
 
     Attributes:
         found: The last rows of a log that is gone on with, shape (n,); None: it held none.
+        identity: What ``identity`` gives for the file.
 
     Raises:
         OSError: The file cannot be written.
         ValueError: The metadata cannot be JSON.
     """
 
-    def __init__(self, path: Path, metadata: Mapping[str, Any], dtype: np.dtype[np.void]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, Any],
+        dtype: np.dtype[np.void],
+        beside: Beside | None = None,
+    ) -> None:
         # FORMAT first, and what it says holds for this file, wherever the metadata come from.
         head = _json({**FORMAT, **metadata, **FORMAT})
-        self._begin(path, dtype, "wb")
+        self._beside = beside
+        self._begin(path if beside is None else beside.part, dtype, "wb")
         try:
             self._write(head)
         except OSError:
-            self._file.close()
+            self.close()
             raise
 
     def _begin(self, path: Path, dtype: np.dtype[np.void], mode: str) -> None:
-        self._path = path
+        self._folder = path.parent
         self._dtype = dtype
         self.found: NDArray[np.void] | None = None
         self._unsynced = True
         self._placed = False
         self._file = cast(BinaryIO, path.open(mode, buffering=0))
-        if path.is_file():  # a device (/dev/null) is everybody's
+        status = os.fstat(self._file.fileno())
+        self.identity = _identity(status)
+        self._is_file = stat.S_ISREG(status.st_mode)
+        if self._is_file:  # a device (/dev/null) is everybody's
             with contextlib.suppress(OSError):  # a dying writer may still have it
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
@@ -87,6 +102,7 @@ class LogWriter:
         if last is not None and last.array.dtype != dtype:
             raise LogFormatError(f"{path} is a log of other rows: name another file")
         log = cls.__new__(cls)
+        log._beside = None
         log._begin(path, dtype, "r+b")
         with contextlib.ExitStack() as undo:
             undo.callback(log._file.close)
@@ -101,11 +117,16 @@ class LogWriter:
         """Write a block of rows, shape (n,); none writes nothing.
 
         Raises:
-            OSError: It could not be written (a full disk); the file is what it was before, and
-                may be appended to again.
+            OSError: It could not be written (a full disk) or put in its place; the file is what it
+                was before, and may be appended to again.
         """
-        if len(rows):
+        if not len(rows):
+            return
+        with _all_or_nothing(self._file):
             self._write(rows.astype(self._dtype, copy=False))
+            if self._beside is not None:
+                self._beside.place()
+                self._beside = None
 
     def end(self, ended: Mapping[str, Any]) -> None:
         """Write how the run ended, the last of a log, as JSON can hold it.
@@ -131,11 +152,11 @@ class LogWriter:
                     self._place()
         except OSError as error:
             # Some file systems cannot be asked, and a device (/dev/null) has nothing to keep.
-            if error.errno != errno.EINVAL and self._path.is_file():
+            if error.errno != errno.EINVAL and self._is_file:
                 raise
 
     def _place(self) -> None:
-        folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(folder)
         finally:
@@ -143,11 +164,15 @@ class LogWriter:
         self._placed = True
 
     def close(self) -> None:
-        """Let go of the file; safe to call twice.
+        """Let go of the file, which is removed where it never had rows to be placed for.
+
+        Safe to call twice.
 
         Raises:
             OSError: The file system has lost something written earlier.
         """
+        if self._beside is not None:
+            self._beside.discard()
         self._file.close()
 
     def __enter__(self) -> LogWriter:
@@ -166,14 +191,16 @@ class LogWriter:
         self._unsynced = True
 
 
-def being_written(path: Path) -> bool:
-    """Whether a ``LogWriter`` of some process has this file open."""
-    with contextlib.suppress(OSError), path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
+def identity(path: Path) -> int:
+    """Tells a file from another that is put in its place; 0: there is none."""
+    try:
+        return _identity(path.stat())
+    except OSError:
+        return 0
+
+
+def _identity(status: os.stat_result) -> int:
+    return status.st_ino & ((1 << 63) - 1)  # fits a word of shared memory
 
 
 def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> None:
@@ -197,12 +224,19 @@ def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> No
 
 def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
     """Write a block to a file without a buffer, which may take it in several parts; all or none."""
-    start = file.tell() if file.seekable() else None  # a device has no end to cut
-    try:
+    with _all_or_nothing(file):
         for part in encoded(array):
             rest = memoryview(part)
             while rest:
                 rest = rest[file.write(rest) :]
+
+
+@contextlib.contextmanager
+def _all_or_nothing(file: BinaryIO) -> Iterator[None]:
+    """Cut off again what was written to a file where an OSError comes in between."""
+    start = file.tell() if file.seekable() else None  # a device has no end to cut
+    try:
+        yield
     except OSError:
         # Half a block would be noticed, but it is better not there.
         if start is not None:

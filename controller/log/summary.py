@@ -12,7 +12,7 @@ from controller.detector.oscillation import State
 from controller.log.reader import Damage, End
 from controller.log.rows import LogRows, gathered
 from controller.statistics import RunStatistics
-from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP
+from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
 from hw.servo import Outcome
 
 
@@ -37,7 +37,7 @@ class LogSummary:
         self._after_damage = False
         self._damaged: list[Damage] = []
         self._damaged_rows = self._unrecorded = 0
-        self._missed = self._failed = self._contact = self._warm_up = 0
+        self._missed = self._failed = self._contact = self._warm_up = self._off = 0
         self._position = [math.inf, -math.inf]
         self._torque = [math.inf, -math.inf]
         self._worst = State.QUIET
@@ -81,7 +81,10 @@ class LogSummary:
         self._failed += int(np.count_nonzero(~good))
         on = (rows["flags"] & FLAG_WARM_UP) == 0
         self._warm_up += int(np.count_nonzero(~on))
-        self._contact += int(np.count_nonzero(((rows["flags"] & FLAG_CONTACT) != 0) & on))
+        self._off += int(np.count_nonzero(rows["flags"] & FLAG_OFF))
+        # A shaft inside a wall that is off touches nothing.
+        touched = (rows["flags"] & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT
+        self._contact += int(np.count_nonzero(touched))
         for extremes, field in ((self._position, "position"), (self._torque, "torque")):
             known = rows[field][np.isfinite(rows[field])]
             if known.size:
@@ -128,6 +131,7 @@ class LogSummary:
             "torque_nm": _span(self._torque),
             "saturated_ticks": self._statistics.saturated if some else None,
             "warm_up_ticks": self._warm_up if some else None,
+            "off_ticks": self._off if some else None,
             "contact_ticks": self._contact if some else None,
             "oscillation": {
                 "state": self._worst.name.lower() if some else None,

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from controller.file_kinds import PICTURE, Kind
 from controller.paper import boundaries, linear_error, lwr3, table2
 from controller.paper.curves import FigureData, write_csv
 from controller.paper.numbers import Numbers, of_points, of_table2
+from controller.whole_file import whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,26 +162,38 @@ ITEMS = (_TABLE2, *(item for item, _, _ in _FIGURES))
 """In the paper's order"""
 
 
-def make(name: str, folder: Path, simulate: table2.Simulate | None = None) -> Made:
+TABLE = Kind(
+    "a table of haptic-wall paper",
+    re.compile(rb"kind,[a-z_]+,[a-z_,]+\r\n|delay_samples,virtual_damping_ns_per_m,"),
+)
+
+
+def make(
+    name: str, folder: Path, simulate: table2.Simulate | None = None, *, force: bool = False
+) -> Made:
     """Compute an item and write its CSV and PNG.
 
     Args:
         name: Of an item.
         folder: Where the files go; it exists.
         simulate: For Table II; None: the experiment of this program.
+        force: Replace files of these names that are not of this program.
 
     Raises:
         KeyError: There is no such item.
         OSError: A file cannot be written.
     """
     csv, png = folder / f"{name}.csv", folder / f"{name}.png"
+    into_table, into_png = whole(csv, TABLE, force=force), whole(png, PICTURE, force=force)
     if name == _TABLE2.name:
         table = table2.compare(simulate)
-        table2.write_csv(table, csv)
-        table2.draw(table, png)
+        with into_table as csv_part, into_png as png_part:
+            table2.write_csv(table, csv_part)
+            table2.draw(table, png_part)
         return Made(_TABLE2, csv, png, of_table2(table), table)
     item, compute, draw = {item.name: (item, c, d) for item, c, d in _FIGURES}[name]
     data = compute()
-    write_csv(data, csv)
-    draw(data, png)
+    with into_table as csv_part, into_png as png_part:
+        write_csv(data, csv_part)
+        draw(data, png_part)
     return Made(item, csv, png, of_points(data), None)

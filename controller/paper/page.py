@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
 from controller import __version__
+from controller.file_kinds import Kind
 from controller.paper.items import Made
 from controller.paper.table2 import worst_text
+from controller.whole_file import whole
 
 PAGE = "index.html"
+KIND = Kind(
+    "a page of haptic-wall paper",
+    re.compile(rb"<!DOCTYPE html>.{0,400}<title>Stability boundary for haptic render", re.DOTALL),
+)
 
 
-def write_page(made: Sequence[Made], folder: Path) -> Path:
+def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Path:
     """Write the page beside the files it shows; it needs nothing else.
 
     Args:
         made: What it shows, in order; their files are in ``folder``.
         folder: Where it goes.
+        force: Replace a file of its name that is not of this program.
 
     Returns:
         Its path.
@@ -35,5 +43,6 @@ def write_page(made: Sequence[Made], folder: Path) -> Path:
     worst = {m.item.name: worst_text(m.table) for m in made if m.table is not None}
     page = folder / PAGE
     text = environment.from_string(source).render(made=made, worst=worst, version=__version__)
-    page.write_text(text, encoding="utf-8")
+    with whole(page, KIND, force=force) as part:
+        part.write_text(text, encoding="utf-8")
     return page

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from controller.errors import LogFormatError
+from controller.file_kinds import SOFTWARE
 from controller.log.rows import LogRows
 from controller.plots import run_panels
 from controller.plots.dense_picture import in_pieces
@@ -93,7 +94,7 @@ def plot_run(
     axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
     figure.align_ylabels(axes)
     with in_pieces():
-        figure.savefig(path, format="png")
+        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 
 def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:

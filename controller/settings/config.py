@@ -38,8 +38,6 @@ OLD_NAMES = {"safety.max_losses_in_row": "safety.max_silence_s"}
 """Fields of older files and logs, and by which name they are read"""
 MOVED_BY_START = math.radians(1.0)
 """How far the proof of the torque's sign may move an emulated servo [rad]"""
-_FAR = 1e6
-"""The far end of a wall [rad]: beyond what a servo's position register can hold."""
 
 
 class Config(Section):
@@ -215,7 +213,6 @@ class Config(Section):
             watchdog_s=servo.watchdog_s,
             probe_torque=servo.probe_torque,
             probe_direction=1 if self.wall.side == "below" else -1,
-            keep_out=self._inside(),
             period_s=self.period_s,
             max_speed=JUMP_SPEED if emulated and most is None else most,
             speed_asked=most is not None,
@@ -223,14 +220,6 @@ class Config(Section):
             faults=servo.faults if emulated else (),
             fault_seed=servo.fault_seed,
         )
-
-    def _inside(self) -> tuple[float, float] | None:
-        """Positions inside a one-sided wall [rad]; None: there are none, or nobody knows yet."""
-        if self.wall.reference == "start":
-            return None
-        if self.wall.side == "above":
-            return self.wall.position, _FAR
-        return (-_FAR, self.wall.position) if self.wall.side == "below" else None
 
     def belief(self) -> Belief:
         """What the controller believes of the servo: ``model.*``, else the simulated truth."""

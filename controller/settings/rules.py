@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from controller.engagement import MOST_TORQUE
 from controller.loop import SPIN_SHARE
 from controller.settings.servo import TRUTH_FIELDS
-from controller.wall import SIGNS
 from hw.wire import cycle_s
 
 if TYPE_CHECKING:
@@ -145,21 +144,6 @@ def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
         yield Problem(
             "loop.clock",
             f"found simulated, wanted monotonic: the servo at {config.servo.port} is real",
-        )
-
-
-@_reads(*_KIND, "servo.kick", "wall.side", "wall.reference")
-def _emulated_starts_outside(config: Config) -> Iterator[Problem]:
-    inward = SIGNS[config.wall.side]
-    kick = config.servo.kick
-    if config.wall.reference == "start":
-        return  # then the kick says on which turn it stands, and not how far from the wall
-    if config.servo.kind == "emulated" and kick is not None and inward * kick > 0:
-        yield Problem(
-            "servo.kick",
-            f"found {kick:g}, which is inside the wall ({config.wall.side}): the driver starts no "
-            f"servo there; wanted {'at most' if inward > 0 else 'at least'} 0, or servo.backend "
-            "simulated",
         )
 
 

@@ -9,7 +9,7 @@ from hw.settings import DynamixelSettings, TrueServo
 
 
 def emulator_arguments(
-    settings: DynamixelSettings, true: TrueServo, witness: Path | None
+    settings: DynamixelSettings, true: TrueServo, witness: Path | None, *, force: bool = False
 ) -> list[str]:
     """The command that starts an emulated bus with one servo, after ``python -m``."""
     arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
@@ -22,5 +22,5 @@ def emulator_arguments(
         if value is not None:
             arguments += ["--set", f"servo.{part.name}={value}"]
     if witness is not None:
-        arguments += ["--record", str(witness)]
+        arguments += ["--record", str(witness), *(["--force"] if force else [])]
     return arguments

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from controller.log.file import LogWriter
 from controller.session import run_session
 from controller.statistics import RunStatistics
-from controller.telemetry import ROW, Telemetry
+from controller.telemetry import Telemetry
 from controller.tree.plan import Ended, Plan, Tell
-from controller.tree.recorder import Recorder, rows_lacking
+from controller.tree.recorder import Recorder, begun_log, rows_lacking
 from hw.clock import SimulatedClock
 
 
@@ -26,22 +25,20 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
         ServoError: The servo could not be started.
     """
     statistics = RunStatistics()
-    log: LogWriter | None = None
+    recorder: Recorder | None = None
     warnings: list[str] = []
     lost = False
-    try:
-        log = LogWriter(plan.log, plan.metadata, ROW)
-        recorder = Recorder(telemetry, log)
-    except OSError as error:
-        warnings.append(_log_warning(plan.log, error))
     counted = 0
 
     def on_block() -> None:
-        nonlocal counted
+        nonlocal counted, recorder
         rows, counted = telemetry.read(counted)
         statistics.add(rows)
-        if log is not None and not warnings:
+        if counted and not warnings:
             try:
+                if recorder is None:
+                    log = begun_log(plan.log, plan.metadata, force=plan.force)
+                    recorder = Recorder(telemetry, log)
                 recorder.drain()
             except OSError as error:
                 warnings.append(_log_warning(plan.log, error))
@@ -58,9 +55,9 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
             tell=tell,
         )
     finally:
-        if log is not None:
+        if recorder is not None:
             try:
-                log.close()
+                recorder.close()
             except OSError as error:
                 lost = True
                 if not warnings:

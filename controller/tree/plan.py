@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,18 @@ from controller.tree.stream import Stream
 
 Tell = Callable[[str], None]
 """Called with what a person should know meanwhile."""
+
+
+class LogState(StrEnum):
+    """What there is of a run's log when the run is over."""
+
+    NONE = "none"
+    """There were no rows to write."""
+    WHOLE = "whole"
+    INCOMPLETE = "incomplete"
+    """It lacks rows, or how the run ended."""
+    MISSING = "missing"
+    """It could not be written, or was removed or moved during the run."""
 
 
 @dataclass(slots=True)
@@ -37,6 +50,12 @@ class Ended:
     """A signal has asked to stop; where the loop was just over, the reason does not say so"""
     lacking: int | None = 0
     """Rows that the log lacks; None: nobody knows, since the disk has lost part of it"""
+    log: LogState = LogState.NONE
+
+    @property
+    def logged(self) -> bool:
+        """Whether the log is where it should be, whole or not."""
+        return self.log in (LogState.WHOLE, LogState.INCOMPLETE)
 
     @property
     def torque_off(self) -> bool | None:
@@ -62,3 +81,5 @@ class Plan:
     """Who watches live; None: nobody"""
     hold: Hold | None = None
     """The dead man; None: there is none"""
+    force: bool = False
+    """Log and record may replace files that are none of this program's"""

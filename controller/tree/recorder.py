@@ -20,10 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
-from controller.log.file import LogWriter
+from controller.file_kinds import LOG
+from controller.log.file import LogWriter, identity
 from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import ROW, Telemetry, Word
 from controller.tree.lull import pause_until_lull
+from controller.whole_file import Beside
 
 PAUSE_S = 0.25
 """How long rows gather between two blocks [s]; a killed recorder loses no more than that."""
@@ -46,6 +48,24 @@ def rows_lacking(words: memoryview[int]) -> int:
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
+def begun_log(
+    path: Path, metadata: Mapping[str, Any], *, force: bool, writer: int | None = None
+) -> LogWriter:
+    """A log that replaces what is at ``path`` when it has its first rows.
+
+    Args:
+        path: Where to.
+        metadata: As for ``LogWriter``.
+        force: Replace whatever is there.
+        writer: As for ``Beside``.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    beside = Beside(path, LOG, force=force, writer=writer)
+    return LogWriter(path, metadata, ROW, beside)
+
+
 class Recorder:
     """Moves rows from the ring into a log, from the log's last row on.
 
@@ -65,6 +85,7 @@ class Recorder:
             self._count(log.found[log.found["seq"] >= telemetry.words[Word.TAIL]])
             self._tail = int(log.found["seq"][-1]) + 1
         telemetry.words[Word.TAIL] = self._tail
+        telemetry.words[Word.LOG_FILE] = log.identity
 
     def drain(self) -> bool:
         """Write all rows that are there; whether there were any.
@@ -123,7 +144,9 @@ class _Attempts:
         wrote = False
         try:
             if self._recorder is None:
-                self._recorder = Recorder(self._telemetry, _open(self._orders))
+                if not self._telemetry.words[Word.HEAD]:
+                    return False  # a run that cannot start touches no file
+                self._recorder = Recorder(self._telemetry, self._open())
             wrote = self._recorder.drain()
         except OSError as error:
             self._trouble_is(self._text(error))
@@ -139,6 +162,16 @@ class _Attempts:
         if self._recorder is not None:
             self._keep(self._recorder.sync)
             self._keep(self._recorder.close)
+
+    def _open(self) -> LogWriter:
+        """The log of a recorder that is dead, where it is in its place; else a new one."""
+        orders = self._orders
+        path = Path(orders["log"])
+        if orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]:
+            with contextlib.suppress(LogFormatError, FileNotFoundError):
+                return LogWriter.resume(path, ROW)
+        force, writer = orders.get("force", False), orders.get("parent")
+        return begun_log(path, orders["metadata"], force=force, writer=writer)
 
     def _keep(self, keep: Callable[[], None]) -> None:
         """Have the disk keep what it has taken; say what it has lost."""
@@ -158,14 +191,6 @@ class _Attempts:
     def _say(self, what: dict[str, str | None]) -> None:
         with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
             os.write(sys.stdout.fileno(), (json.dumps(what) + "\n").encode())
-
-
-def _open(orders: Mapping[str, Any]) -> LogWriter:
-    path = Path(orders["log"])
-    if orders["resume"]:
-        with contextlib.suppress(LogFormatError, FileNotFoundError):  # nothing was written yet
-            return LogWriter.resume(path, ROW)
-    return LogWriter(path, orders["metadata"], ROW)
 
 
 def may_stand_back(words: memoryview[int]) -> bool:

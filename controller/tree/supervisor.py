@@ -131,7 +131,9 @@ class Supervisor:
         emulator = None
         config = self._plan.config
         if config.servo.kind == "emulated":
-            arguments = emulator_arguments(settings, config.true_servo(), self._plan.witness)
+            plan = self._plan
+            true = config.true_servo()
+            arguments = emulator_arguments(settings, true, plan.witness, force=plan.force)
             emulator = Child("emulator", arguments, None, (), self._others)
             children.callback(emulator.dismiss, END_S)
             path = first_line(emulator, START_S, lambda: bool(self._words[Word.STOP]))
@@ -160,6 +162,7 @@ class Supervisor:
             "period_ns": self._period_ns,
             "metadata": self._plan.metadata,
             "resume": resume,
+            "force": self._plan.force,
         }
         return Child("recorder", ["controller.tree.recorder"], orders, [descriptor], self._others)
 

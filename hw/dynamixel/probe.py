@@ -11,7 +11,6 @@ it rubs would be turned round by that, toward the wall, so that turning back end
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -63,13 +62,11 @@ class Push:
         return self.moved * self.peak > 0
 
 
-def probe_sign(
-    link: Link, clock: Clock, limit: int, name: str, may_be_at: Callable[[int], bool]
-) -> Push:
+def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
-    A hand may be on the shaft. The push waits until the shaft rests where it may be, and one with
-    the wrong result is repeated once.
+    A hand may be on the shaft. The push waits until the shaft rests, and one with the wrong result
+    is repeated once.
 
     Args:
         link: The servo.
@@ -77,13 +74,12 @@ def probe_sign(
             keeps the Bus Watchdog quiet.
         limit: Largest goal current, with the sign to push in [current units].
         name: Of the servo, for messages.
-        may_be_at: Whether the shaft may be at a position [encoder counts].
 
     Raises:
-        UnfitServoError: The shaft does not rest where it may be.
+        UnfitServoError: The shaft does not rest.
         ServoLostError: The servo stops answering.
     """
-    prober = _Prober(link, clock, name, may_be_at)
+    prober = _Prober(link, clock, name)
     for _ in range(2):
         prober.wait_for_rest()
         push = prober.push(limit)
@@ -93,10 +89,7 @@ def probe_sign(
 
 
 class _Prober:
-    def __init__(
-        self, link: Link, clock: Clock, name: str, may_be_at: Callable[[int], bool]
-    ) -> None:
-        self._may_be_at = may_be_at
+    def __init__(self, link: Link, clock: Clock, name: str) -> None:
         self._link = link
         self._clock = clock
         self._name = name
@@ -109,11 +102,11 @@ class _Prober:
     def wait_for_rest(self) -> None:
         begun = since = self._cycle(0)
         low = high = self._position
-        while (now := self._cycle(0)) - since < _REST_NS or not self._may_be_at(self._position):
+        while (now := self._cycle(0)) - since < _REST_NS:
             low, high = min(low, self._position), max(high, self._position)
             if now - begun > _REST_END_NS:
                 raise UnfitServoError(
-                    f"The shaft of the {self._name} has not come to rest outside the wall within "
+                    f"The shaft of the {self._name} has not come to rest within "
                     f"{_REST_END_NS * 1e-9:.0f} s, so the torque's sign cannot be proved: hold it "
                     "still, or set servo.probe_torque=0 to skip the probe."
                 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from hw.clock import Clock
@@ -29,7 +28,6 @@ def prove_the_sign(
     *,
     clock: Clock,
     name: str,
-    may_be_at: Callable[[int], bool],
 ) -> None:
     """See a small torque away from the wall move the shaft away from the wall.
 
@@ -42,7 +40,6 @@ def prove_the_sign(
         checklist: Where to put what was found.
         clock: Tells the time.
         name: Of the servo, for messages.
-        may_be_at: Whether the shaft may be pushed to a position [counts].
 
     Raises:
         ServoLostError: It stops answering.
@@ -56,7 +53,7 @@ def prove_the_sign(
     limit = min(law.within(wanted), current_limit)
     direction = 1 if settings.probe_direction > 0 else -1
     for _ in range(_PUSHES):
-        push = probe_sign(link, clock, direction * max(1, limit), name, may_be_at)
+        push = probe_sign(link, clock, direction * max(1, limit), name)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         if (
             not tripped

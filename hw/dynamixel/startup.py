@@ -8,7 +8,6 @@ then a small push proves its sign.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,11 +35,6 @@ from hw.settings import DynamixelSettings
 
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
-_LOOK_NS: Final = 20_000_000
-"""Between two looks at a shaft inside the wall"""
-_STANDS_NS: Final = 1_000_000_000
-"""Not moved for so long: nobody is about to turn it out"""
-_TURN_OUT_NS: Final = 5_000_000_000
 _REPLIES: Final = 5
 """Whose median tells whether replies come in time"""
 _IN_TIME: Final = 1.8
@@ -192,21 +186,8 @@ class Startup:
             f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more than the "
             f"{asked:g} N·m it may make: raise servo.torque_limit.",
         )
-        position = self._sample().counts
-        found = f"{position * POSITION_UNIT:.3f} rad"
-        if not self._may_be_at(position):
-            position = self._wait_to_be_turned_out(position)
-            found += f", inside the wall; then {position * POSITION_UNIT:.3f} rad"
-        turns = position * POSITION_UNIT / math.tau
-        self.list.add(
-            "position",
-            self._may_be_at(position),
-            found,
-            "anywhere" if self._settings.keep_out is None else "outside the wall",
-            f"It stands inside the wall, at {position * POSITION_UNIT:.3f} rad "
-            f"({turns:.2f} turns): turn it out by "
-            "hand, or move the wall with wall.position.",
-        )
+        position = self._sample().counts * POSITION_UNIT
+        self.list.add("position", True, f"{position:.3f} rad", "known")
 
     def _report_speed(self) -> None:
         """What it reaches by itself, and whether the speed that trips is below that."""
@@ -242,23 +223,6 @@ class Startup:
         self.list.add("adapter reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
         return middle if slow else 0
 
-    def _may_be_at(self, counts: int) -> bool:
-        keep_out = self._settings.keep_out
-        return keep_out is None or not keep_out[0] <= counts * POSITION_UNIT <= keep_out[1]
-
-    def _wait_to_be_turned_out(self, position: int) -> int:
-        """Give a hand that is moving the shaft the time to leave the wall; where it is then."""
-        begun = moved = self._clock.now_ns()
-        while not self._may_be_at(position):
-            self._clock.wait_until(self._clock.now_ns() + _LOOK_NS)
-            now = self._clock.now_ns()
-            before, position = position, self._sample().counts
-            if abs(position - before) > 1:
-                moved = now
-            if now - moved > _STANDS_NS or now - begun > _TURN_OUT_NS:
-                break
-        return position
-
     # Torque
 
     def torque_on(self) -> None:
@@ -285,7 +249,6 @@ class Startup:
             self.list,
             clock=self._clock,
             name=self._name,
-            may_be_at=self._may_be_at,
         )
 
     # Tools

@@ -179,10 +179,16 @@ def test_a_section_that_fails_costs_no_other(made_up, capsys, error, said):
 
 @pytest.mark.usefixtures("made_up")
 def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(capsys, tmp_path):
-    for place in (tmp_path, tmp_path / "nowhere" / "bench.html"):
+    mine = tmp_path / "mine.html"
+    mine.write_text("<!DOCTYPE html><title>mine</title>")
+    for place, why in (
+        (tmp_path, f"--html: {tmp_path} is a folder"),
+        (tmp_path / "nowhere" / "bench.html", "cannot be written"),
+        (mine, "found a file that is not a report of haptic-wall bench"),
+    ):
         status, out, err = call(capsys, "--html", str(place))
         assert status == 2
-        assert f"--html {place}: cannot be written" in err
+        assert why in err
         assert out == ""
         assert "measuring" not in err
 

@@ -10,6 +10,7 @@ import serial
 from controller.cli import main as cli
 from controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
 from hw.dynamixel.codec import Instruction, Parser, encode
+from hw.dynamixel.emulated.witness import COLUMNS
 from hw.dynamixel.tables import MODELS
 
 
@@ -73,6 +74,16 @@ def test_link_never_replaces_a_file(capsys, tmp_path):
 
 def test_record_that_cannot_be_written_is_refused(capsys, tmp_path):
     assert "--record" in refused(capsys, "--record", str(tmp_path / "no" / "such" / "folder.csv"))
+
+
+@pytest.mark.parametrize("options", [["--fault", "nonsense"], ["--link", "/proc/no"]])
+def test_a_bus_that_cannot_start_leaves_the_older_record(capsys, tmp_path, options):
+    record = tmp_path / "record.csv"
+    record.write_text(f"{COLUMNS}\nof yesterday\n")
+    before = record.read_text()
+    refused(capsys, "--record", str(record), *options)
+    assert record.read_text() == before
+    assert list(tmp_path.iterdir()) == [record]
 
 
 def test_a_refused_start_leaves_no_link(capsys, tmp_path):

@@ -2,11 +2,14 @@ import json
 import os
 import signal
 import threading
+from pathlib import Path
 
 import pytest
 
 from controller.cli import main as cli
+from controller.cli.identify import _CONFIG
 from controller.experiments.testbed import Testbed
+from controller.file_kinds import may_be_replaced
 from controller.log.file import read_log
 from controller.settings.load import load_config
 
@@ -48,6 +51,7 @@ def test_the_report_the_configuration_and_the_picture(folder, capsys):
     assert "will move by itself" in said.err and "0.3 rad" in said.err
     assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
     assert [read_log(folder / log)[1].size > 0 for log in report["logs"]]
+    assert may_be_replaced(Path("mine.yaml"), _CONFIG)
     believed = load_config("mine.yaml").config.belief()
     assert believed.delay.low <= 0.0012 <= believed.delay.high
     assert call(["run", "mine.yaml", "--duration=0.05", "--json"]) == 0

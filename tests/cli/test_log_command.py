@@ -18,7 +18,7 @@ from controller.errors import UserError
 from controller.log.file import LogWriter, append_end, read_log
 from controller.log.recordings import read_recordings
 from controller.settings.load import load_config
-from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
+from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 
 
 @pytest.fixture
@@ -120,6 +120,19 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path):
     assert json.loads(answer(path, "--json"))["duration_s"] is None
     with pytest.raises(UserError, match="holds no rows"):
         answer(path, "--csv", tmp_path / "run.csv")
+
+
+def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(log, tmp_path):
+    metadata, rows = read_log(log)
+    rows["flags"][501:701] |= FLAG_OFF  # the dead man was let go
+    path = tmp_path / "off.hwlog"
+    with LogWriter(path, metadata, ROW) as writer:
+        writer.append(rows)
+    told = json.loads(answer(path, "--json"))
+    assert (told["off_ticks"], told["contact_ticks"]) == (200, 400)
+    assert "on for 700 ticks, after 101 of warm-up, off for 200; in contact for 57.1 %" in answer(
+        path
+    )
 
 
 def test_the_summary_tells_what_happened_and_how_it_ended(log):
@@ -274,7 +287,9 @@ def test_an_export_whose_terminal_is_closed_leaves_nothing(log, tmp_path, monkey
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
 def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch, option):
     target = tmp_path / "out.png"
-    target.write_text("before")
+    words = [str(log), "--from", "0.1", option, str(target)]
+    assert CliRunner().invoke(command, words).exit_code == 0
+    before = target.read_bytes()
     seen = []
 
     def interrupted(path, *_):
@@ -286,10 +301,25 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
     for place in ("log.csv_export.write_csv", "plots.run.plot_log", "log.mcap_export.write_mcap"):
         monkeypatch.setattr(f"controller.{place}", interrupted)
     monkeypatch.setattr("controller.log.cut.cut_log", interrupted)
-    assert CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(target)]).exit_code
+    assert CliRunner().invoke(command, words).exit_code
     assert seen
-    assert target.read_text() == "before"
-    assert sorted(tmp_path.iterdir()) == [target, log]
+    assert target.read_bytes() == before
+    assert set(tmp_path.iterdir()) == {target, log}
+
+
+@pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
+def test_an_export_replaces_only_exports_of_its_kind(log, tmp_path, option):
+    """A recording of somebody's own is a CSV too."""
+    target = tmp_path / "out.png"
+    target.write_text("time_s,position_rad,torque_nm\n0,0,0\n")
+    before = target.read_bytes()
+    words = [str(log), "--from", "0.1", option, str(target)]
+    result = CliRunner().invoke(command, words)
+    assert isinstance(result.exception, UserError)
+    assert f"{option} {target}: found a file that is not" in str(result.exception)
+    assert target.read_bytes() == before
+    assert CliRunner().invoke(command, [*words, "--force"]).exit_code == 0
+    assert CliRunner().invoke(command, words).exit_code == 0, "now it is of this program"
 
 
 def test_the_first_row_of_a_csv_has_no_exponents(log, tmp_path):

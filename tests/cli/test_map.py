@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import functools
 import json
 import os
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from controller.claim import claimed
 from controller.cli.main import main
 from controller.experiments import maps
 from controller.theory import critical_stiffness
@@ -32,7 +34,7 @@ def run(capsys, *arguments):
 
 
 def test_the_files_and_the_report_hold_every_point(capsys, tmp_path):
-    (tmp_path / "map.csv").write_text("from before")
+    (tmp_path / "map.csv").write_text("virtual_damping,delay_steps,delay_s,kick_rad,simulated\n")
     (tmp_path / "mine.txt").write_text("kept")
     status, out, err = run(
         capsys, "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
@@ -119,6 +121,45 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
     assert f"--out {tmp_path}: found a folder without leave to write" in err
 
 
+@pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
+def test_a_file_of_somebody_else_is_replaced_only_by_force(capsys, tmp_path, monkeypatch, name):
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
+    (tmp_path / name).write_text("mine")
+    with monkeypatch.context() as never:
+        never.setattr(maps, "critical_map", None)
+        status, _, err = run(capsys, *few)
+    assert (status, (tmp_path / name).read_text()) == (2, "mine")
+    assert f"--out {tmp_path / name}: found a file that is not" in err
+    assert "--force" in err
+    assert run(capsys, *few, "--force")[0] == 0
+    assert run(capsys, *few)[0] == 0, "now they are of this program"
+
+
+def test_a_full_disk_leaves_the_older_map_and_nothing_else(capsys, tmp_path, monkeypatch):
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
+    assert run(capsys, *few)[0] == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(before) == 3
+
+    def full(_found, _name, path):
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("controller.plots.maps.plot_map", full)
+    status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
+    assert status == 2
+    assert f"--out {tmp_path}: cannot be written: No space left on device" in err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_two_maps_at_once_do_not_write_one_folder(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(maps, "critical_map", None)
+    with claimed(tmp_path):
+        status, _, err = run(capsys, "simulated", "--out", tmp_path)
+    assert status == 2
+    assert f"--out: another run is writing {tmp_path}" in err
+
+
 def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     capsys, tmp_path, monkeypatch
 ):
@@ -130,10 +171,10 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     monkeypatch.setattr(maps, "critical_map", computed)
     (tmp_path / "map.json").write_text("of yesterday")
     status, out, err = run(
-        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json"
+        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json", "--force"
     )
     assert status == 130
-    assert out == ""
+    assert json.loads(out)["exit_status"] == 130
     assert "interrupted before anything was computed: nothing is written" in err
     assert (tmp_path / "map.json").read_text() == "of yesterday"
     assert not (tmp_path / "map.png").exists()
@@ -167,7 +208,8 @@ def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path, impa
         out, err = command.communicate(timeout=60)
     assert command.returncode == 130, first + err
     assert "Traceback" not in first + err
-    if out:  # it had computed something, as it has unless the machine is very busy
+    report = json.loads(out) if out else {"error": "interrupted"}
+    if "error" not in report:  # it had computed something, unless the machine is very busy
         assert "interrupted" in err
-        assert not json.loads(out)["complete"]
+        assert not report["complete"]
         assert (tmp_path / "map.png").read_bytes().startswith(PNG)

@@ -34,6 +34,7 @@ def test_one_item_is_a_table_and_a_picture(call, tmp_path):
     assert files == ["fig4.csv", "fig4.png"]
     assert all(str(tmp_path / "new" / "folder" / name) in out for name in files)
     assert "fig4" in err
+    assert call("fig4", "--out", tmp_path / "new" / "folder")[0] == 0, "they are of this program"
 
 
 def test_everything_has_a_page_and_is_the_default(call, tmp_path, monkeypatch):

@@ -1,19 +1,27 @@
 """``run`` writes where it is told, never one file over another, and ends with its report."""
 
+import errno
+import fcntl
 import json
 import os
+import resource
 import signal
 import time
 from importlib import resources
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
 from controller.cli import main as cli
 from controller.cli import run as run_command
 from controller.log.file import LogWriter, read_log
+from controller.report import exit_status
 from controller.telemetry import ROW
+from controller.tree import inline
+from controller.tree.plan import LogState
+from controller.tree.recorder import Recorder
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
@@ -48,7 +56,7 @@ def folder(tmp_path, monkeypatch):
 )
 def test_a_wrong_place_or_time_is_refused_before_the_start(capsys, folder, arguments, message):
     status, out, err = run(capsys, *arguments)
-    assert (status, out) == (2, "")
+    assert (status, json.loads(out)["exit_status"]) == (2, 2)
     assert message in err
     assert list(folder.iterdir()) == []
 
@@ -89,25 +97,59 @@ def test_a_log_that_another_run_is_writing_is_not_taken_from_it(capsys, folder):
     log = folder / "mine.hwlog"
     with LogWriter(log, {}, ROW) as writer:
         status, out, err = run(capsys, "--log", log)
-        assert (status, out) == (2, "")
+        assert (status, json.loads(out)["field"]) == (2, "--log")
         assert "another run is writing" in err
         writer.append(np.zeros(3, ROW))
     assert len(read_log(log)[1]) == 3
     assert run(capsys, "--log", log)[0] == 0
 
 
-def test_two_runs_begun_together_do_not_write_one_log(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def placed(*places, name="simulated", force=False):
+    """Where a run would write, and the context that keeps others from writing there."""
+    context = click.Context(run_command.command)
+    with context.scope(cleanup=False):
+        return run_command._places(*places, name, force=force), context
+
+
+@pytest.mark.parametrize("log", [None, "run.hwlog"])
+def test_two_runs_begun_together_do_not_write_one_file(monkeypatch, log):
+    """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
-    first, picture = run_command._places(None, None, None, "simulated")
-    exists = Path.exists
-    looks = iter([False])  # the other takes the name just after it was looked for
-    monkeypatch.setattr(Path, "exists", lambda path: next(looks, exists(path)))
-    second, another = run_command._places(None, None, None, "simulated")
-    assert first.exists()
-    assert second.exists()
-    assert first != second
-    assert picture != another
+    log = log and Path(log)
+    first, context = placed(log, None, None)
+    second, _ = placed(log and Path("other.hwlog"), None, None)
+    assert not set(first) & set(second)
+    context.close()
+    assert placed(log, None, None)[0] == first, "and later it is free again"
+
+
+@pytest.mark.parametrize("name", ["run.hwlog", "./run.hwlog", "link", "hard", "sub/../run.hwlog"])
+def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(capsys, folder, name):
+    log = folder / "run.hwlog"
+    assert run(capsys, "--log", log)[0] == 0
+    before = log.read_bytes()
+    (folder / "sub").mkdir()
+    (folder / "link").symlink_to("run.hwlog")
+    (folder / "hard").hardlink_to("run.hwlog")
+    _, context = placed(log, Path("a.png"), None)
+    status, _, err = run(capsys, "--log", name, "--plot", "b.png")
+    assert status == 2
+    assert "another run is writing" in err
+    assert log.read_bytes() == before
+    context.close()
+    assert run(capsys, "--log", name, "--plot", "b.png")[0] == 0
+
+
+def test_the_second_run_is_refused_where_nobody_can_lock_files(capsys, folder, monkeypatch):
+    def refuses(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuses)
+    log = folder / "run.hwlog"
+    _, context = placed(log, Path("a.png"), None)
+    assert run(capsys, "--log", log)[0] == 2
+    context.close()
+    assert run(capsys, "--log", log)[0] == 0
 
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
@@ -147,8 +189,147 @@ def test_a_name_with_dots_is_kept_whole_and_taken_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(time, "strftime", lambda _: "now")
     names = ["wall.v1.yaml", "wall.v2.yaml", "wall.v2.yaml", "wall.v2.yaml"]
-    found = [run_command._places(None, None, None, name) for name in names]
+    found = [placed(None, None, None, name=name) for name in names]
     stems = ["now-wall.v1", "now-wall.v2", "now-wall.v2+", "now-wall.v2++"]
-    assert [(log.name, plot.name) for log, plot in found] == [
+    assert [(log.name, plot.name) for (log, plot), _ in found] == [
         (f"{stem}.hwlog", f"{stem}.png") for stem in stems
     ]
+
+
+MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
+
+
+def test_a_run_that_cannot_start_touches_no_file(capsys, folder):
+    """Neither what is not of this program, nor log and picture of an earlier run."""
+    assert run(capsys, "--log", "old.hwlog", "--plot", "old.png")[0] == 0
+    for name, content in MINE.items():
+        (folder / name).write_bytes(content)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    nowhere = ["xm430-w350", "--set", "servo.port=/dev/ttyNONE", "--set", "loop.clock=monotonic"]
+    for log, plot, status in (
+        ("notes.txt", "photo.png", 2),
+        ("old.hwlog", "photo.png", 2),
+        ("old.hwlog", "old.png", 4),
+        ("empty", "old.png", 4),
+        ("new", "new.png", 4),
+    ):
+        assert run(capsys, *nowhere, "--log", log, "--plot", plot)[0] == status
+    assert run(capsys, *nowhere, "--log", "notes.txt", "--plot", "photo.png", "--force")[0] == 4
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(("option", "name"), [("--log", "notes.txt"), ("--plot", "photo.png")])
+def test_what_is_not_ours_is_replaced_only_when_it_is_said(capsys, folder, option, name):
+    (folder / name).write_bytes(MINE[name])
+    other = ("--plot", "p.png") if option == "--log" else ("--log", "l.hwlog")
+    status, _, err = run(capsys, option, name, *other)
+    assert (status, (folder / name).read_bytes()) == (2, MINE[name])
+    assert f"{option} {name}: found a file that is not" in err
+    assert "--force" in err
+    assert run(capsys, option, name, *other, "--force")[0] == 0
+    assert (folder / name).read_bytes() != MINE[name]
+    assert run(capsys, option, name, *other)[0] == 0, "now it is of this program"
+
+
+def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(capsys, folder, monkeypatch):
+    def late(*_, **__):
+        (folder / "run.hwlog").write_bytes(b"mine")
+        return begin(*_, **__)
+
+    begin = inline.begun_log
+    monkeypatch.setattr(inline, "begun_log", late)
+    status, out, _ = run(capsys, "--log", "run.hwlog")
+    assert (status, json.loads(out)["log_state"], json.loads(out)["log"]) == (5, "missing", None)
+    assert [path.name for path in folder.iterdir() if path.is_file()] == ["run.hwlog"]
+    assert (folder / "run.hwlog").read_bytes() == b"mine"
+
+
+def meanwhile(monkeypatch, action):
+    """Have something done to the log behind its last row."""
+    close = Recorder.close
+
+    def after(recorder):
+        close(recorder)
+        action()
+
+    monkeypatch.setattr(Recorder, "close", after)
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "another"])
+@pytest.mark.parametrize("json_wanted", [True, False])
+def test_a_log_that_is_gone_is_the_first_that_is_said(
+    capsys, folder, monkeypatch, how, json_wanted
+):
+    log = folder / "run.hwlog"
+
+    def act():
+        moved = log.rename(folder / "moved")
+        if how == "removed":
+            moved.unlink()
+        if how == "another":
+            log.write_text("mine")
+
+    meanwhile(monkeypatch, act)
+    words = ["--set=loop.clock=simulated", "--duration=0.1", "--log", str(log)]
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", *words, *(["--json"] if json_wanted else [])])
+    out = capsys.readouterr().out
+    assert ended.value.code == 5
+    if json_wanted:
+        report = json.loads(out)
+        assert (report["log_state"], report["log"], report["plot"]) == ("missing", None, None)
+        assert any("is missing: " in warning for warning in report["warnings"])
+    else:
+        assert out.startswith("run         ended as planned, AND ITS LOG IS MISSING")
+    if how == "another":
+        assert log.read_text() == "mine", "and nothing was put behind it"
+
+
+def test_a_full_disk_leaves_the_old_log_and_nothing_else(capsys, folder, monkeypatch):
+    log = folder / "run.hwlog"
+    assert run(capsys, "--log", log, "--plot", "run.png")[0] == 0
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert len(before) == 2
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    begin = inline.begun_log
+
+    def late(*arguments, **options):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limit[1]))  # metadata fit, no row does
+        return begin(*arguments, **options)
+
+    monkeypatch.setattr(inline, "begun_log", late)
+    try:
+        status, out, _ = run(capsys, "--log", log, "--plot", "run.png")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert (status, json.loads(out)["log_state"]) == (5, "missing")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_limits_of_the_shell_are_told_in_a_sentence(capsys):
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limit[1]))
+    try:
+        status, _, err = run(capsys)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert status == 4
+    assert "no memory for the rows (File too large): raise the limits" in err
+
+
+@pytest.mark.parametrize(
+    ("reason", "waited_for", "log", "status"),
+    [
+        ("duration", None, LogState.WHOLE, 0),
+        ("duration", None, LogState.INCOMPLETE, 5),
+        ("duration", None, LogState.MISSING, 5),
+        ("duration", "the dead man", LogState.MISSING, 3),
+        ("interrupted", None, LogState.MISSING, 130),
+        ("trip:overspeed", None, LogState.MISSING, 3),
+        ("trip:servo_lost", None, LogState.INCOMPLETE, 4),
+    ],
+)
+def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
+    reason, waited_for, log, status
+):
+    assert exit_status(reason, waited_for, log) == status

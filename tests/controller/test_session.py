@@ -411,12 +411,16 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
     assert result.oscillation["state"] == "quiet"
 
 
-def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path):
-    arguments = ["emulated-xm430", "--set", "wall.side=both", "--set", "servo.kick=18.8"]
+@pytest.mark.parametrize(
+    ("side", "kick", "where"),
+    [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
+)
+def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path, side, kick, where):
+    arguments = ["emulated-xm430", "--set", f"wall.side={side}", "--set", f"servo.kick={kick}"]
     arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
     done = run_command(tmp_path, *arguments)
     assert done.returncode == 3
-    assert done.stdout.startswith("run         THE WALL NEVER CAME ON: the shaft is away from")
+    assert done.stdout.startswith(f"run         THE WALL NEVER CAME ON: the shaft is {where}")
     assert "2.99 turns" in done.stderr
     done = run_command(tmp_path, *arguments, "--json")
     assert done.returncode == 3

@@ -1,6 +1,9 @@
 """The fixture used as others use it, in this suite: marker, faults, record, mistakes."""
 
 import os
+import subprocess
+import sys
+import threading
 import time
 from pathlib import Path
 
@@ -128,3 +131,40 @@ def test_two_servos_may_share_an_id_and_different_answers_collide(dynamixel_bus)
         client.ping(patience_ms=SHORT_MS)  # whatever is left of it
         same = client.handler.read1ByteTxRx(client.port, 1, 64)
         assert same == (0, sdk.COMM_SUCCESS, 0)
+
+
+def test_the_bus_outlives_the_thread_that_started_it():
+    """A fixture may be set up in a thread of its own."""
+    bus = DynamixelBus()
+    thread = threading.Thread(target=bus.__enter__)
+    thread.start()
+    thread.join()
+    try:
+        with Client(bus) as client:
+            assert client.ping() == (1020, 0, 0)
+        assert bus.rows[-1].time_s > 0.0
+    finally:
+        bus.stop()
+
+
+KILLED = """
+import os, signal, sys
+from haptic_wall_pytest import DynamixelBus
+with DynamixelBus() as bus:
+    print(bus.port, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path):
+    words = [sys.executable, "-c", KILLED]
+    folders = {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | folders
+    ) as tests:
+        assert tests.stdout.readline().startswith(str(tmp_path))
+        tests.kill()
+    end = time.monotonic() + 60.0
+    while list(tmp_path.iterdir()):
+        assert time.monotonic() < end, list(tmp_path.rglob("*"))
+        time.sleep(0.02)

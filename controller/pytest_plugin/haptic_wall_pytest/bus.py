@@ -91,6 +91,7 @@ class DynamixelBus:
                 [
                     # -P: the working folder may hold a package of the same name.
                     *(sys.executable, "-P", "-m", _PROGRAM, "emulate", "--die-with-parent"),
+                    *("--owner", str(os.getpid())),  # killed, it leaves no folder behind
                     *("--link", self.port, "--record", str(self._record), *self._arguments),
                 ],
                 stdin=subprocess.PIPE,

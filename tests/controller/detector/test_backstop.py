@@ -141,8 +141,7 @@ def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2):
     seen.duration = seen.interval = duration
     seen.amplitude, seen.inertia = amplitude, inertia
     seen.known += 1
-    stop.passed(duration, elongation, 10.0)
-    stop.ended()
+    stop.update(duration, elongation, 10.0, ended=True)
 
 
 def probing():
@@ -164,9 +163,9 @@ def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_ba
     take(stop, seen, 0.1, 0.1, 0.003)
     assert (stop.alarm, stop.moved) == (False, 1)
     assert stop.stiffness_scale < 1.0, "the spring is loaded"
-    stop.passed(1e-3, -0.2, 10.0)
+    stop.update(1e-3, -0.2, 10.0, ended=False)
     assert stop.stiffness_scale < 1.0
-    stop.passed(1e-3, 0.001, 10.0)
+    stop.update(1e-3, 0.001, 10.0, ended=False)
     assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
 
 
@@ -177,6 +176,71 @@ def test_a_motion_like_the_hands_is_not_probed_again_soon():
     assert stop.probes == 1
 
 
+def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explains_it():
+    """A hand's motion seems lighter on a softer wall, or goes further."""
+    for inertia, amplitude, alarm in ((0.011, 0.1, True), (0.004, 0.1, False), (0.011, 0.2, False)):
+        stop, seen = probing()
+        take(stop, seen, 0.125, amplitude, inertia)
+        take(stop, seen, 0.127, amplitude, inertia)
+        assert stop.alarm == alarm
+
+
+def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls():
+    """Somebody holds the shaft and makes it stiffer than the probed wall does."""
+    stop, seen = probing()
+    for k in range(200):
+        slower = 1.25 if stop.phase == Phase.PROBING else 1.0
+        amplitude = 0.1 if k % 5 else 0.105  # not as even as a machine's
+        take(stop, seen, 0.1 * slower, amplitude, 0.012 / slower**3, elongation=0.0)
+        if stop.alarm:
+            break
+    assert stop.alarm
+    assert stop.probes == 2
+
+
+def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_motion():
+    seen = motion()
+    stop = backstop(seen)
+    take(stop, seen, 0.1, 0.008)
+    stop.suspected = True
+    seen.elapsed = 0.05
+    stop.update(1e-3, 0.2, 10.0, ended=False)
+    assert stop.phase == Phase.WATCHING, "the spring is being loaded"
+    stop.update(1e-3, 0.19, 10.0, ended=False)
+    assert stop.phase == Phase.PROBING
+    take(stop, seen, 0.15, 0.009)
+    take(stop, seen, 0.2, 0.01)
+    assert not stop.alarm, "the probe began within the first of these half-cycles"
+    take(stop, seen, 0.2, 0.01)
+    assert stop.alarm
+
+
+def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands():
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    stop.update(1e-3, 0.0, 10.0, ended=False)
+    stop.suspected = True
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
+    assert stop.probes == 1, "a hand was found not long ago"
+    assert stop.alarm, "but none is so even"
+
+
+def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with():
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003, elongation=0.2)
+    stop.suspected = True
+    stop.update(1e-3, 0.0, 10.0, ended=False)
+    assert stop.phase == Phase.WATCHING
+    take(stop, seen, 0.2, 0.3)  # larger than the hand's, and so not left alone
+    stop.update(1e-3, -0.001, 10.0, ended=False)
+    assert stop.phase == Phase.WATCHING
+    take(stop, seen, 0.1, 0.3)
+    assert stop.phase == Phase.PROBING
+
+
 def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
@@ -184,9 +248,9 @@ def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
     assert stop.alarm
     assert stop.stiffness_scale < 1.0
     stop.raise_again()
-    stop.passed(1e-3, 0.2, 10.0)
+    stop.update(1e-3, 0.2, 10.0, ended=False)
     assert stop.stiffness_scale < 1.0, "given back only at rest"
-    stop.passed(1e-3, 0.0, 10.0)
+    stop.update(1e-3, 0.0, 10.0, ended=False)
     assert stop.stiffness_scale == 1.0
 
 

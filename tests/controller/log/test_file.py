@@ -13,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import LogFormatError
+from controller.file_kinds import LOG
 from controller.log.file import LogWriter, append_end, read_log
 from controller.log.reader import Damage, End, LogReader
+from controller.whole_file import Beside
 
 ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
 METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}
@@ -405,3 +407,31 @@ def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path):
     log.touch()
     append_end(log, {"stop_reason": "interrupted"})
     assert log.read_bytes() == b""
+
+
+def test_a_log_takes_its_place_with_its_first_rows(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(9))
+    before = path.read_bytes()
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)):
+        assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["a.hwlog"]
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)) as log:
+        log.append(rows(0))
+        assert path.read_bytes() == before
+        log.append(rows(3))
+        np.testing.assert_array_equal(read_log(path)[1], rows(3))
+        log.append(rows(2, 3))
+    np.testing.assert_array_equal(read_log(path)[1], rows(5))
+
+
+def test_rows_that_could_not_take_their_place_are_written_when_they_can(tmp_path):
+    path = tmp_path / "a.hwlog"
+    path.write_text("mine")
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)) as log:
+        for _ in range(2):
+            with pytest.raises(FileExistsError, match="not a log of haptic-wall"):
+                log.append(rows(3))
+        assert path.read_text() == "mine"
+        path.unlink()
+        log.append(rows(3))
+    np.testing.assert_array_equal(read_log(path)[1], rows(3))

@@ -92,13 +92,12 @@ def test_the_driver_does_not_know_the_emulated_torque_constant():
 
 
 @pytest.mark.parametrize(
-    ("side", "keep_out", "away"),
-    [("above", (1.0, 1e6), -1), ("below", (-1e6, 1.0), 1), ("both", None, -1)],
+    ("side", "away"),
+    [("above", -1), ("below", 1), ("both", -1)],
 )
-def test_a_real_servo_is_kept_out_of_the_wall_and_probed_away_from_it(side, keep_out, away):
+def test_a_real_servo_is_probed_away_from_the_wall(side, away):
     settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
     assert isinstance(settings, DynamixelSettings)
-    assert settings.keep_out == keep_out
     assert settings.probe_direction == away
 
 
@@ -154,12 +153,6 @@ def test_travel_survives_the_way_to_the_loops_process():
     assert config.safety.travel == (-1.0, 2.0)
     assert type(config).model_validate_json(config.model_dump_json()) == config
     assert type(config).model_validate(config.model_dump(mode="json")) == config
-
-
-def test_nobody_knows_before_the_start_where_a_wall_from_the_start_is():
-    settings = loaded("xm430-w350", "wall.reference=start", "wall.position=1").servo_settings()
-    assert isinstance(settings, DynamixelSettings)
-    assert settings.keep_out is None
 
 
 @pytest.mark.parametrize(

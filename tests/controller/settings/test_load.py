@@ -273,8 +273,6 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         (HARDWARE, ["model.torque_gain=null"], "model.torque_gain"),
         (HARDWARE, ["servo.port=null"], "servo.port"),
         ("simulated", ["servo.inertia=null"], "servo.inertia"),
-        ("emulated-xm430", ["servo.kick=0.01"], "servo.kick"),
-        ("emulated-xm430", ["wall.side=below", "servo.kick=-0.01"], "servo.kick"),
         ("emulated-xm430", ["servo.counts_per_rev=1024"], "servo.counts_per_rev"),
         ("emulated-xm430", ["servo.torque_constant=2"], "model.torque_gain"),
         (

@@ -358,3 +358,30 @@ def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
     assert may_stand_back(run.words)
     run.words[Word.FINISHED] = 1
     assert not may_stand_back(run.words)
+
+
+def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking):
+    with LogWriter(talking.path, {}, ROW) as old:
+        old.append(np.zeros(7, ROW))
+    before = talking.path.read_bytes()
+    talking.recorders[-1].end(-9)
+    talking.now = 2.0
+    talking.keeper.look(talking.now)
+    assert len(talking.recorders) == 2
+    talking.recorders[-1].turn()
+    assert talking.path.read_bytes() == before, "there is nothing yet to replace it with"
+    talking.go(1.0)
+    _, rows = talking.end()
+    np.testing.assert_array_equal(rows, np.arange(1000))
+    assert [path.name for path in talking.path.parent.iterdir()] == ["run.hwlog"]
+
+
+def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking):
+    talking.go(1.0)
+    moved = talking.path.rename(talking.path.with_name("moved"))
+    talking.go(1.0)
+    talking.recorders[-1].end(-9)
+    talking.go(1.0)
+    _, rows = talking.end()
+    np.testing.assert_array_equal(rows, np.arange(3000), "memory still had them")
+    np.testing.assert_array_equal(read_log(moved)[1]["seq"], np.arange(2000))

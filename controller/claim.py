@@ -1,0 +1,91 @@
+"""Claims on files and folders: of two commands that would write one place, the second is refused.
+
+A claim is a socket's name in the kernel, so that it holds on every file system, leaves nothing
+behind, and ends with its process whatever ends that. Who writes a log has also locked the file:
+a recorder that has outlived its run, or one in another container.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+_BUSY = "another run is writing it"
+
+
+class ClaimedError(OSError):
+    """Another command is writing there."""
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Keep other commands of this program on this machine from writing a file or folder.
+
+    The same file under another name (a link, a relative path) is the same place. A device is
+    everybody's. On other systems than Linux nothing is claimed.
+
+    Args:
+        path: A file or folder that need not be there yet; the folder it is in must be.
+
+    Raises:
+        ClaimedError: Another command has claimed it.
+        OSError: It cannot be looked at.
+    """
+    with ExitStack() as held:
+        if sys.platform == "linux":
+            for name in _names(path):
+                if (socket_held := _held(name)) is not None:
+                    held.enter_context(socket_held)
+        if path.is_file() and _is_locked(path):
+            raise ClaimedError(errno.EBUSY, _BUSY)
+        yield
+
+
+def _names(path: Path) -> list[str]:
+    """What a place is known by: its folder and name there, and its identity where it exists."""
+    place = Path(os.path.realpath(path))  # of links in a circle too
+    folder = place.parent.stat()
+    names = [f"{folder.st_dev}/{folder.st_ino}/{place.name}"]
+    if place.is_file() or place.is_dir():
+        itself = place.stat()
+        names.append(f"{itself.st_dev}/{itself.st_ino}")
+    elif place.exists():
+        return []
+    return names
+
+
+def _held(name: str) -> socket.socket | None:
+    """A socket of that name; None: in this sandbox there are no sockets, so nobody has one.
+
+    Raises:
+        ClaimedError: There is one.
+    """
+    digest = hashlib.sha256(name.encode(errors="surrogateescape")).hexdigest()
+    try:
+        held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    except OSError:
+        return None
+    try:
+        held.bind(f"\0haptic-wall/{digest}")
+    except OSError as error:
+        held.close()
+        if error.errno == errno.EADDRINUSE:
+            raise ClaimedError(errno.EBUSY, _BUSY) from None
+        return None
+    return held
+
+
+def _is_locked(file: Path) -> bool:
+    with suppress(OSError), file.open("rb") as opened:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False

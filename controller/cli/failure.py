@@ -1,0 +1,87 @@
+"""What a command that fails says: words on standard error, and with --json an object for programs.
+
+The object is ``{error, field, advice, exit_status}``. Messages have one style everywhere:
+``FIELD: what was found, wanted what; what to do``; of a servo, and of this machine,
+``What is wrong with it: what to do``.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from controller.cli.options import answer, as_json, is_answered, say
+from controller.errors import ConfigError, HapticWallError
+from hw.errors import ServoError
+
+_FIELD = re.compile(r"--[a-z][a-z-]*|[A-Z]{3,}(?= |:)|[a-z]+\.[a-z_]+")
+"""An option, an argument or a configuration's path, at the beginning of a message"""
+
+
+class EndedEarlyError(HapticWallError):
+    """A person or a trip has ended a command before it had an answer.
+
+    Args:
+        text: For people.
+        exit_status: Of the command.
+    """
+
+    def __init__(self, text: str, exit_status: int) -> None:
+        super().__init__(text)
+        self.exit_status = exit_status
+
+
+def wants_json(arguments: Sequence[str]) -> bool:
+    """Whether a command line asks for JSON."""
+    return "--json" in arguments
+
+
+def tell(error: BaseException, status: int, *, json: bool) -> int:
+    """Say an error; its exit status.
+
+    Args:
+        error: What happened; without a text it is Ctrl-C, which people know of.
+        status: Exit status.
+        json: Tell programs too, unless they have their answer already.
+    """
+    text = str(error) or "interrupted"
+    if isinstance(error, click.ClickException):
+        text = error.format_message()
+        shown = io.StringIO()
+        error.show(shown)
+        say(shown.getvalue().rstrip("\n"))
+    elif str(error):
+        say(f"haptic-wall: {text}")
+    if json and not is_answered():
+        answer(as_json(_failure(error, text, status)))
+    return status
+
+
+def _failure(error: BaseException, text: str, status: int) -> dict[str, Any]:
+    first = error.problems[0] if isinstance(error, ConfigError) else text
+    _, mark, advice = first.rpartition("; ")
+    if not mark and isinstance(error, ServoError | OSError):
+        _, mark, advice = first.rpartition(": ")
+    if not mark:
+        _, mark, advice = first.rpartition(", wanted ")
+        advice = f"wanted {advice}"
+    return {
+        "error": text,
+        "field": _field(error, first),
+        "advice": advice if mark else None,
+        "exit_status": status,
+    }
+
+
+def _field(error: BaseException, text: str) -> str | None:
+    if isinstance(error, click.NoSuchOption):
+        return error.option_name
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        option = isinstance(error.param, click.Option)
+        return error.param.opts[0] if option else error.param.human_readable_name.strip("[]")
+    found = _FIELD.match(text)
+    return found and found.group()

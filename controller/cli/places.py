@@ -1,0 +1,155 @@
+"""Where a command writes: refused before anything is done, and kept from other commands meanwhile.
+
+Nothing that is there is touched before there is something to replace it with.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from controller.claim import ClaimedError, claimed
+from controller.cli.options import Command, refuse_no_folder, refuse_same_file, writing
+from controller.errors import UserError
+from controller.file_kinds import Kind, may_be_replaced
+
+_RUNS = Path("runs")
+_TAKEN = ("", ".hwlog", ".png")
+"""What a name may go on with that is not new"""
+
+
+def force_option(command: Command) -> Command:
+    """``--force``, handed to the command as ``force``."""
+    return click.option(
+        "--force", is_flag=True, help="Replace files there that haptic-wall did not write."
+    )(command)
+
+
+def take_file(
+    option: str, path: Path, kind: Kind, *, force: bool, make: bool = False, try_it: bool = True
+) -> None:
+    """See that a file can go there without a loss; until the command ends no other writes it.
+
+    Args:
+        option: Which names it.
+        path: Where the file goes.
+        kind: What it is.
+        force: Replace whatever file is there.
+        make: Make its folder if need be.
+        try_it: Refuse a folder that nothing can be written to.
+
+    Raises:
+        UserError: A folder or a file that is not of that kind is there, or another command is
+            writing it, or it cannot be written.
+    """
+    refuse_same_file({option: path})  # as one that cannot be looked at
+    if path.is_dir():
+        raise UserError(f"{option}: {path} is a folder; name a file")
+    if make:
+        _make(option, path.parent)
+    if path.exists() and not path.is_file():
+        return  # a device, which is everybody's
+    _refuse_foreign(option, path, kind, force=force)
+    with writing(option, path):
+        if try_it:
+            tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent).close()
+        _claim(option, path)
+
+
+def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool) -> None:
+    """See that files can go there without a loss; until the command ends no other writes there.
+
+    Args:
+        option: Which names it.
+        folder: Made if need be.
+        kinds: The files that go there, by name, and what they are.
+        force: Replace whatever files are there.
+
+    Raises:
+        UserError: It is no folder, or none to write to, or one of the files is something else, or
+            another command is writing there.
+    """
+    refuse_no_folder(option, folder)
+    with writing(option, folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(
+            f"{option} {folder}: found a folder without leave to write; name another place"
+        )
+    for name, kind in kinds.items():
+        if (folder / name).is_dir():
+            raise UserError(
+                f"{option} {folder}: found a folder {name} in it, wanted a file or nothing; name"
+                " another place"
+            )
+        _refuse_foreign(option, folder / name, kind, force=force)
+    with writing(option, folder):
+        _claim(option, folder)
+
+
+def new_stem(option: str, what: str) -> Path:
+    """A name in ./runs/ that nothing there begins with, until the command ends its own.
+
+    Args:
+        option: Which would name another place.
+        what: What the name ends with, behind date and time.
+
+    Raises:
+        UserError: There can be no folder ./runs/.
+    """
+    _make(option, _RUNS)
+    stem = _RUNS / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
+    while not _is_new(stem):  # two within a second
+        stem = stem.with_name(stem.name + "+")
+    return stem
+
+
+def _is_new(stem: Path) -> bool:
+    """Whether nothing has that name; it is claimed then."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(claimed(stem))
+        except ClaimedError:
+            return False
+        if any(os.path.lexists(f"{stem}{suffix}") for suffix in _TAKEN):
+            return False
+        _until_the_end(stack.pop_all().close)
+    return True
+
+
+def _make(option: str, folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"{option}: the folder {folder} cannot be made ({error.strerror}); name another place"
+        ) from error
+
+
+def _refuse_foreign(option: str, path: Path, kind: Kind, *, force: bool) -> None:
+    if not force and not may_be_replaced(path, kind):
+        raise UserError(
+            f"{option} {path}: found a file that is not {kind.name}, and would be lost; name"
+            " another place, or give --force to replace it"
+        )
+
+
+def _claim(option: str, path: Path) -> None:
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(claimed(path))
+        except ClaimedError:
+            raise UserError(
+                f"{option}: another run is writing {path}; wait for its end, or name another place"
+            ) from None
+        _until_the_end(stack.pop_all().close)
+
+
+def _until_the_end(close: Callable[[], None]) -> None:
+    click.get_current_context().call_on_close(close)

@@ -1,0 +1,66 @@
+"""Tells this program's files from others' by their first bytes: only its own may be replaced."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller import __version__
+
+_HEAD = 4096
+"""Bytes at the beginning of a file that are looked at"""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of file that this program writes."""
+
+    name: str
+    """With its article"""
+    begins: re.Pattern[bytes]
+    """Matches the beginning of each such file, within 4096 bytes"""
+
+
+LOG = Kind(
+    "a log of haptic-wall",
+    re.compile(rb'\x93NUMPY\x01\x00.{0,600}\{"format": "haptic-wall log"', re.DOTALL),
+)
+SOFTWARE = "haptic-wall"
+"""What every picture names as its ``Software``"""
+PICTURE = Kind(
+    "a picture of haptic-wall",
+    re.compile(rb"\x89PNG\r\n\x1a\n.{0,200}tEXtSoftware\x00haptic-wall", re.DOTALL),
+)
+RESULT_MARK = {"program": f"haptic-wall {__version__}"}
+"""What the JSON of every result begins with"""
+RESULT = Kind(
+    "a result of haptic-wall",
+    re.compile(rb'\{\s*"(program|format)": "haptic-wall '),
+)
+RECORD = Kind("a record of an emulated bus", re.compile(rb"time_s,event,id,instruction,"))
+
+
+def table(columns: str) -> Kind:
+    """CSV files of this program whose header begins with these columns, commas between."""
+    return Kind("a table of haptic-wall", re.compile(re.escape(columns.encode())))
+
+
+def may_be_replaced(path: Path, kind: Kind) -> bool:
+    """Whether nothing is lost when a file of a kind is put at ``path``.
+
+    Args:
+        path: Nothing, an empty file or a file of this kind may be there.
+        kind: What is to be put there.
+    """
+    if not os.path.lexists(path):
+        return True
+    try:
+        if not path.is_file():
+            return not path.exists()  # a link to nowhere
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    return not head or kind.begins.match(head) is not None

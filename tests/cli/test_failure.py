@@ -1,0 +1,80 @@
+"""With ``--json`` an error is one object too, of one style for every command."""
+
+import json
+
+import pytest
+
+from controller.cli import main as cli
+from controller.experiments.testbed import ExperimentTrippedError
+
+
+def failed(capsys, *arguments):
+    """The object on standard output, and what is said on standard error."""
+    try:
+        status = cli.main([*arguments, "--json"])
+    except SystemExit as ended:
+        status = ended.code
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert set(found) == {"error", "field", "advice", "exit_status"}
+    assert found["exit_status"] == status
+    assert found["error"].splitlines()[0] in captured.err
+    return found
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field", "advice", "status"),
+    [
+        (["run", "--duration=-1"], "--duration", "wanted a time above 0 s", 2),
+        (["run", "--duration=x"], "--duration", None, 2),
+        (["run", "--set=wall.stifness=3"], "wall.stifness", "did you mean wall.stiffness?", 2),
+        (["config", "simulatd"], "CONFIG", "xl330-m288, xm430-w350", 2),
+        (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),
+        (["log"], "LOG", None, 2),
+        (["log", "nowhere"], "LOG", "wanted a log of run", 2),
+        (["map", "simulated"], "--out", None, 2),
+        (["boundary", "--delay=1:x"], "--delay", "wanted a number, or a range LOW:HIGH", 2),
+        (["scan", "--port="], "--port", "wanted a serial device such as /dev/ttyUSB0", 2),
+        (["presets", "--nosuch"], "--nosuch", None, 2),
+        (["rnu"], None, "did you mean run?", 2),
+        (
+            ["run", "xm430-w350", "--set=servo.port=/dev/ttyNONE", "--log=a", "--plot=b"],
+            None,
+            "plug the adapter in, or set servo.port.",
+            4,
+        ),
+    ],
+)
+def test_an_error_is_an_object(capsys, tmp_path, monkeypatch, arguments, field, advice, status):
+    monkeypatch.chdir(tmp_path)
+    found = failed(capsys, *arguments)
+    assert (found["field"], found["exit_status"]) == (field, status)
+    if advice is None:
+        assert found["advice"] is None
+    else:
+        assert found["advice"].endswith(advice)
+
+
+def test_an_interruption_is_one_too(capsys, monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("controller.cli.presets.preset_names", interrupted)
+    assert cli.main(["presets", "--json"]) == 130
+    found = json.loads(capsys.readouterr().out)
+    assert found == {"error": "interrupted", "field": None, "advice": None, "exit_status": 130}
+
+
+def test_a_trip_that_ends_an_experiment_is_one_too(capsys, tmp_path, monkeypatch):
+    def tripped(*_):
+        raise ExperimentTrippedError("trip:overspeed", "too fast")
+
+    monkeypatch.setattr("controller.experiments.loop_delay.measure_delay", tripped)
+    found = failed(capsys, "delay", "simulated", f"--out={tmp_path}")
+    assert found["error"].startswith("trip:overspeed: ")
+    assert found["exit_status"] == 3
+
+
+def test_without_json_nothing_is_on_standard_output(capsys):
+    assert cli.main(["run", "--duration=-1"]) == 2
+    assert capsys.readouterr().out == ""
