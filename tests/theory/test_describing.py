@@ -83,6 +83,7 @@ class Simulated:
         ]
         self.motion = [np.array([p[i][0] for p in parts]) for i in (0, 1)]
         self.push = [np.array([p[i][1] for p in parts]) for i in (0, 1)]
+        self.spans = (late - self.whole) * PERIOD, (1 - late + self.whole) * PERIOD
         self.w = 2 * np.pi * np.array([cycle.frequency for cycle in cycles])
         self.start = np.array(scales) * np.array([cycle.amplitude for cycle in cycles])
 
@@ -120,10 +121,14 @@ class Simulated:
             for part, back in ((0, self.whole + 1), (1, self.whole)):
                 u = ring[(i - back) % depth, rows]
                 a, p = self.motion[part], self.push[part]
-                x, v = (
-                    a[:, 0, 0] * x + a[:, 0, 1] * v + p[:, 0] * u,
-                    a[:, 1, 0] * x + a[:, 1, 1] * v + p[:, 1] * u,
+                next_v = a[:, 1, 0] * x + a[:, 1, 1] * v + p[:, 1] * u
+                # a turn between two samples takes the play up too
+                share = np.where(v * next_v < 0, v / np.where(v == next_v, 1.0, v - next_v), 0.0)
+                turned = x + 0.5 * v * share * self.spans[part]
+                followed = np.where(
+                    share > 0, np.clip(followed, turned - half, turned + half), followed
                 )
+                x, v = a[:, 0, 0] * x + a[:, 0, 1] * v + p[:, 0] * u, next_v
         return seen
 
 
@@ -200,6 +205,46 @@ def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
         found = measured(seen[:, i], cycle)
         assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
         assert frequency[0] < found[1] / cycle.frequency < frequency[1]
+
+
+def test_cycles_of_a_play_near_the_limit_are_found() -> None:
+    """Their amplitudes by simulation, in which motion from either side comes to them."""
+    limit = float(critical_stiffness(0.01, 0.0155, 0.0, PERIOD, 0.0))
+    effect, held_up = Backlash(1e-3), {0.84: 0.130, 0.9: 0.216, 0.95: 0.445}
+    loops = [Loop(0.01, 0.0155, share * limit, 0.0, PERIOD, 0.0) for share in held_up]
+    for loop, amplitude in zip(loops, held_up.values(), strict=True):
+        (cycle,) = predicted(loop, effect)
+        assert cycle.stable
+        assert cycle.amplitude == pytest.approx(amplitude, rel=5e-3)
+    cycles = [predicted(loop, effect)[0] for loop in loops]
+    closes_in(loops, cycles, effect, 0.05)
+
+
+def closes_in(loops: list[Loop], cycles: list[LimitCycle], effect: Backlash, apart: float) -> None:
+    """Motion begun ``apart`` below a cycle grows, and above it shrinks."""
+    twice, again, scales = both_ways(loops, cycles, 1 - apart, 1 + apart)
+    turn = int(1 / min(cycle.frequency for cycle in cycles) / PERIOD)
+    seen = Simulated(twice, again, scales).run(12 * turn, [effect] * len(twice))
+    for i, cycle in enumerate(again):
+        ended = np.ptp(seen[-int(1.2 / cycle.frequency / PERIOD) :, i]) / 2 / cycle.amplitude
+        assert (ended > scales[i]) == (scales[i] < 1), (twice[i], cycle, scales[i], ended)
+
+
+def test_every_lightly_damped_wall_below_its_limit_has_a_cycle_of_its_play(thorough: bool) -> None:
+    random = np.random.default_rng(13)
+    effect, loops, cycles = Backlash(2e-3), [], []
+    for _ in range(150 if thorough else 30):
+        m, delay = 10 ** random.uniform(-2.7, -1.5), random.uniform(0, 5) * PERIOD
+        b = m * random.uniform(1, 10)
+        damper = random.choice([0.0, 0.2 * random.random() ** 2])
+        big_b = damper * float(max_virtual_damping(m, b, PERIOD, delay))
+        share = random.choice([random.uniform(0.4, 0.9), 1 - 10 ** random.uniform(-2.3, -1)])
+        k = share * float(critical_stiffness(m, b, big_b, PERIOD, delay))
+        loops.append(Loop(m, b, k, big_b, PERIOD, delay))
+        stable = [cycle for cycle in predicted(loops[-1], effect) if cycle.stable]
+        assert len(stable) == 1, loops[-1]
+        cycles += stable
+    closes_in(loops, cycles, effect, 0.12)
 
 
 def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
