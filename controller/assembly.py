@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from controller.delay import DelayRing
-from controller.detector.backstop import PROBED, PROBED_COUNTS, SMALL_COUNTS, BackstopSettings
+from controller.detector.backstop import BackstopSettings, sizes
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Answer, Watch, WatchSettings
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
@@ -170,11 +170,12 @@ def _backstop(
         return None
     belief, facts = config.belief(), servo.facts
     step = facts.position_step
+    threshold, small = sizes(step)
     return BackstopSettings(
         period=config.period_ns * 1e-9,
         position_step=step,
-        threshold=PROBED_COUNTS * step if step else PROBED,
-        small=SMALL_COUNTS * step,
+        threshold=threshold,
+        small=small,
         light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
         heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
         heaviest=belief.inertia.high / belief.torque_gain.low,

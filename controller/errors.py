@@ -13,6 +13,9 @@ What is wrong with hardware is ``hw.errors.ServoError``.
 
 from __future__ import annotations
 
+_MOST_TOLD = 30
+"""Problems of a configuration that its message names"""
+
 
 class HapticWallError(Exception):
     """Anything this program refuses, with the exit status of the command that met it."""
@@ -39,9 +42,10 @@ class ConfigError(UserError):
 
     def __init__(self, source: str, problems: list[str]) -> None:
         count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
-        super().__init__(
-            "\n".join([f"configuration {source}: {count}", *map("  {}".format, problems)])
-        )
+        told = [f"  {problem}" for problem in problems[:_MOST_TOLD]]
+        if len(problems) > _MOST_TOLD:
+            told.append(f"  ... and {len(problems) - _MOST_TOLD} more")
+        super().__init__("\n".join([f"configuration {source}: {count}", *told]))
         self.problems = tuple(problems)
 
 

@@ -153,8 +153,8 @@ class Tick:
 
         Ramps are at their end. A probe is left out: it takes half of K for a cycle.
         """
-        own = self._parts.watch.own
-        scale, damping_scale = (1.0, 1.0) if own is None else own.reduced
+        wall, own = self._parts.wall, self._parts.watch.own
+        scale, damping_scale = (wall.scale, wall.damping_scale) if own is None else own.reduced
         return self._target * scale, self._target_damping * damping_scale
 
     @property

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from controller.file_kinds import Kind, may_be_replaced
-from controller.signals import on_signals
+from controller.signals import interrupting
 
 _NAME = 40
 """Characters of a file's name that its other name shows: a name has 255 bytes at most"""
@@ -69,7 +68,8 @@ class Beside:
 def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
     """Where to write in place of ``path``; it is moved there when all went well, else removed.
 
-    SIGTERM and SIGHUP interrupt whoever writes, as Ctrl-C does.
+    Ctrl-C, SIGTERM and SIGHUP interrupt whoever writes: a terminal that is closed and a machine
+    that shuts down leave no half file. What is ignored, by nohup for instance, stays so.
 
     Args:
         path: Where the file goes, see ``Beside``.
@@ -79,14 +79,11 @@ def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
     Raises:
         FileExistsError: A file that is none of this program's is there.
         OSError: It cannot be put in place.
+        KeyboardInterrupt: It was interrupted.
     """
     beside = Beside(path, kind, force=force)
     try:
-        # A terminal that is closed and a machine that shuts down leave no half file either; what
-        # nohup has had ignored stays so.
-        ending = (signal.SIGTERM, signal.SIGHUP)
-        heeded = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
-        with on_signals(signal.default_int_handler, heeded):
+        with interrupting():
             yield beside.part
             beside.place()
     finally:

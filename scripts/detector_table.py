@@ -24,7 +24,7 @@ from controller.experiments.detector_trials import (
     sustained_trials,
 )
 from controller.experiments.hands import HANDS
-from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.processes import cores, not_from_the_terminal, processes
 from controller.experiments.trials.beyond_limit import LIMIT
 from controller.experiments.trials.bouncing import BOUNCES
 from controller.experiments.trials.hand_hours import HOURS
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = chosen.only or (BELIEF, *SECTIONS)
     command = command_of("detector_table", chosen)
     begin = time.monotonic()
-    with held_back_ctrl_c(), processes(cores()) as pool:
+    with not_from_the_terminal(), processes(cores()) as pool:
         parts = run(pool, chosen.seed, chosen.quick) if BELIEF in names else None
         took = time.monotonic() - begin
         sections = [SECTIONS[name] for name in names if name != BELIEF]

@@ -18,7 +18,7 @@ import numpy as np
 
 from controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from controller.experiments.onset import simulated_critical_stiffness
-from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.processes import cores, not_from_the_terminal, processes
 from controller.experiments.trials.own_walls import GROWTH
 from controller.experiments.trials.sections import measured
 from controller.experiments.trials.worst import WORST
@@ -356,7 +356,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if BELIEF in names:
         say_time(cases * 2 * CASE_S / (os.cpu_count() or 1) + (5 if given.quick else 60))
         head = page(cases, given.seed)
-    with held_back_ctrl_c(), processes(cores()) as pool:
+    with not_from_the_terminal(), processes(cores()) as pool:
         sections = [SECTIONS[name] for name in names if name != BELIEF]
         made = measured(pool, sections, amount_of(given), command_of("reaction_table", given))
     write(given, head, list(SECTIONS), made)

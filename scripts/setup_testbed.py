@@ -23,6 +23,7 @@ SERIAL_GROUPS = ("dialout", "uucp")
 """Who may open serial ports: Debian, Ubuntu and Fedora; Arch"""
 RULES = Path("etc/udev/rules.d/99-haptic-wall.rules")
 LIMITS = Path("etc/security/limits.d/haptic-wall.conf")
+LATENCY = Path("dev/cpu_dma_latency")
 MARK = "# Written by haptic-wall's scripts/setup-testbed; --undo removes it."
 JOINED = "# joined: "
 """Before the user and the group that this script has put the user into"""
@@ -105,10 +106,17 @@ def undoing(root: Path) -> list[Change]:
             user, group = names
             if user in groups.get(group, ()):
                 found.append(_leaving(user, group))
+    rules = bool(_ours(root / RULES))
+    if rules:
+        found.append(_removing(root / RULES))
+    if _is_of_the_group(
+        root / LATENCY
+    ):  # while the group has a name: a rule gone takes nothing back
+        found.append(_giving_back(root / LATENCY))
+    if rules:
+        found.append(_REREAD)  # another's rule for the device counts again
     if MADE in limits and GROUP in groups:
         found.append(Change(f"remove the group {GROUP}", lambda: command("groupdel", GROUP)))
-    if _ours(root / RULES):
-        found += [_removing(root / RULES), _REREAD]
     if limits:  # the last, since it knows what else is to be undone
         found.append(_removing(root / LIMITS))
     return found
@@ -136,6 +144,22 @@ def _writing(path: Path, text: str, why: str) -> Change:
         path.write_text(text, encoding="utf-8")
 
     return Change(f"write {path}: {why}", write)
+
+
+def _is_of_the_group(device: Path) -> bool:
+    group = next((entry.gr_gid for entry in grp.getgrall() if entry.gr_name == GROUP), None)
+    try:
+        return group is not None and device.stat().st_gid == group
+    except OSError:
+        return False
+
+
+def _giving_back(device: Path) -> Change:
+    def give_back() -> None:
+        os.chown(device, 0, 0)
+        device.chmod(0o600)  # as the kernel makes it
+
+    return Change(f"give {device} back to root alone, as it was", give_back)
 
 
 def _removing(path: Path) -> Change:

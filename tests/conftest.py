@@ -19,8 +19,11 @@ def pytest_addoption(parser):
 def pytest_configure():
     """Thousands of tests are made and kept: looking for garbage among them takes a fifth of it."""
     gc.disable()
-    # Under nohup the program and those that tests start would leave the terminal's end unheeded.
+    # Begun by nohup, or behind a script, the program and those that tests start would leave the
+    # terminal's end and Ctrl-C unheeded.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish():

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 
 from controller import realtime
 from controller.loop import ClockWaiter, Waiter, next_deadline, waiter_for
+from controller.orders import read_orders
 from hw.clock import MonotonicClock
 
 PERIOD_NS: Final = 1_000_000
@@ -120,7 +121,7 @@ CLIENTS: Final[dict[str, tuple[realtime.Profile, Callable[[Orders], Woken]]]] = 
 
 def main() -> None:
     """Do as ordered."""
-    orders = Orders(**json.loads(sys.stdin.readline()))
+    orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     profile, loop = CLIENTS[orders.client]
     os.sched_setaffinity(0, {orders.core})

@@ -19,6 +19,7 @@ from controller.benchmarks.machine import (
 from controller.benchmarks.rights import granted
 from controller.benchmarks.rows import Section
 from controller.errors import HapticWallError
+from controller.signals import interrupting
 from hw.errors import ServoError
 
 
@@ -60,7 +61,8 @@ def measured_section(module: str) -> dict[str, Any]:
     began, before = time.monotonic(), processor_time()
     section: Section
     try:
-        section = importlib.import_module(module).measure()
+        with interrupting():
+            section = importlib.import_module(module).measure()
     except (HapticWallError, ServoError) as error:  # no reason to end the rest
         section = Section((), (f"not measured: {error}",))
     except Exception as error:  # noqa: BLE001 - nor is a peer that has changed

@@ -11,6 +11,7 @@ from typing import Any
 
 from controller import realtime
 from controller.benchmarks import cyclictest
+from controller.orders import read_orders
 from controller.tree.children import Child, first_line
 
 _PATIENCE_S = 20.0
@@ -31,7 +32,7 @@ def granted() -> list[dict[str, Any]]:
 
 def main() -> None:
     """Ask, and tell."""
-    realtime.die_with_parent(json.loads(sys.stdin.readline())["parent"], signal.SIGTERM)
+    realtime.die_with_parent(read_orders()["parent"], signal.SIGTERM)
     core, _ = realtime.pick_cores()
     settings = realtime.apply("best-effort", cyclictest.PRIORITY, {core})
     sys.stdout.write(json.dumps([asdict(setting) for setting in settings]) + "\n")

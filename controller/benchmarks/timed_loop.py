@@ -15,6 +15,7 @@ import numpy as np
 
 from controller import realtime
 from controller.benchmarks.stage_times import StageTimes
+from controller.orders import read_orders
 from controller.session import run_session
 from controller.settings.config import Config
 from controller.telemetry import Telemetry
@@ -40,7 +41,7 @@ class Orders:
 
 def main() -> None:
     """Run as ordered, and tell."""
-    orders = Orders(**json.loads(sys.stdin.readline()))
+    orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
     times, clock = StageTimes(), MonotonicClock()

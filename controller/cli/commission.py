@@ -168,15 +168,18 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     """The report's data, and its page written."""
     from controller.commission.page import page
-    from controller.commission.picture import NAME, draw_allowed
+    from controller.commission.picture import draw_allowed
     from controller.commission.report import report
+    from controller.commission.store import ALLOWED
     from controller.commission.verdict import Question
+    from controller.experiments.kept_folder import without_link
 
     folder = store.folder
     data = report(ended, name, folder)
-    allowed: Path | None = folder / NAME
+    picture = folder / ALLOWED
+    allowed: Path | None = picture
     try:
-        with whole(folder / NAME, PICTURE, force=True) as part:
+        with whole(without_link(picture), PICTURE, force=True) as part:
             draw_allowed(Question.of(ended.config, data["delay"]), data, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         say(f"the picture of the verdict could not be drawn ({error}); the report is without it")

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from controller.log.detected import Detected
 
 _NUMBER = click.FLOAT
+_LIGHTEST, _MOST = 1e-12, 1e6
+"""Of what is known of a servo, in SI units"""
 
 
 @click.command()
@@ -48,22 +50,23 @@ def command(
     force: bool,
     as_json_wanted: bool,
 ) -> None:
-    """Look for an oscillation in LOG: a .hwlog of run, or a CSV.
+    """Look for an oscillation in LOG: a log of run, whatever its name, or a CSV.
 
     A CSV needs the columns time_s and position_rad; torque_nm, the torque commanded at that sample,
     tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
     comes from a log's own configuration; for a CSV, and in place of that, give the options.
     """
     from controller.log.detected import detect_all
-    from controller.log.recordings import read_recordings
+    from controller.log.recordings import MOST_LAG_S, read_recordings
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
-        least = 0.0 if name != "inertia" else math.ulp(0.0)
-        if value is not None and not (least <= value < math.inf):
+        least = 0.0 if name != "inertia" else _LIGHTEST
+        most = MOST_LAG_S if name == "lag" else _MOST
+        if value is not None and not (least <= value <= most):
             option = "delay" if name == "lag" else name
             wanted = "above 0" if name == "inertia" else "from 0 up"
-            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted}")
+            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted} to {most:g}")
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
         refuse_other_pictures("--plot", plot)
@@ -115,13 +118,15 @@ def _text(report: dict[str, Any]) -> str:
         value = report[name]
         return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
 
+    from controller.log.recording import seconds
+
     alarm = report["first_alarm_s"]
     lines = [
         f"state       {report['state']}",
         f"frequency   {known('frequency_hz', 'Hz')}",
         f"amplitude   {known('amplitude_rad', 'rad')}",
         f"growth      {known('growth_per_s', '1/s')}",
-        f"alarm       {'none' if alarm is None else f'first after {alarm:.4g} s'}",
+        f"alarm       {'none' if alarm is None else f'first after {seconds(alarm)} s'}",
         f"record      {report['samples']} samples, one each {1e3 * report['period_s']:.4g} ms",
         *(f"note        {note}" for note in report["notes"]),
     ]

@@ -15,6 +15,7 @@ from controller.doctor.checkup import examine
 from controller.doctor.report import Consent, Report
 from controller.errors import UserError
 from controller.settings.load import load_config
+from controller.signals import interrupting
 from hw.dynamixel.examine.cycles import Series
 from hw.dynamixel.examine.finding import Finding
 from hw.dynamixel.examine.replies import percentile
@@ -55,7 +56,8 @@ def command(
             raise UserError(f"{option}: it belongs to --fix; add that, or leave it out")
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
-    report = examine(loaded.config, _say, consent, change_baud)
+    with interrupting():  # the port's settings are put back
+        report = examine(loaded.config, _say, consent, change_baud)
     answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.findings.wrong else 0)
 

@@ -20,6 +20,7 @@ from controller.cli.options import refuse_same_file, say, writing
 from controller.cli.places import force_option, take_file
 from controller.errors import PlatformError, UserError
 from controller.file_kinds import RECORD
+from controller.printable import printable
 from controller.signals import on_signals
 from controller.whole_file import Beside
 from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
@@ -244,7 +245,7 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
 
 def _say(text: str) -> None:
     with suppress(OSError):  # whoever started the bus may have stopped reading
-        click.echo(text)
+        click.echo(printable(text))
 
 
 @contextmanager

@@ -16,5 +16,5 @@ def main() -> int:
 
     try:
         return run()
-    finally:  # all is said: what Python does at its end is no one's concern
-        interrupt.leave_at_once()
+    finally:
+        interrupt.leave_to_the_system()

@@ -240,16 +240,17 @@ def _from_sweep(
         damping, delay = found.damping, found.delay
     # The boundary was measured in torque commanded.
     known = (Estimated(damping.value / gain, damping.stderr / gain), delay)
-    fit = fit_boundary(
-        points,
-        Loop(
-            inertia=inertia / gain,
-            coulomb=coulomb / gain,
-            period=measured_with.period_s,
-            velocity_samples=measured_with.wall.velocity_samples,
-            lag=measured_with.belief().delay.value,
-        ),
+    loop = Loop(
+        inertia=inertia / gain,
+        coulomb=coulomb / gain,
+        period=measured_with.period_s,
+        velocity_samples=measured_with.wall.velocity_samples,
+        lag=measured_with.belief().delay.value,
     )
+    try:
+        fit = fit_boundary(points, loop)
+    except ValueError as error:
+        raise UserError(f"--from-sweep: nothing can be fitted to its points: {error}") from None
     compared = comparison(known, (fit.damping, fit.delay))
     return {
         **boundary_report(fit),

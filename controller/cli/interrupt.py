@@ -1,26 +1,56 @@
-"""What a Ctrl-C does while nothing has been begun: the process ends, without a word."""
+"""What a Ctrl-C does where nothing has to be put in order: the process ends.
+
+That is nearly everywhere. Raised as KeyboardInterrupt in whatever is just being done, it would be
+swallowed now and then: libraries that are being loaded turn it into other errors, or print it and
+go on. Who has something to put in order hears it by ``controller.signals``, for that while.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 INTERRUPTED = 130
 """Exit status"""
+_OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
+"""What ``--json`` is answered with, as ``failure.tell`` says it; nothing is loaded for it"""
+_answered: list[Callable[[], bool]] = []
 
 
 def leave_at_once() -> None:
-    """From now on a Ctrl-C ends the process; not where it is ignored, or was handled before."""
+    """From now on a Ctrl-C ends the process; not where it is ignored, or was handled before.
+
+    One that the launcher has held back does so now.
+    """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def raise_again() -> None:
-    """Where ``leave_at_once`` was in force a Ctrl-C raises KeyboardInterrupt again."""
+def leave_to_the_system() -> None:
+    """From now on the system ends the process: Python is about to end, and calls no handler safely.
+
+    Not where Ctrl-C is ignored, or was handled before.
+    """
     if signal.getsignal(signal.SIGINT) is _leave:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def say_nothing_after(answered: Callable[[], bool]) -> None:
+    """To programs (``--json``) one object is said, and no second one.
+
+    Args:
+        answered: Whether the command has printed its answer.
+    """
+    _answered[:] = [answered]
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:
+    if "--json" in sys.argv and not any(answered() for answered in _answered):
+        with suppress(OSError):  # nobody listens
+            os.write(1, _OBJECT)
     os._exit(INTERRUPTED)

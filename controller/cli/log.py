@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, Kind, table
 from controller.log.columns import COLUMNS
 from controller.log.reader import LogReader
-from controller.log.rows import LogRows, Stretch
+from controller.log.rows import WHOLE, LogRows, Stretch
 from controller.log.summary import summarised
 from controller.whole_file import whole
 
@@ -97,10 +98,12 @@ def command(
     report = summary.report(rows.origin_ns)
     if not summary.rows:
         _refuse_nothing(log, rows, any(wanted.values()))
-    _write(rows, wanted, log, report, force=force)
-    metadata = rows.log.metadata
+    metadata = summary.parts[0].metadata
+    if len(summary.parts) > 1:
+        _refuse_joined(log, report, wanted)
+    _write(replace(rows, metadata=metadata), wanted, log, report, force=force)
     facts = {"program": metadata.get("program"), "name": metadata.get("name")}
-    full = {**facts, **report, "config": config_line(metadata.get("config", {}))}
+    full = {**facts, **report, "config": config_line(metadata.get("config"))}
     if as_json_wanted:
         answer(as_json({**full, "cut": metadata.get("cut"), "metadata": metadata}))
     else:
@@ -120,7 +123,7 @@ def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
 
 def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
     """Refuse a stretch in which nothing is, and an export of nothing."""
-    whole_log = summarised(LogRows(rows.log, rows.origin_ns)).report(rows.origin_ns)
+    whole_log = summarised(replace(rows, stretch=WHOLE)).report(rows.origin_ns)
     if whole_log["rows"]:
         raise UserError(
             f"LOG {log}: holds no rows in that stretch; its rows are from 0 to"
@@ -128,6 +131,21 @@ def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
         )
     if export:
         raise UserError(f"LOG {log}: holds no rows, so there is nothing to export")
+
+
+def _refuse_joined(log: Path, report: dict[str, Any], wanted: dict[str, Path | None]) -> None:
+    """Refuse what is of one log only, where the stretch holds rows of several."""
+    for option, path in wanted.items():
+        if path is not None and option != "--csv":
+            spans = ", ".join(
+                f"{part['from_s']:.6g} to {part['to_s']:.6g} s"
+                for part in report["parts"]
+                if part["rows"]
+            )
+            raise UserError(
+                f"{option}: LOG {log} is {len(report['parts'])} logs joined in one file; choose one"
+                f" of them by --from and --to: {spans}"
+            )
 
 
 def _write(

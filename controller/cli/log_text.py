@@ -2,39 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from controller.printable import in_line
 
-def config_line(config: Mapping[str, Any]) -> str:
-    """What was run, in a line, from the log's configuration."""
-    servo, wall = config.get("servo", {}), config.get("wall", {})
+
+def config_line(config: object) -> str:
+    """What was run, in a line, from the log's configuration, whatever that is."""
+    servo, wall, loop = (_section(config, name) for name in ("servo", "wall", "loop"))
     return (
-        f"{servo.get('backend', 'unknown')} servo, wall {wall.get('side', 'unknown')} "
-        f"{wall.get('position', 'unknown')} rad"
+        f"{_value(servo, 'backend')} servo, wall {_value(wall, 'side')} "
+        f"{_value(wall, 'position')} rad"
         f"{' from the start' if wall.get('reference') == 'start' else ''}, "
-        f"K {wall.get('stiffness', 'unknown')} N·m/rad, "
-        f"B {wall.get('damping', 'unknown')} N·m·s/rad asked, "
-        f"{config.get('loop', {}).get('rate_hz', 'unknown')} Hz"
+        f"K {_value(wall, 'stiffness')} N·m/rad, "
+        f"B {_value(wall, 'damping')} N·m·s/rad asked, "
+        f"{_value(loop, 'rate_hz')} Hz"
     )
 
 
-def summary_text(summary: Mapping[str, Any], cut: Mapping[str, Any] | None, log: str) -> str:
+def _section(config: object, name: str) -> Mapping[str, Any]:
+    section = config.get(name) if isinstance(config, dict) else None
+    return section if isinstance(section, dict) else {}
+
+
+def _value(section: Mapping[str, Any], name: str) -> str:
+    value = section.get(name)
+    return in_line(str(value), 40) if isinstance(value, str | int | float) else "unknown"
+
+
+def summary_text(summary: Mapping[str, Any], cut: object, log: str) -> str:
     """The summary as text of some ten lines.
 
     Args:
         summary: As the command's ``--json`` gives it.
-        cut: Where the log was cut from; None: it is a run's own.
+        cut: Where the log was cut from, as its metadata say; None: it is a run's own.
         log: Its name.
     """
     return "\n".join(_lines(summary, cut, log))
 
 
-def _lines(summary: Mapping[str, Any], cut: Mapping[str, Any] | None, log: str) -> Iterator[str]:
-    yield f"run         {summary['name']} ({summary['program']})"
+def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
+    yield f"run         {_called(summary)}"
     yield f"config      {summary['config']}"
     if cut is not None:
-        yield f"cut         from {cut['log']}, {cut['from_s']:.6g} to {cut['to_s']:.6g} s"
+        yield f"cut         {_cut(cut)}"
     if not summary["rows"]:
         yield "rows        none"
         yield from _damage(summary["damaged"])
@@ -47,19 +59,62 @@ def _lines(summary: Mapping[str, Any], cut: Mapping[str, Any] | None, log: str) 
         f"failed readings, {summary['unrecorded_rows']} rows not recorded"
     )
     yield from _damage(summary["damaged"])
+    yield from _misplaced(summary["misplaced_rows"])
+    yield from _joined(summary["parts"], log)
     yield from _what_happened(summary)
     yield f"ended       {_ended(summary, log)}"
+
+
+def _called(part: Mapping[str, Any]) -> str:
+    """What a log is called, and what wrote it."""
+    name, program = (
+        in_line(part[key]) if isinstance(part[key], str) else "unknown"
+        for key in ("name", "program")
+    )
+    return f"{name} ({program})"
+
+
+def _cut(cut: object) -> str:
+    held = cut if isinstance(cut, dict) else {}
+    log, start, end = held.get("log"), held.get("from_s"), held.get("to_s")
+    if not isinstance(log, str) or not isinstance(start, float) or not isinstance(end, float):
+        return "from another log; which one cannot be read"
+    return f"from {in_line(log)}, {start:.6g} to {end:.6g} s"
 
 
 def _damage(damaged: Mapping[str, Any]) -> Iterator[str]:
     if not damaged["places"]:
         return
+    why = f"; {damaged['why']}" if damaged.get("why") else ""
     if damaged["places"] == 1 and damaged["cut_off"]:
-        yield f"cut off     the last {damaged['bytes']} bytes are not a whole block"
+        yield f"cut off     the last {damaged['bytes']} bytes are not a whole block{why}"
         return
     rows = "some rows" if damaged["rows"] is None else f"{damaged['rows']} rows"
     places = "1 place" if damaged["places"] == 1 else f"{damaged['places']} places"
-    yield f"damaged     {damaged['bytes']} bytes in {places}: {rows} lost, the others are intact"
+    first = why.replace("; ", "; of the first: ", 1)
+    yield (
+        f"damaged     {damaged['bytes']} bytes in {places}: {rows} lost, the others are"
+        f" intact{first}"
+    )
+
+
+def _misplaced(misplaced: Mapping[str, int]) -> Iterator[str]:
+    if misplaced["late"]:
+        yield f"misplaced   {misplaced['late']} rows stand behind later ones: they are left out"
+    if misplaced["twice"]:
+        yield f"twice       {misplaced['twice']} rows stand there twice: they are read once"
+
+
+def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
+    """The logs that are joined in one file, where there are several."""
+    if len(parts) == 1:
+        return
+    yield f"joined      {len(parts)} logs in one file: the time of each goes on 1 s after the last"
+    for number, part in enumerate(parts, 1):
+        where = "no rows"
+        if part["rows"]:
+            where = f"{part['rows']} rows from {part['from_s']:.6g} to {part['to_s']:.6g} s"
+        yield f"  part {number:<5}{_called(part)}: {where}; ended {_ended(part, log)}"
 
 
 def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -83,7 +138,7 @@ def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
     oscillation = summary["oscillation"]
     first = oscillation["first_s"]
     when = "" if first is None else f", first at {first:.6g} s, for {oscillation['ticks']} ticks"
-    yield f"oscillation {oscillation['state']}{when}"
+    yield f"oscillation {oscillation['state'] or 'not watched'}{when}"
     late = summary["lateness_us"]
     if late["max"]:  # on the simulated clock nothing is ever late
         yield (
@@ -97,10 +152,10 @@ def _ended(summary: Mapping[str, Any], log: str) -> str:
     reason = summary["stop_reason"]
     if reason is None:
         return f"not told in {log}: the run goes on, was killed, or this is a part of it"
-    how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, reason)
+    how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, in_line(reason))
     if reason.startswith("trip:"):
-        how = f"BY A SAFETY TRIP: {reason.removeprefix('trip:')}"
-    return f"{how} ({summary['message']})" if summary["message"] else how
+        how = f"BY A SAFETY TRIP: {in_line(reason.removeprefix('trip:'))}"
+    return f"{how} ({in_line(summary['message'], 1000)})" if summary["message"] else how
 
 
 def _span(extremes: list[float] | None) -> str:

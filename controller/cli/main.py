@@ -20,7 +20,7 @@ import click
 from controller import __version__
 from controller.cli import interrupt
 from controller.cli.failure import tell, wants_json
-from controller.cli.options import begin, forget_output
+from controller.cli.options import begin, forget_output, is_answered, say
 from controller.errors import HapticWallError, PlatformError, UserError
 from hw.errors import ServoError
 
@@ -69,7 +69,6 @@ class _Commands(click.Group):
                 "machine or a virtual one"
             )
         command = importlib.import_module(COMMANDS[cmd_name][0]).command
-        interrupt.raise_again()  # it is loaded, and from here on knows what to do
         assert isinstance(command, click.Command)
         return command
 
@@ -105,8 +104,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _fill_missing_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(message)s")
+    logging.basicConfig(level=logging.WARNING, handlers=[_Said()])
     begin()
+    interrupt.say_nothing_after(is_answered)
     json = wants_json(sys.argv[1:] if arguments is None else arguments)
     try:
         result = haptic_wall.main(arguments, prog_name="haptic-wall", standalone_mode=False)
@@ -146,6 +146,13 @@ def _fill_missing_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
+
+
+class _Said(logging.Handler):
+    """What the program logs, said to a person."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
 
 
 if __name__ == "__main__":

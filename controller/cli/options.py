@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from controller.errors import UserError
+from controller.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -58,7 +59,8 @@ def as_json(value: Mapping[str, Any]) -> str:
     Raises:
         TypeError: It holds something that JSON cannot.
     """
-    return json.dumps(_plain(value), indent=2, allow_nan=False)
+    text = json.dumps(_plain(value), indent=2, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")  # the one control character that JSON takes as it is
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
@@ -94,16 +96,19 @@ def is_answered() -> bool:
 
 
 def say(text: str) -> None:
-    """Tell a person on standard error; that nobody listens is no reason to end."""
+    """Tell a person on standard error; that nobody listens is no reason to end.
+
+    Here, and in ``answer``, control characters become escapes, whoever wrote the text.
+    """
     with suppress(OSError):
-        click.echo(text, err=True)
+        click.echo(printable(text), err=True)
 
 
 def answer(text: str) -> None:
     """Print a command's answer on standard output; a reader that leaves early is no error."""
     _command.answered = True
     try:
-        click.echo(text)
+        click.echo(printable(text))
         sys.stdout.flush()
     except OSError as error:
         # ``| head``, or the terminal is closed: the exit status still tells how the command ended

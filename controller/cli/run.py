@@ -26,7 +26,7 @@ from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, RECORD
 from controller.settings.config import Config
 from controller.settings.load import file_of, load_config
-from controller.signals import on_signals
+from controller.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
     from controller.tree.hold import Hold
@@ -55,6 +55,7 @@ SIMULATED_S = 5.0
 @click.option(
     "--stream-rate", type=float, metavar="HZ", help="How many rows a second (default: 100)."
 )
+@click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
 @click.option(
     "--hold",
     metavar="SOURCE",
@@ -73,6 +74,7 @@ def command(
     witness: Path | None,
     stream: str | None,
     stream_rate: float | None,
+    stream_anywhere: bool,
     hold: tuple[str, ...],
     force: bool,
     as_json_wanted: bool,
@@ -94,7 +96,7 @@ def command(
             "--witness: only an emulated bus in its own process keeps a record; run"
             " emulated-xm430 on the monotonic clock, or leave the option out"
         )
-    streamed = _stream(effective, stream, stream_rate)
+    streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
     log, plot = _places(log_path, plot_path, witness, loaded.name, force=force)
     plan = Plan(
@@ -129,11 +131,16 @@ def command(
     sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
 
 
-def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream | None:
+def _stream(
+    config: Config, place: str | None, rate_hz: float | None, anywhere: bool
+) -> Stream | None:
     """Where rows go to be watched live."""
     if place is None:
-        if rate_hz is not None:
-            raise UserError("--stream-rate: found without --stream; say where to, or leave it out")
+        for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
+            if given:
+                raise UserError(
+                    f"--stream-{option}: found without --stream; say where to, or leave it out"
+                )
         return None
     if _in_memory(config):
         raise UserError(
@@ -142,7 +149,7 @@ def _stream(config: Config, place: str | None, rate_hz: float | None) -> Stream 
         )
     from controller.tree.stream import RATE_HZ, stream_to
 
-    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz)
+    return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
 
 def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
@@ -209,7 +216,7 @@ def _places(
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     """Draw the picture from the log; what went wrong, or nothing."""
     try:
-        with on_signals(signal.default_int_handler):  # whoever cannot wait for it need not
+        with interrupting(STOPPING):  # whoever cannot wait for it need not
             from controller.log.reader import LogReader
             from controller.log.rows import LogRows
             from controller.plots.run import plot_log

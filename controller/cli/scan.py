@@ -9,6 +9,7 @@ import click
 from controller.cli.numbers import digits
 from controller.cli.options import answer, as_json, json_option, say
 from controller.errors import UserError
+from controller.signals import interrupting
 from hw.clock import MonotonicClock
 from hw.dynamixel.codec import MAX_ID
 from hw.dynamixel.examine.adapter import kind_of_port, only_adapter
@@ -49,7 +50,8 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
 
-    searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
+    with interrupting():  # the port's settings are put back
+        searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))
     return 0 if found["servos"] else HARDWARE

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from controller.errors import UserError
 from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
 from controller.experiments.identification import Estimated
 from controller.experiments.identify_text import boundary_report, comparison
@@ -164,23 +163,20 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
     Returns:
         ``reason`` alone where there are too few points.
     """
-    try:
-        points, _ = read_points(sweep)
-    except UserError as error:
-        return {"reason": str(error)}
     gain = identify["torque_gain"]["value"]
     # The boundary is measured in torque commanded.
     damping = Estimated(*(identify["damping"][key] / gain for key in ("value", "stderr")))
-    fit = fit_boundary(
-        points,
-        Loop(
-            inertia=identify["inertia"]["value"] / gain,
-            coulomb=identify["coulomb"]["value"] / gain,
-            period=config.period_s,
-            velocity_samples=config.wall.velocity_samples,
-            lag=config.belief().delay.value,
-        ),
+    loop = Loop(
+        inertia=identify["inertia"]["value"] / gain,
+        coulomb=identify["coulomb"]["value"] / gain,
+        period=config.period_s,
+        velocity_samples=config.wall.velocity_samples,
+        lag=config.belief().delay.value,
     )
+    try:
+        fit = fit_boundary(read_points(sweep)[0], loop)
+    except ValueError as error:  # too few of them, or figures that no sweep has measured
+        return {"reason": str(error)}
     motion = damping, Estimated(**identify["delay"])
     return {
         **boundary_report(fit),

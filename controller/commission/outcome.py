@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 Step = Literal["doctor", "identify", "delay", "rendered", "sweep"]
 STEPS: tuple[Step, ...] = ("doctor", "identify", "delay", "rendered", "sweep")
@@ -29,11 +31,11 @@ class Outcome:
     """Fingerprint of the configuration that the step ran with; another one makes it anew"""
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
-    exit_status: int = 0
+    exit_status: Annotated[int, Field(ge=0, lt=128)] = 0
     """Of the command, if this is the first that failed"""
     ends_all: bool = False
     """Nothing more can be done with this servo now"""
-    seconds: float = 0.0
+    seconds: Annotated[float, Field(ge=0.0, lt=1e9)] = 0.0
     data: dict[str, Any] = field(default_factory=dict)
     picture: str | None = None
     """File name of the PNG beside the JSON file"""

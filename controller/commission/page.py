@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from controller.commission import words
+from controller.commission.store import AGAIN
+from controller.errors import UserError
+from controller.experiments.kept_folder import kept_bytes
 
+_PNG = b"\x89PNG\r\n\x1a\n"
+"""How every picture begins"""
 _CAPTIONS = {
     "identify": "The motion that the model was fitted to, the torque, and what the fit leaves.",
     "delay": "What a torque step causes, from the sample on; inserted delays found again.",
@@ -28,7 +33,7 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
         allowed: The picture of the verdict; None: there is none.
 
     Raises:
-        OSError: A picture cannot be read.
+        UserError: A picture is not there, or is none.
     """
     from jinja2 import Environment, StrictUndefined
 
@@ -37,7 +42,7 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
     )
     source = files("controller.commission").joinpath("page.html.j2").read_text(encoding="utf-8")
     pictures = [
-        (step["step"], _embedded(folder / step["picture"]), _CAPTIONS[step["step"]])
+        (step["step"], _embedded(folder / step["picture"], step["step"]), _CAPTIONS[step["step"]])
         for step in report["steps"]
         if step["state"] == "done" and step["picture"]
     ]
@@ -52,10 +57,13 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
         model=list(words.model_rows(report)),
         wrong=list(words.wrong(report)),
         examined=len((report["doctor"] or {}).get("checks", ())),
-        allowed=None if allowed is None else _embedded(allowed),
+        allowed=None if allowed is None else _embedded(allowed, "a step"),
         pictures=pictures,
     )
 
 
-def _embedded(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+def _embedded(path: Path, step: str) -> str:
+    content = kept_bytes(path, AGAIN.format(step))
+    if not content.startswith(_PNG):
+        raise UserError(f"--out {path.parent}: {path.name} is no PNG picture; {AGAIN.format(step)}")
+    return "data:image/png;base64," + base64.b64encode(content).decode("ascii")

@@ -26,7 +26,6 @@ from controller.paper.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-NAME = "allowed.png"
 _POINTS = 241
 _BEYOND = 1.8
 """Of the best virtual damping, how far it is drawn"""

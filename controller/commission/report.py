@@ -10,9 +10,9 @@ from controller import __version__
 from controller.commission import agreement
 from controller.commission.outcome import STEPS, TITLES, done
 from controller.commission.sequence import Ended
-from controller.commission.steps import SWEEP
-from controller.commission.store import CONFIG
+from controller.commission.store import AGAIN, CONFIG, SWEEP
 from controller.commission.verdict import Question, verdict
+from controller.errors import UserError
 from controller.experiments.sweep_store import JSON
 
 _CONFIG_TEXT = "config_text"
@@ -25,6 +25,9 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         ended: The commissioning, as far as it came.
         name: Of the configuration, for people.
         folder: Where its files are.
+
+    Raises:
+        UserError: A step's file holds what cannot be.
     """
     config, outcomes = ended.config, ended.outcomes
     found = {step: done(outcomes, step) for step in STEPS}
@@ -82,6 +85,11 @@ def _agreement(
     if delay is not None:
         answer["delay"] = agreement.delays(identify, delay, ended.config.period_s)
     if sweep is not None:
-        answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
+        try:
+            answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
+        except ValueError as error:  # figures that no sweep has measured
+            raise UserError(
+                f"--out {folder}: sweep.json: {error}; {AGAIN.format('sweep')}"
+            ) from None
         answer["line"] = agreement.line(ended.config, identify, folder / SWEEP / JSON)
     return answer

@@ -13,10 +13,12 @@ from controller.commission.plan import has_doctor
 from controller.commission.steps import Bench, Draw, Measured, identified
 from controller.commission.store import settings_of
 from controller.errors import HapticWallError
+from controller.experiments.kept_folder import without_link
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.file_kinds import PICTURE
 from controller.report import exit_status
 from controller.settings.config import Config
+from controller.signals import interrupting
 from controller.whole_file import whole
 from hw.errors import ServoError
 
@@ -52,6 +54,7 @@ def run_steps(bench: Bench) -> Ended:
 
     Raises:
         OSError: Results could not be written.
+        UserError: A file of an earlier commissioning is not what was written.
     """
     outcomes: dict[Step, Outcome] = {}
     config = bench.config
@@ -66,11 +69,12 @@ def run_steps(bench: Bench) -> Ended:
         elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
             try:
-                outcome, draw = (
-                    (Outcome(step, "skipped", basis, why_not), None)
-                    if why_not is not None
-                    else _taken(step, replace(bench, config=config), basis)
-                )
+                with interrupting():
+                    outcome, draw = (
+                        (Outcome(step, "skipped", basis, why_not), None)
+                        if why_not is not None
+                        else _taken(step, replace(bench, config=config), basis)
+                    )
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
                 interrupted = True  # what was measured before stays in the report
@@ -86,8 +90,8 @@ def run_steps(bench: Bench) -> Ended:
                 bench.tell(f"{step}: interrupted")
                 interrupted = True
         if step == "identify" and (found := done(outcomes, step)) is not None:
+            config = identified(found["config_text"], bench.config)
             bench.store.keep_config(found["config_text"])
-            config = identified(found["config_text"])
     return Ended(outcomes, config, interrupted)
 
 
@@ -149,7 +153,7 @@ def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
     """The step, which is kept, with its picture if that can be drawn."""
     picture = bench.picture(outcome.step)
     try:
-        with whole(picture, PICTURE, force=True) as part:
+        with whole(without_link(picture), PICTURE, force=True) as part:
             draw(part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws

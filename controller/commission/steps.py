@@ -10,8 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import ValidationError
+
+from controller.commission.found import picture_name
+from controller.commission.outcome import Step
 from controller.commission.plan import BURSTS, DELAY_STEPS
-from controller.commission.store import LOGS, CommissionStore
+from controller.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
 from controller.commission.sweep_points import OPTIONS, short_sweep
 from controller.errors import UserError
 from controller.experiments.identification import identify
@@ -35,8 +39,6 @@ from controller.settings.config import Config
 Tell = Callable[[str], None]
 Draw = Callable[[Path], None]
 
-SWEEP = "sweep"
-"""Folder of the sweep within the commissioning's"""
 _HARMLESS = frozenset(
     {
         "return delay",
@@ -73,9 +75,9 @@ class Bench:
         """Where logs go."""
         return self.store.folder / LOGS
 
-    def picture(self, name: str) -> Path:
+    def picture(self, step: Step) -> Path:
         """Where a step's picture goes."""
-        return self.store.folder / f"{name}.png"
+        return self.store.folder / picture_name(step)
 
 
 class Measured(NamedTuple):
@@ -117,9 +119,31 @@ def run_identify(bench: Bench) -> Measured:
     )
 
 
-def identified(text: str) -> Config:
-    """The configuration that ``run_identify`` has written."""
-    return Config.model_validate(config_yaml.parse(text, "the identified configuration"))
+def identified(text: str, config: Config) -> Config:
+    """The configuration that ``run_identify`` has written.
+
+    Args:
+        text: As it was kept.
+        config: Which it was made from: all but its model must be the same, or a folder from
+            somewhere could raise a torque limit.
+
+    Raises:
+        UserError: It is another one, or none.
+    """
+    where = "identify.json: its configuration"
+    try:
+        found = Config.model_validate(config_yaml.parse(text, where))
+    except ValidationError as error:
+        raise UserError(
+            f"{where} has {error.error_count()} wrong fields; {AGAIN.format('identify')}"
+        ) from None
+    except UserError as error:
+        raise UserError(f"{error}; {AGAIN.format('identify')}") from None
+    if found.model_copy(update={"model": config.model}) != config:
+        raise UserError(
+            f"{where} differs from CONFIG in more than the model; {AGAIN.format('identify')}"
+        )
+    return found
 
 
 def run_delay(bench: Bench) -> Measured:

@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from controller import __version__
+from controller.commission.found import file_name, picture_name, read_outcome
 from controller.commission.outcome import STEPS, Outcome, Step
 from controller.errors import UserError
-from controller.experiments.kept_folder import fingerprint, made, replaced
+from controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
 from controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
-_FORMAT = "haptic-wall commission 1"
-_WRITTEN = (
-    *(CONFIG, PAGE),
-    *(f"{step}{suffix}" for step in STEPS for suffix in (".json", ".png")),
-)
+ALLOWED = "allowed.png"
+"""The picture of the verdict"""
+SWEEP = "sweep"
+"""Folder of the sweep"""
+_WRITTEN = (CONFIG, PAGE, ALLOWED, SWEEP, *map(file_name, STEPS), *map(picture_name, STEPS))
+_FORMAT: Final = "haptic-wall commission 1"
+AGAIN = "delete {0}.json to take that step again, or give --fresh"
+"""What to do where a step's file cannot be used"""
 
 Encode = Callable[[Mapping[str, Any]], str]
 """One JSON object as text; what is not finite is null"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What the folder is, in its main file."""
+
+    format: Literal["haptic-wall commission 1"]
+    program: str
+    fingerprint: str
+    name: str
+    """Of the configuration, for people"""
+
+
+_HEAD = TypeAdapter(_Head)
 
 
 def settings_of(config: Config, reach: float) -> str:
@@ -69,40 +89,46 @@ class CommissionStore:
         if folder.exists() and not folder.is_dir():
             raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
         ours = self._ours(asked, fresh)
-        held = [name for name in _WRITTEN if not ours and (folder / name).exists()]
-        if held:
-            raise UserError(
-                f"--out {folder}: it holds a {held[0]} that no commissioning wrote; name another"
-                " folder, so that it is not lost"
-            )
+        self._refuse_what_is_not_ours(ours)
         if ours and not fresh:
             self._resume()
         if only_look:
             return
         made(folder, LOGS)
         self._outdated = fresh
-        head = {"format": _FORMAT, "program": __version__, "fingerprint": asked, "name": name}
-        self._replace(MAIN, self._encode(head))
+        self._replace(MAIN, self._encode(asdict(_Head(_FORMAT, __version__, asked, name))))
+
+    def _refuse_what_is_not_ours(self, ours: bool) -> None:
+        """Nothing that somebody else has put here is lost, nor anything that a link leads to."""
+        for name in () if ours else _WRITTEN:
+            if os.path.lexists(self.folder / name):
+                raise UserError(
+                    f"--out {self.folder}: it holds a {name} that no commissioning wrote; name"
+                    " another folder, so that it is not lost"
+                )
+        for name in (LOGS, SWEEP):
+            if (self.folder / name).is_symlink():
+                raise UserError(
+                    f"--out {self.folder}: found a link {name}, wanted a folder or nothing; remove"
+                    " the link, or name another folder"
+                )
 
     def _ours(self, asked: str, fresh: bool) -> bool:
         """Whether an earlier commissioning was here; of other settings it is refused."""
         path = self.folder / MAIN
-        if not path.exists():
+        if not os.path.lexists(path):
             return False
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
-            right = held["format"] == _FORMAT
-        except (OSError, ValueError, KeyError, TypeError):
-            right = False
-        if not right:
+            held = _HEAD.validate_json(kept_bytes(path, "name another folder"), strict=True)
+        except ValidationError:
             raise UserError(
                 f"--out {self.folder}: {MAIN} there is not a commissioning of ours; name another"
                 " folder"
-            )
-        if held["fingerprint"] != asked and not fresh:
+            ) from None
+        if held.fingerprint != asked and not fresh:
             raise UserError(
                 f"--out {self.folder}: it holds a commissioning with other settings"
-                f" ({held['name']}, haptic-wall {held['program']}); name another folder, or give"
+                f" ({held.name}, haptic-wall {held.program}); name another folder, or give"
                 " --fresh to begin anew and replace it"
             )
         return True
@@ -110,21 +136,22 @@ class CommissionStore:
     def _forget(self) -> None:
         """Remove what an earlier commissioning left: now there is something to replace it with."""
         self._outdated = False
-        for name in (CONFIG, PAGE, *(f"{step}.json" for step in STEPS)):
+        for name in (CONFIG, PAGE, *map(file_name, STEPS)):
             (self.folder / name).unlink(missing_ok=True)
 
     def _resume(self) -> None:
         for step in STEPS:
-            path = self.folder / f"{step}.json"
-            if not path.exists():
+            path = self.folder / file_name(step)
+            if not os.path.lexists(path):
                 continue
+            text = kept_bytes(path, AGAIN.format(step))
             try:
-                self.outcomes[step] = Outcome(**json.loads(path.read_text(encoding="utf-8")))
-            except (OSError, ValueError, TypeError) as error:
+                self.outcomes[step] = read_outcome(text, step)
+            except ValueError as error:
                 raise UserError(
-                    f"--out {self.folder}: {path.name} cannot be read ({error}); delete it to do"
-                    " that step again, or give --fresh"
-                ) from error
+                    f"--out {self.folder}: {path.name} is not what this program writes ({error});"
+                    f" {AGAIN.format(step)}"
+                ) from None
 
     @property
     def done(self) -> list[Step]:
@@ -155,13 +182,13 @@ class CommissionStore:
         if self._outdated and outcome.state == "done":
             self._forget()
         text = self._encode(asdict(outcome))
-        kept = Outcome(**json.loads(text))
+        kept = read_outcome(text, outcome.step)
         if outcome.step == "identify":  # what comes after it was measured of another model
             for later in STEPS[STEPS.index("identify") + 1 :]:
                 if self.outcomes.pop(later, None) is not None:
-                    (self.folder / f"{later}.json").unlink(missing_ok=True)
+                    (self.folder / file_name(later)).unlink(missing_ok=True)
         self.outcomes[outcome.step] = kept
-        self._replace(f"{outcome.step}.json", text)
+        self._replace(file_name(outcome.step), text)
         return kept
 
     def keep_config(self, text: str) -> None:

@@ -29,9 +29,10 @@ from controller.detector.half_cycles import Repeated
 from controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
 from controller.detector.steady import Steadiness
 
-PROBED, PROBED_COUNTS, SMALL_COUNTS = 0.01745, 10.0, 3.0
-"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder; and from
-which steady motion is, in counts [1]"""
+_PROBED, _PROBED_COUNTS = 0.01745, 10.0
+"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder"""
+_SMALL, _SMALL_COUNTS = 0.005, 3.0
+"""The same for motion that is suspected, or as even as no hand's"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
 STEADY = 40
@@ -43,6 +44,8 @@ _CYCLES_EVEN = 2
 _UNLIKELY = 10
 """Regular half-cycles after which a motion is probed though the servo cannot be so light or heavy
 """
+_BEYOND = 8
+"""Half-cycles whose largest is compared with that of as many before where they are beyond hands"""
 _HOLD_OFF_S = 10.0
 """Time for which a motion like the one that a hand made is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
@@ -52,6 +55,9 @@ _AGAIN_S = 5.0
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
+_AS_LARGE = 0.4
+"""Amplitude over that before the alarm from which the periods may be compared: where the torque
+saturated before, what the softer wall keeps up has the same period when it is much smaller."""
 _OWN = 1.3, 2.0, 3.0
 """Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
 makes it 2, 4 and 8"""
@@ -61,6 +67,9 @@ _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
 _BACKLASH = 4.0
 """Largest amplitude of a limit cycle that backlash is blamed for, in thresholds"""
+_BETWEEN = 4.0
+"""The wall comes back at so many times the torque where the spring was at rest between two samples
+"""
 _LEAST_STEPS = 2.0
 """Encoder counts within which the spring is at rest however stiff it is [1]"""
 CYCLES, LONGEST_S = 6.0, 5.0
@@ -101,7 +110,7 @@ class BackstopSettings:
     threshold: float
     """Amplitude from which a motion is probed [rad]"""
     small: float
-    """Amplitude from which a steady motion is [rad]"""
+    """Amplitude from which a suspected or steady motion is [rad]"""
     light: float
     """Least apparent inertia the servo may have, torque as commanded [kg·m²]. With ``heavy`` it
     only decides how soon a motion is probed."""
@@ -119,6 +128,13 @@ class BackstopSettings:
     """It watches contacts, not half-cycles."""
     unprobed: int = STEADY
     """Regular half-cycles after which a motion that may not be probed counts as steady"""
+
+
+def sizes(position_step: float) -> tuple[float, float]:
+    """``threshold`` and ``small`` [rad] for an encoder count [rad]; 0: the encoder has none."""
+    if not position_step:
+        return _PROBED, _SMALL
+    return _PROBED_COUNTS * position_step, _SMALL_COUNTS * position_step
 
 
 class Backstop:
@@ -144,10 +160,13 @@ class Backstop:
 
     __slots__ = (
         "_begun",
+        "_beyond",
         "_cause",
         "_count",
-        "_distance",
+        "_elongation",
         "_hands",
+        "_largest",
+        "_largest_before",
         "_motion",
         "_probe",
         "_settings",
@@ -186,11 +205,12 @@ class Backstop:
         self._motion = motion
         self._steadiness = Steadiness(settings.period, settings.position_step)
         self._time = self._since = self._begun = 0.0
-        self._stiffness = self._distance = 0.0
+        self._stiffness = self._elongation = 0.0
         self._streak = self._count = self._step = self._whole = 0
         self._cause = Cause.STOPPED
         self._probe = Probe(settings.threshold, contacts=settings.bounces)
         self._hands = self._stop = NEVER
+        self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
         self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
@@ -215,9 +235,9 @@ class Backstop:
         """
         self._time += span
         self._stiffness = stiffness
-        distance, phase = abs(elongation), self.phase
-        lets_go = distance < self._distance
-        self._distance = distance
+        phase, last = self.phase, self._elongation
+        lets_go = abs(elongation) < abs(last)
+        self._elongation = elongation
         if phase == Phase.WATCHING:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
@@ -225,17 +245,24 @@ class Backstop:
             if self._probe.still(self._motion):
                 self._stopped()
         elif phase == Phase.RETURNING:
-            self._return(elongation)
+            self._return(elongation, last)
         elif self.alarm and self._motion.elapsed > STILL * self._motion.interval:
             self.alarm = False  # the reduced wall is at rest
         if ended:
             self._ended()
 
-    def _return(self, elongation: float) -> None:
-        """Give the wall back if its spring is at rest."""
-        missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
-        least = _LEAST_STEPS * self._settings.position_step
-        if abs(missing) <= self._settings.rest_torque or abs(elongation) <= least:
+    def _return(self, elongation: float, last: float) -> None:
+        """Give the wall back if its spring is at rest.
+
+        Args:
+            elongation: Of the spring [rad].
+            last: At the sample before; a fast motion is at rest between two samples [rad].
+        """
+        missing = abs((1.0 - self.stiffness_scale) * self._stiffness * elongation)
+        most = self._settings.rest_torque
+        if elongation * last < 0.0:
+            most *= _BETWEEN
+        if missing <= most or abs(elongation) <= _LEAST_STEPS * self._settings.position_step:
             self.stiffness_scale = self.damping_scale = 1.0
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
@@ -294,8 +321,25 @@ class Backstop:
             regular = even or saturates(motion, settings.torque_limit)
         if regular and motion.gain > _LEAST_GAIN:
             self._consider()
+        elif size >= settings.threshold and self._goes_on_beyond_hands():
+            self._since = self._time
+            self._consider()
         else:
             self.alarm = False
+
+    def _goes_on_beyond_hands(self) -> bool:
+        """Whether a motion that is no hand's goes on, regular or not: that of two modes is not."""
+        seen = sighting(self._motion, self._time)
+        if not self._beyond_hands(seen):
+            self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
+            return False
+        self._beyond += 1
+        self._largest = max(self._largest, seen.amplitude)
+        if self._beyond % _BEYOND:
+            return False
+        goes_on = self._largest > DYING * self._largest_before
+        self._largest, self._largest_before = 0.0, self._largest
+        return goes_on
 
     def _consider(self) -> None:
         """Decide what a regular motion that does not die is answered with."""
@@ -336,7 +380,8 @@ class Backstop:
         self._begun = self._time - motion.elapsed - motion.duration
         self._settled = False
         self._probe.before = seen
-        if motion.amplitude >= settings.threshold and self._beyond_hands(seen):
+        large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
+        if large and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)
@@ -435,12 +480,14 @@ class Backstop:
             self._count = 0
 
     def _hand_after_all(self, ratio: float) -> bool:
-        """Whether the reduced wall is moved as fast as before, which only a hand does.
+        """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
 
         Args:
             ratio: Of the period to that before the alarm.
         """
         least, most, later = _AS_BEFORE
+        if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
+            return False
         if self._cause == Cause.LONGER:
             return least < ratio < (most if self._step == 1 else later)
         return (

@@ -9,6 +9,9 @@ _GATE_COUNTS, _GATE = 8.0, 0.005
 it: in counts of the encoder; without one [rad]"""
 _SMOOTH = 0.4
 """Fraction of a new gain in the smoothed one"""
+_FINEST = 1e-6
+"""Depth of the least contact, where the encoder has no steps [rad]: a motion of no energy divides
+by nothing."""
 
 
 class Contacts:
@@ -26,8 +29,9 @@ class Contacts:
         pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; likewise.
         elapsed: Since the last contact ended [s].
         interval: Between the ends of the last two contacts [s].
-        gain: Logarithm of the exit speed over the entry speed, smoothed over some two contacts;
-            0 while it is not known.
+        gain: Logarithm of the exit speed over the entry speed, smoothed over some two contacts. A
+            contact whose speeds are not known counts as 0: what an earlier, larger motion did says
+            nothing about one that stays within the gate.
     """
 
     __slots__ = (
@@ -67,7 +71,7 @@ class Contacts:
         Args:
             position_step: Encoder count [rad]; 0: none. A contact is at least one deep.
         """
-        self._least = position_step
+        self._least = position_step or _FINEST
         self._gate = _GATE_COUNTS * position_step if position_step else _GATE
         # Times since the gate was passed on the way in, and the surface on the way out, and what
         # the last way in took; NaN: none [s].
@@ -133,6 +137,8 @@ class Contacts:
                 self._way_in = (before - gate) * slowness
             if before <= 0.0 < depth:
                 self._took = self._way_in - before * slowness
+                if math.isnan(self._took):
+                    self.gain -= _SMOOTH * self.gain
                 self._way_in = self._way_out = math.nan
             return
         if depth <= 0.0 < before:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controller.detector.acting import ActingTorque
-from controller.detector.backstop import PROBED, PROBED_COUNTS, SMALL_COUNTS, BackstopSettings
+from controller.detector.backstop import BackstopSettings, sizes
 from controller.detector.oscillation import Detector, DetectorSettings, State
 from controller.detector.own_motion import OwnMotion
 
@@ -141,11 +141,12 @@ def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
     """Sees motion that no hand makes, whatever the servo is; a record cannot be probed."""
     step = settings.position_step
     step = step if step > 0.0 else 0.0
+    threshold, small = sizes(step)
     watched = BackstopSettings(
         period=settings.period,
         position_step=step,
-        threshold=PROBED_COUNTS * step if step else PROBED,
-        small=SMALL_COUNTS * step,
+        threshold=threshold,
+        small=small,
         light=0.0,
         heavy=math.inf,
         heaviest=math.inf,

@@ -14,6 +14,9 @@ transmission makes; the largest is forgotten by the second factor in each half-c
 _COARSE, _REMEMBERS = 0.25, 20
 """Fraction of the largest distance that a turning point must be left by for so many half-cycles
 after a ripple: ripples then end no half-cycle."""
+_PATIENCE = 3.0
+"""Half-cycles for which a turning point may stay unleft before the size of the motion is forgotten:
+a motion that has become so much smaller would else never be seen again."""
 _FINEST = 1e-6
 """The least hysteresis, where the encoder has no steps [rad]."""
 
@@ -180,6 +183,8 @@ class HalfCycles:
                 self._reach(position)
             return False
         if abs(away) <= self._hysteresis:
+            if self._since_extreme > _PATIENCE * self.duration:
+                self._hysteresis, self._largest, self._rippled = self._least, 0.0, 0
             return False
         self._turn(position)
         return True

@@ -7,6 +7,7 @@ import math
 from controller.detector.backstop import Backstop, BackstopSettings, Phase
 from controller.detector.contacts import Contacts
 from controller.detector.half_cycles import HalfCycles, Repeated
+from controller.detector.probe import STILL
 
 
 class OwnMotion:
@@ -62,6 +63,8 @@ class OwnMotion:
         """
         backstop, bounces = self._backstop, self._bounces
         ended = self._half_cycles.update(away, torque, span)
+        if backstop.suspected and self._still and not self.answering:
+            self._suspect(False)  # what was suspected is over; it is no reason to probe what comes
         if bounces is None:
             backstop.update(span, away, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
@@ -79,15 +82,24 @@ class OwnMotion:
         left = self._contacts.update(depth, torque * self._side, span)
         bounces.update(span, elongation, stiffness, ended=left)
         if backstop.suspected != bounces.suspected:  # one of them has found the answer
-            backstop.suspected = bounces.suspected = False
+            self._suspect(False)
         self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)
         self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
 
     def suspect(self) -> None:
-        """Have the next large motion probed, however regular it is."""
-        self._backstop.suspected = True
+        """Have this motion probed, however regular it is; lapses where it stops before."""
+        self._suspect(True)
+
+    def _suspect(self, suspected: bool) -> None:
+        self._backstop.suspected = suspected
         if self._bounces is not None:
-            self._bounces.suspected = True
+            self._bounces.suspected = suspected
+
+    @property
+    def _still(self) -> bool:
+        """Whether no turning point comes any more, inside of the wall or outside."""
+        motion = self._half_cycles
+        return motion.elapsed > STILL * motion.interval > 0.0
 
     @property
     def suspected(self) -> bool:
@@ -104,6 +116,7 @@ class OwnMotion:
         """Begin to watch anew after a pause; what an alarm took stays taken."""
         self._half_cycles.forget()
         self._contacts.known = 0
+        self._suspect(False)
         self._backstop.resume()
         if self._bounces is not None:
             self._bounces.resume()

@@ -16,6 +16,7 @@ from typing import Any
 
 from controller import realtime
 from controller.loop import Waiter, waiter_for
+from controller.orders import read_orders
 from hw.clock import MonotonicClock
 from hw.dynamixel.examine.cycles import SCHEDULES, run_series
 from hw.dynamixel.examine.replies import time_replies
@@ -54,7 +55,7 @@ class Orders:
 
 def main() -> None:
     """Measure as ordered, and tell."""
-    orders = Orders(**json.loads(sys.stdin.readline()))
+    orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     os.sched_setaffinity(0, {orders.core})
     realtime.freeze_garbage()

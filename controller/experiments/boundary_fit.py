@@ -10,7 +10,6 @@ Source: J. J. Gil et al., ICRA 2007, eqs. (8) and (16); friction by its describi
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from controller import json_text
 from controller.errors import UserError
 from controller.experiments.identification import Estimated
 from controller.theory import critical_stiffness
@@ -29,6 +29,8 @@ _STRAIGHT = 0.01
 """A point is on the straight part where the exact boundary is nearer to the line than this share"""
 _LEAST = 3e-3
 """No critical stiffness is trusted to be better than this share, whatever uncertainty it has"""
+_HUGE = 1e9
+"""No quantity of a servo is larger, in SI units"""
 _UNKNOWN = 0.02
 """Share it is uncertain by where the sweep says nothing"""
 
@@ -95,7 +97,7 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
     """
     where = f"--from-sweep {path}"
     try:
-        held = json.loads(path.read_text(encoding="utf-8"))
+        held = json_text.held_in(path)
         listed = [point for point in held["points"] if point.get("measured")]
         columns = [
             _column(listed, name, needed)
@@ -113,12 +115,20 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
         raise UserError(
             f"{where}: cannot be read: {error.strerror}; name the sweep.json of a sweep"
         ) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise UserError(
             f"{where}: it does not hold the points of a sweep ({type(error).__name__}: {error});"
             " name the sweep.json that haptic-wall sweep wrote"
         ) from error
     points = BoundaryPoints(*columns)
+    known = np.concatenate([points.virtual_damping, points.delay, points.stiffness])
+    others = np.concatenate([points.uncertainty, points.frequency, points.kick])
+    possible = np.abs(known) < _HUGE, (others < _HUGE) | np.isnan(others), points.delay >= 0.0
+    if not all(map(np.all, (*possible, points.stiffness > 1.0 / _HUGE))):
+        raise UserError(
+            f"{where}: found figures that no servo has, wanted finite ones below {_HUGE:g}, and"
+            " neither delay nor stiffness below 0; name the sweep.json that haptic-wall sweep wrote"
+        )
     if points.stiffness.size < 3 or np.unique(points.virtual_damping).size < 2:
         raise UserError(
             f"{where}: found {points.stiffness.size} measured points at"

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+from pydantic import ValidationError
+
 from controller import __version__
 from controller.errors import UserError
+
+MOST_BYTES = 2**24
+"""No table, report or picture that is kept is longer"""
 
 
 def fingerprint(described: Mapping[str, Any]) -> str:
@@ -40,6 +47,63 @@ def made(folder: Path, logs: str) -> None:
         raise UserError(
             f"--out {folder}: found a folder without leave to write; name another place"
         )
+
+
+def kept_bytes(path: Path, again: str) -> bytes:
+    """What a file of the folder holds.
+
+    The folder may come from anybody: a link could lead to any file, a device or a pipe never ends.
+
+    Args:
+        path: Of the file; nothing that it leads to is followed.
+        again: What to do where it cannot be used, for the message.
+
+    Raises:
+        UserError: It is no plain file of up to ``MOST_BYTES``, or cannot be read.
+    """
+
+    def refused(found: str) -> UserError:
+        return UserError(
+            f"--out {path.parent}: {path.name}: found {found}, wanted a plain file of up to"
+            f" {MOST_BYTES >> 20} MB; {again}"
+        )
+
+    try:
+        with open(path, "rb", opener=_plainly) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise refused("a device or a pipe")
+            content = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        if isinstance(error, IsADirectoryError):
+            raise refused("a folder") from None
+        link = error.errno == errno.ELOOP
+        raise refused("a link" if link else str(error.strerror or error)) from None
+    if len(content) > MOST_BYTES:
+        raise refused("a longer one")
+    return content
+
+
+def _plainly(path: str, flags: int) -> int:
+    """Open no link, and wait for nobody at the other end of a pipe."""
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
+
+
+def first_wrong(error: ValidationError) -> str:
+    """The first of what is wrong with a file: which field, and why."""
+    wrong = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(map(str, wrong["loc"]))
+    return f"{where}: {wrong['msg']}" if where else wrong["msg"]
+
+
+def without_link(path: Path) -> Path:
+    """The same place, free of a link: what it leads to, outside of the folder, is not ours.
+
+    Raises:
+        OSError: It cannot be removed.
+    """
+    if path.is_symlink():
+        path.unlink()
+    return path
 
 
 @contextmanager

@@ -17,8 +17,9 @@ import numpy as np
 from controller.errors import UserError
 from controller.experiments.many_walls import Walls
 from controller.experiments.onset import onset
-from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.processes import cores, not_from_the_terminal, processes
 from controller.settings.config import Config
+from controller.signals import interrupting
 from controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from controller.theory.checks import FloatArray, IntArray
 from hw.settings import TrueServo
@@ -194,11 +195,11 @@ def critical_map(
         for first in range(0, damping.size, size)
     ]
     own = processes(min(workers or cores(), len(tasks))) if executor is None else None
-    with own or nullcontext(executor) as pool:
-        assert pool is not None
-        places: dict[Future[FloatArray], tuple[int, slice]] = {}
-        try:
-            with held_back_ctrl_c():
+    places: dict[Future[FloatArray], tuple[int, slice]] = {}
+    try:
+        with interrupting(), own or nullcontext(executor) as pool:
+            assert pool is not None
+            with not_from_the_terminal():
                 for i, part in tasks:
                     arguments = (setting, damping[part], int(steps[i]), kick, tolerance)
                     places[pool.submit(compute, *arguments)] = i, part
@@ -209,11 +210,11 @@ def critical_map(
                 done += damping[part].size * kick.size
                 if progress is not None:
                     progress(done, found.stiffness.size)
-        except KeyboardInterrupt:
-            raise MapInterruptedError(found) from None
-        finally:
-            for future in places:
-                future.cancel()
+    except KeyboardInterrupt:
+        raise MapInterruptedError(found) from None
+    finally:
+        for future in places:
+            future.cancel()
     return found
 
 

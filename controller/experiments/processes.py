@@ -13,6 +13,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 
 from controller.errors import PlatformError
+from controller.signals import held_back, interrupting
 
 
 def cores() -> int:
@@ -35,6 +36,9 @@ def processes(count: int) -> Iterator[Executor]:
     Raises:
         PlatformError: One of them was ended from outside.
     """
+    # It tidies up after this process, and must not end with the terminal before it.
+    with held_back((signal.SIGHUP,)):
+        resource_tracker.ensure_running()
     # Spawned, not forked: the caller may have threads.
     context = multiprocessing.get_context("spawn")
     stopped, stop = context.Pipe(duplex=False)
@@ -69,15 +73,13 @@ def _end_with_parent(stopped: Connection) -> None:
 
 
 @contextmanager
-def held_back_ctrl_c() -> Iterator[None]:
-    """While processes are started: they inherit it, and Ctrl-C is left to this one, afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
+def not_from_the_terminal() -> Iterator[None]:
+    """While processes are started: what the terminal sends is left to this one, afterwards.
+
+    Raises:
+        KeyboardInterrupt: At the end: one that is half started would complain.
+    """
     # Started meanwhile, it would let Ctrl-C through again.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with interrupting(at_once=False), held_back((signal.SIGINT, signal.SIGHUP)):
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

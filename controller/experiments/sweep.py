@@ -11,7 +11,7 @@ from concurrent.futures import Future, as_completed
 from pathlib import Path
 
 from controller.experiments.critical import PointSearch
-from controller.experiments.processes import cores, held_back_ctrl_c, processes
+from controller.experiments.processes import cores, not_from_the_terminal, processes
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_plan import (
     Hold,
@@ -25,6 +25,7 @@ from controller.experiments.sweep_result import PointResult
 from controller.experiments.sweep_store import LOGS, SweepStore
 from controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from controller.settings.config import Config
+from controller.signals import interrupting
 
 _TRIALS = 8, 4
 """Trials of a point: in a typical sweep, and for each repeat more"""
@@ -77,14 +78,15 @@ def sweep(
     folder = store.folder / LOGS
     count = min(workers or cores(), len(left))
     try:
-        if config.loop.clock == "simulated" and count > 1:
-            _side_by_side(config, store, left, options, folder, count, progress)
-        else:
-            bed = Testbed(config, folder, tell)
-            for setting in left:
-                result = PointSearch(bed, setting, options, tell).run()
-                store.add(setting, result)
-                progress(setting, result)
+        with interrupting():
+            if config.loop.clock == "simulated" and count > 1:
+                _side_by_side(config, store, left, options, folder, count, progress)
+            else:
+                bed = Testbed(config, folder, tell)
+                for setting in left:
+                    result = PointSearch(bed, setting, options, tell).run()
+                    store.add(setting, result)
+                    progress(setting, result)
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True
@@ -103,7 +105,7 @@ def _side_by_side(
     with processes(count) as pool:
         places: dict[Future[PointResult], Setting] = {}
         try:
-            with held_back_ctrl_c():
+            with not_from_the_terminal():
                 for setting in left:
                     places[pool.submit(measure, text, folder, setting, options)] = setting
             for future in as_completed(places):

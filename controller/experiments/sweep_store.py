@@ -4,20 +4,44 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from controller import __version__
 from controller.errors import UserError
-from controller.experiments.kept_folder import fingerprint, made, replaced
+from controller.experiments.kept_folder import fingerprint, first_wrong, kept_bytes, made, replaced
 from controller.experiments.sweep_plan import Options, Setting
 from controller.experiments.sweep_result import PointResult
 from controller.settings.config import Config
 
 JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
-_FORMAT = "haptic-wall sweep 1"
+_FORMAT: Final = "haptic-wall sweep 1"
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """Which sweep a file holds."""
+
+    format: Literal["haptic-wall sweep 1"]
+    program: str
+    fingerprint: str
+    summary: str
+    """For people"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """What it has measured."""
+
+    points: list[PointResult]
+
+
+_HEAD, _POINTS = TypeAdapter(_Head), TypeAdapter(_Points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,30 +85,33 @@ class SweepStore:
         self.done: dict[Setting, PointResult] = {}
         made(folder, LOGS)
         path = folder / JSON
-        if path.exists() and not fresh:
+        if os.path.lexists(path) and not fresh:
             self._resume(path)
 
     def _resume(self, path: Path) -> None:
+        again = "name another folder, or give --fresh to replace it"
+        text = kept_bytes(path, again)
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
-            ours = held["format"] == _FORMAT
-        except (OSError, ValueError, KeyError, TypeError):
-            ours = False
-        if not ours:
+            held = _HEAD.validate_json(text, strict=True)
+        except ValidationError:
             raise UserError(
-                f"--out {self.folder}: {JSON} there is not a sweep of ours; name another folder, or"
-                " give --fresh to replace it"
-            )
-        if held["fingerprint"] != self._asked.fingerprint:
+                f"--out {self.folder}: {JSON} there is not a sweep of ours; {again}"
+            ) from None
+        if held.fingerprint != self._asked.fingerprint:
             raise UserError(
                 f"--out {self.folder}: it holds a sweep with other settings"
-                f" ({held['summary']}, {held['program']}); name another folder, or give --fresh to"
+                f" ({held.summary}, {held.program}); name another folder, or give --fresh to"
                 " measure anew and replace it"
             )
-        names = {part.name for part in fields(PointResult)}
-        for point in held["points"]:
-            result = PointResult(**{key: point[key] for key in names})
-            self.done[Setting(result.virtual_damping, result.delay_steps)] = result
+        try:
+            points = _POINTS.validate_json(text, strict=True).points
+        except ValidationError as error:
+            raise UserError(
+                f"--out {self.folder}: {JSON} is not what this program writes"
+                f" ({first_wrong(error)}); {again}"
+            ) from None
+        for point in points:
+            self.done[Setting(point.virtual_damping, point.delay_steps)] = point
 
     def add(self, setting: Setting, result: PointResult) -> None:
         """Keep one more point; what is on disk is never half of it.

@@ -8,7 +8,9 @@ knows of them tells an intact block from a damaged one, and ``numpy.load`` reads
 from __future__ import annotations
 
 import ast
+import errno
 import functools
+import os
 import re
 import warnings
 import zlib
@@ -29,8 +31,17 @@ _HEADER = re.compile(
     rb" 'shape': \((?P<count>\d{1,18}),\), \})"
     rb"(?P<sums>  # crc32 (?P<own>[0-9a-f]{8}) (?P<data>[0-9a-f]{8}))? *\n"
 )
+_BEGIN = re.compile(re.escape(MAGIC) + rb"[\s\S]{2}\{'descr': ")
+"""Of a block: without its first words magic bytes alone, millions of them, would be looked into."""
+_BEGIN_BYTES = len(MAGIC) + 12
 _PIECE = 1 << 20
-"""Bytes looked through at a time for the next block."""
+"""Bytes looked through at a time for the next block, at most"""
+_FIRST_PIECE = 1 << 12
+"""And at first, since it may be near"""
+MOST_BYTES = 1 << 24
+"""No block of ours has more data: what a recorder may have to catch up with is 11 MB."""
+_MOST_HEADER = 1 << 12
+"""Nor a longer header"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +50,8 @@ class Block:
 
     array: NDArray[Any]
     end: int
+    summed: bool
+    """It carries checksums, and they are right"""
 
 
 def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
@@ -63,20 +76,22 @@ def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
     return header(zlib.crc32(header(0, of_data)), of_data), data
 
 
-def block_at(file: BinaryIO, start: int, end: int, checked: bool) -> Block | None:
-    """The block that begins at ``start``, if a whole and intact one does.
+def block_at(file: BinaryIO, start: int, end: int) -> Block | None:
+    """The block that begins at ``start``, if a whole one does whose checksums are right.
+
+    Logs of before had none, so that a block may lack them.
 
     Args:
-        file: Open for reading; its position is moved.
+        file: Open for reading; its position is moved to where it was read to.
         start: Where it should begin [bytes].
         end: Where the file ends [bytes].
-        checked: Whether a block without checksums counts as damaged; logs of before had none.
     """
     file.seek(start)
     begin = file.read(len(MAGIC) + 2)
     if len(begin) < len(MAGIC) + 2 or not begin.startswith(MAGIC):
         return None
-    header = file.read(int.from_bytes(begin[-2:], "little"))
+    length = int.from_bytes(begin[-2:], "little")
+    header = file.read(length) if length <= _MOST_HEADER else b""
     found = _HEADER.fullmatch(header)
     if found is None:
         return None
@@ -84,21 +99,19 @@ def block_at(file: BinaryIO, start: int, end: int, checked: bool) -> Block | Non
         zeroed = header[: found.start("own")] + b"0" * 8 + header[found.end("own") :]
         if zlib.crc32(begin + zeroed) != int(found["own"], 16):
             return None
-    elif checked:
-        return None
     dtype = _dtype(found["descr"])
     if dtype is None:
         return None
     data_start = start + len(begin) + len(header)
     needed = int(found["count"]) * dtype.itemsize
-    if needed > end - data_start:
+    if needed > min(MOST_BYTES, end - data_start):
         return None
     data = file.read(needed)
     if len(data) < needed or (
         found["sums"] is not None and zlib.crc32(data) != int(found["data"], 16)
     ):
         return None
-    return Block(np.frombuffer(data, dtype), data_start + needed)
+    return Block(np.frombuffer(data, dtype), data_start + needed, found["sums"] is not None)
 
 
 @functools.lru_cache(maxsize=8)  # all blocks of a log name the same one
@@ -108,7 +121,9 @@ def _dtype(descr: bytes) -> np.dtype[Any] | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what a damaged header looks like as Python
             dtype = npy.descr_to_dtype(ast.literal_eval(descr.decode("ascii")))
-    except (ValueError, TypeError, SyntaxError, IndexError, MemoryError, RecursionError):
+    except (ValueError, TypeError, SyntaxError, LookupError, ArithmeticError, MemoryError):
+        return None
+    except (AttributeError, RuntimeError):  # RuntimeError: brackets nested too deeply
         return None
     return None if dtype.hasobject or dtype.itemsize == 0 else dtype
 
@@ -120,7 +135,7 @@ def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | N
         file: Open for reading; its position is moved.
         start: Where blocks begin [bytes].
         end: Where the file ends [bytes].
-        checked: As for ``block_at``.
+        checked: Whether a block without checksums counts as damaged.
     """
     after = end
     while after > start:
@@ -129,24 +144,48 @@ def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | N
         piece = file.read(min(after + len(MAGIC) - 1, end) - before)
         place = piece.rfind(MAGIC)
         while place >= 0:
-            block = block_at(file, before + place, end, checked)
-            if block is not None and block.array.dtype.names is not None:
+            block = block_at(file, before + place, end)
+            if (
+                block is not None
+                and block.array.dtype.names is not None
+                and (block.summed or not checked)
+            ):
                 return block
             place = piece.rfind(MAGIC, 0, place + len(MAGIC) - 1)
         after = before
     return None
 
 
-def next_magic(file: BinaryIO, start: int, end: int) -> int:
-    """Where a block may begin next, from ``start`` on; ``end``, if none does [bytes]."""
-    overlap = len(MAGIC) - 1
+def next_begin(file: BinaryIO, start: int, end: int) -> int:
+    """Where a block may begin next, from ``start`` on; ``end``, if none does [bytes].
+
+    Where nothing was ever written (a hole in the file) nothing is read.
+    """
+    overlap = _BEGIN_BYTES - 1
+    length = _FIRST_PIECE
     while start < end:
+        start = _written_from(file, start, end) if length > _FIRST_PIECE else start
         file.seek(start)
-        piece = file.read(min(_PIECE, end - start))
-        place = piece.find(MAGIC)
-        if place >= 0:
-            return start + place
+        piece = file.read(min(length, end - start))
+        length = min(4 * length, _PIECE)
+        found = _BEGIN.search(piece)
+        if found is not None:
+            return start + found.start()
         if len(piece) <= overlap:
             return end
         start += len(piece) - overlap
     return end
+
+
+def _written_from(file: BinaryIO, start: int, end: int) -> int:
+    """Where the next bytes are that were written, from ``start`` on [bytes]."""
+    if not hasattr(os, "SEEK_DATA"):
+        return start
+    descriptor = file.fileno()
+    before = os.lseek(descriptor, 0, os.SEEK_CUR)
+    try:
+        return min(end, os.lseek(descriptor, start, os.SEEK_DATA))
+    except OSError as error:
+        return end if error.errno == errno.ENXIO else start
+    finally:
+        os.lseek(descriptor, before, os.SEEK_SET)  # the buffer counts on it

@@ -1,60 +1,102 @@
 """A recorded motion from a CSV of anybody's.
 
 What it does not hold as it should is mended where that can be done honestly, and told where not:
-rows without a number are left out, uneven time stamps are brought onto a grid.
+it is parted where nothing was recorded for long, rows without a number are left out, uneven time
+stamps are brought onto a grid.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.errors import UserError
-from controller.log.reader import SUFFIX
+from controller.log.csv_table import TORQUE, columns_of
 from controller.log.recording import (
     GAP,
     LEAST,
+    MOST_TOLD,
     Floats,
     Knowledge,
     Part,
     Recording,
+    cut,
+    gap_text,
     parted,
     position_count,
+    seconds,
+    short_text,
 )
+from controller.log.stretches import Stretch, stretches
+from controller.log.windows import BEFORE_S, WINDOW
 
-NEEDED = ("time_s", "position_rad")
-TORQUE = "torque_nm"
 _UNEVEN = 0.25
 """Share of a period by which time stamps may be off and still count as on the grid."""
 _MOST_UNEVEN = 0.01
 """Share of the time stamps that may be off by more without a new grid."""
+_SAME = 0.02
+"""Share by which the periods of two stretches may differ at one rate"""
+_MOST_RECORDINGS = 20
+"""In one file, each with times of its own; what more there are is left out"""
+_JOINT_S = 1.0
+"""From the end of one to the beginning of the next [s]"""
+_CLOCK_S = 86_400.0
+"""From here on a first time is of a clock that did not begin with the record [s]"""
 
 
-def recording_of_csv(path: Path) -> Recording:
+def recordings_of_csv(path: Path) -> Iterator[Recording]:
     """The motion in a CSV with the columns ``time_s``, ``position_rad``, perhaps ``torque_nm``.
+
+    A long one comes in several recordings that overlap. What was recorded at another rate than what
+    came before is a recording of its own.
 
     Raises:
         UserError: There is nothing in it to look at; the message says what was found.
-        OSError: It cannot be read.
+        OSError: It cannot be read, or is no regular file.
     """
-    try:
-        columns, notes = _columns(path)
-    except csv.Error as error:
-        raise UserError(
-            f"LOG {path}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote left"
-            " open?"
-        ) from None
+    whole, notes = _whole(path)
+    known = Knowledge(position_step=position_count(whole.positions))
+    found = stretches(whole.times)
+    notes += _gaps(whole.times, found)
+    groups = list(_alike([stretch for stretch in found if stretch.size >= LEAST]))
+    of = -(-whole.times.size // WINDOW)
+    for number, group in enumerate(groups):
+        period = float(np.average([s.period for s in group], weights=[s.size for s in group]))
+        if number:
+            since = whole.times[group[0].start]
+            notes.append(f"from {seconds(since)} s on there is a sample each {1e3 * period:.4g} ms")
+        parts = [
+            part
+            for stretch in group
+            for part in parted(
+                _even(cut(whole, stretch.start, stretch.end), period, notes), period, notes
+            )
+        ]
+        for some, since_s in _windowed(parts):
+            yield Recording(period, some, known, tuple(notes), since_s, of)
+            notes = []
+    if not groups or notes:
+        yield Recording(np.nan, (), known, tuple(notes))
+
+
+def _whole(path: Path) -> tuple[Part, list[str]]:
+    """All samples whose time lies after that of those before, and what was mended or left out."""
+    columns, notes = columns_of(path)
     times = columns["time_s"]
-    ordered = np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+    times, going_on = _going_on(times)
+    notes += going_on
+    columns["time_s"] = times
+    ordered = _ordered(times)
     if not ordered.all():
         first = float(times[~ordered][0])
         notes.append(
             f"{np.count_nonzero(~ordered)} rows are left out: their time does not lie after that of"
-            f" the rows before, first at {first:g} s"
+            f" the rows before, first at {seconds(first)} s"
         )
         columns = {name: values[ordered] for name, values in columns.items()}
         times = columns["time_s"]
@@ -62,7 +104,11 @@ def recording_of_csv(path: Path) -> Recording:
         raise UserError(
             f"LOG {path}: found {times.size} rows with a time of their own, wanted at least {LEAST}"
         )
-    missing = ~np.isfinite(columns["position_rad"])
+    if abs(times[0]) >= _CLOCK_S:
+        notes.append(f"times count from the first row's, {times[0]:.3f} s")
+        times = times - times[0]
+    positions = columns["position_rad"]
+    missing = ~np.isfinite(positions)
     if np.count_nonzero(~missing) < LEAST:
         raise UserError(
             f"LOG {path}: found {np.count_nonzero(~missing)} rows with a position, wanted at least"
@@ -70,7 +116,7 @@ def recording_of_csv(path: Path) -> Recording:
         )
     if missing.any():
         at = float(times[missing][0])
-        notes.append(f"{np.count_nonzero(missing)} rows have no position, first at {at:g} s")
+        notes.append(f"{np.count_nonzero(missing)} rows have no position, first at {seconds(at)} s")
     torques = columns.get(TORQUE)
     if torques is None:
         notes.append(f"there is no column {TORQUE}: judged by the motion alone, not by its energy")
@@ -80,58 +126,89 @@ def recording_of_csv(path: Path) -> Recording:
             " taken to hold"
         )
         torques = _held(torques)
-    steps = np.diff(times)
-    usual = steps[np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)]
-    # Samples that come in bursts may have no usual step.
-    period = float(np.mean(usual if usual.size else steps))
-    step = position_count(columns["position_rad"])
-    whole = _even(Part(times, columns["position_rad"], torques, None), period, notes)
-    return Recording(
-        period, parted(whole, period, notes), Knowledge(position_step=step), tuple(notes)
-    )
+    return Part(times, positions, torques, None), notes
 
 
-def _columns(path: Path) -> tuple[dict[str, Floats], list[str]]:
-    """The known columns as numbers; a cell that is empty or nan is NaN."""
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        reader = csv.reader(file)
-        header = [name.strip() for name in next(reader, [])]
-        absent = [name for name in NEEDED if name not in header]
-        if absent:
-            found = ", ".join(header[:8]) if any(header) else "nothing"
-            raise UserError(
-                f"LOG {path}: its first line has no column {' and no '.join(absent)}, found"
-                f" {found[:200]}; wanted a CSV with {', '.join(NEEDED)} and, if known, {TORQUE},"
-                f" or a {SUFFIX} file"
-            )
-        names = [name for name in (*NEEDED, TORQUE) if name in header]
-        places = [header.index(name) for name in names]
-        rows = list(_numbers(path, reader, places, names))
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(names))
-    dated = np.isfinite(table[:, 0])
+def _ordered(times: Floats) -> NDArray[np.bool_]:
+    """Which samples lie after all before."""
+    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+
+
+def _going_on(times: Floats) -> tuple[Floats, list[str]]:
+    """Times of recordings that each begin anew as one: each one second after the one before."""
     notes = []
-    if not dated.all():
-        notes.append(f"{np.count_nonzero(~dated)} rows have no time and are left out")
-    return dict(zip(names, table[dated].T, strict=True)), notes
+    for _ in range(_MOST_RECORDINGS):
+        anew = _begin_anew(times)
+        if anew.size == 0:
+            break
+        at = int(anew[0])
+        before = float(np.max(times[:at]))
+        notes.append(
+            f"time goes back from {seconds(before)} to {seconds(times[at])} s: taken for another"
+            " recording, one second after the one before"
+        )
+        times = np.concatenate([times[:at], times[at:] + (before + _JOINT_S - times[at])])
+    return times, notes
 
 
-def _numbers(
-    path: Path, reader: Iterator[list[str]], places: list[int], names: list[str]
-) -> Iterator[list[float]]:
-    for line, row in enumerate(reader, 2):
-        if not row:
+def _begin_anew(times: Floats) -> NDArray[np.intp]:
+    """Where times go back and then go on evenly, still behind what was before: they do not jump."""
+    if times.size <= LEAST:
+        return np.empty(0, np.intp)
+    latest = np.maximum.accumulate(times)
+    backs = np.concatenate([[0], np.cumsum(np.diff(times) <= 0.0)])  # before each sample
+    at = np.flatnonzero(np.diff(backs) > 0) + 1
+    at = at[at + LEAST <= times.size]
+    goes_on = backs[at + LEAST - 1] == backs[at]
+    anew: NDArray[np.intp] = at[goes_on & (times[at + LEAST - 1] <= latest[at - 1])]
+    return anew
+
+
+def _gaps(times: Floats, found: list[Stretch]) -> Iterator[str]:
+    """What is to be said of the gaps between stretches, and of those that are too short."""
+    gaps = [(times[a.end - 1], times[b.start]) for a, b in pairwise(found)]
+    yield from (gap_text(start, end) for start, end in gaps[:MOST_TOLD])
+    if len(gaps) > MOST_TOLD:
+        yield f"there are {len(gaps) - MOST_TOLD} more such gaps"
+    short = [stretch for stretch in found if stretch.size < LEAST]
+    yield from (short_text(s.size, times[s.start]) for s in short[:MOST_TOLD])
+    if len(short) > MOST_TOLD:
+        lost = sum(stretch.size for stretch in short[MOST_TOLD:])
+        yield f"there are {lost} more samples in stretches that are too short"
+
+
+def _alike(found: list[Stretch]) -> Iterator[list[Stretch]]:
+    """Stretches that follow each other at one rate."""
+    group: list[Stretch] = []
+    for stretch in found:
+        if group and abs(stretch.period - group[0].period) > _SAME * group[0].period:
+            yield group
+            group = []
+        group.append(stretch)
+    if group:
+        yield group
+
+
+def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
+    """The parts in pieces of bounded size, and from when on each piece is new [s]."""
+    held: list[Part] = []
+    samples = 0
+    for part in parts:
+        samples += part.times.size
+        if held and samples > WINDOW:
+            yield tuple(held), -math.inf
+            held, samples = [], part.times.size
+        if part.times.size <= WINDOW:
+            held.append(part)
             continue
-        values = []
-        for place, name in zip(places, names, strict=True):
-            text = row[place].strip() if place < len(row) else ""
-            try:
-                values.append(float(text) if text else math.nan)
-            except ValueError:
-                raise UserError(
-                    f"LOG {path}: line {line}, column {name}: found {text[:40]!r}, wanted a number"
-                    " or an empty cell"
-                ) from None
-        yield values
+        samples = 0
+        for start in range(0, part.times.size, WINDOW):
+            since_s = float(part.times[start]) if start else -math.inf
+            again = int(np.searchsorted(part.times, since_s - BEFORE_S))
+            again = max(again, start - WINDOW, 0)
+            yield (cut(part, again, start + WINDOW),), since_s
+    if held:
+        yield tuple(held), -math.inf
 
 
 def _even(whole: Part, period: float, notes: list[str]) -> Part:

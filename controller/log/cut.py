@@ -27,7 +27,7 @@ def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) ->
     Raises:
         OSError: The file cannot be written.
     """
-    metadata = rows.log.metadata
+    metadata = rows.metadata
     cut: dict[str, Any] = {"log": name, "from_s": from_s, "to_s": to_s}
     if "cut" in metadata:
         cut["earlier"] = metadata["cut"]

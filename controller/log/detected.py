@@ -18,6 +18,8 @@ SLICES = 2500
 """Into so many slices a picture parts what it draws; of each what is extreme is kept."""
 _WHOLE = 4 * SLICES
 _NOTES = 20
+_DRAWN = 200
+"""Stretches in a picture: each takes time to draw"""
 
 
 @dataclass(slots=True)
@@ -43,7 +45,7 @@ class Detected:
     parts: int = 0
     notes: list[str] = field(default_factory=list)
     drawn: list[tuple[Part, DetectionRecord]] = field(default_factory=list)
-    """What a picture is drawn from"""
+    """What a picture is drawn from, of so many stretches"""
 
 
 def detect_all(recordings: Iterable[Recording], given: Mapping[str, float | None]) -> Detected:
@@ -71,6 +73,8 @@ def detect_all(recordings: Iterable[Recording], given: Mapping[str, float | None
         more += len(new[room:])
         for part in recording.parts:
             _see(detected, recording, part, known)
+    if detected.parts > _DRAWN:
+        detected.notes.append(f"a picture shows the first {_DRAWN} stretches")
     if more:
         detected.notes.append(f"there are {more} more such notes")
     return detected
@@ -108,9 +112,10 @@ def _see(detected: Detected, recording: Recording, part: Part, known: dict[str, 
         detected.first_alarm_s = record.first_alarm_s
     if part.times.size > _WHOLE:
         part, record = _taken(part, record, _telling(part, record, SLICES // recording.of + 1))
-    if goes_on and detected.drawn:
+    if goes_on and detected.drawn and detected.parts <= _DRAWN:
         part, record = _joined(detected.drawn.pop(), (part, record))
-    detected.drawn.append((part, record))
+    if len(detected.drawn) < _DRAWN:
+        detected.drawn.append((part, record))
 
 
 def _taken(

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
-from controller.log.blocks import encoded
-from controller.log.reader import FORMAT, SUFFIX, Damage, LogReader
+from controller.log.blocks import MOST_BYTES, encoded
+from controller.log.reader import FORMAT, SUFFIX, Head, LogReader
 from controller.whole_file import Beside
 
 __all__ = ["SUFFIX", "LogWriter", "append_end", "identity", "read_log"]
@@ -114,7 +114,7 @@ class LogWriter:
         return log
 
     def append(self, rows: NDArray[np.void]) -> None:
-        """Write a block of rows, shape (n,); none writes nothing.
+        """Write rows, shape (n,), in blocks that a reader takes; none writes nothing.
 
         Raises:
             OSError: It could not be written (a full disk) or put in its place; the file is what it
@@ -122,8 +122,10 @@ class LogWriter:
         """
         if not len(rows):
             return
+        most = MOST_BYTES // self._dtype.itemsize
         with _all_or_nothing(self._file):
-            self._write(rows.astype(self._dtype, copy=False))
+            for start in range(0, len(rows), most):
+                self._write(rows[start : start + most].astype(self._dtype, copy=False))
             if self._beside is not None:
                 self._beside.place()
                 self._beside = None
@@ -253,7 +255,8 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
         path: A file written by ``LogWriter``.
 
     Returns:
-        The metadata, and all rows, shape (n,); of no field where no block was written.
+        The metadata, and all rows as they are in the file, shape (n,); of no field where no block
+        was written.
 
     Raises:
         LogFormatError: The file is not a log of ours.
@@ -262,13 +265,16 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
     log = LogReader(path)
     blocks: list[NDArray[np.void]] = []
     for piece in log.pieces():
-        if isinstance(piece, Damage):
-            log.warn(piece)
-        elif isinstance(piece, np.ndarray):
+        if isinstance(piece, np.ndarray):
             blocks.append(piece)
+        elif isinstance(piece, Head):
+            raise LogFormatError(f"{path}: another log is joined to it; part them with --cut")
+        else:
+            log.warn(piece)
     return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
 
 
 def _json(content: Mapping[str, Any]) -> NDArray[np.uint8]:
     text = json.dumps(content, ensure_ascii=False, allow_nan=False)
-    return np.frombuffer(text.encode(), np.uint8)
+    # A log's metadata are kept when it is cut, though no text of ours has half a character.
+    return np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)

@@ -38,7 +38,7 @@ def write_mcap(path: Path, rows: LogRows) -> None:
             name="haptic_wall.Row", encoding="jsonschema", data=json.dumps(_schema()).encode()
         )
         channel = writer.register_channel(topic=TOPIC, message_encoding="json", schema_id=schema)
-        metadata = json.dumps(rows.log.metadata, ensure_ascii=False).encode()
+        metadata = json.dumps(dict(rows.metadata)).encode()
         writer.add_attachment(0, 0, METADATA, "application/json", metadata)
         for block in rows.blocks():
             times = (block["deadline_ns"] - rows.origin_ns).tolist()

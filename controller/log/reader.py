@@ -2,100 +2,89 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.errors import LogFormatError
-from controller.log.blocks import Block, block_at, last_block, next_magic
-from controller.log.plausible import plausible
+from controller.log.blocks import Block, block_at, last_block, next_begin
+from controller.log.content import FORMAT, from_json, is_ours, judged, refused
+from controller.log.order import in_order
+from controller.log.pieces import Damage, End, Head, Misplaced, Piece, said_of
+from controller.printable import in_line
+from controller.regular_file import opened
+
+__all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Head", "LogReader", "Misplaced", "Piece"]
 
 SUFFIX = ".hwlog"
-FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
-"""What the metadata of every log begins with; those of before have no checksums, and say so by
-having no ``checksum``."""
-
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class Damage:
-    """Bytes that hold no intact block."""
-
-    start: int
-    """Where in the file [bytes]"""
-    size: int
-    """[bytes]"""
-    last: bool
-    """Nothing follows: the end was cut off, or is being written"""
-
-
-@dataclass(frozen=True, slots=True)
-class End:
-    """How the run ended, as its own program has written it."""
-
-    ended: dict[str, Any]
-
-
-Piece = NDArray[np.void] | Damage | End
+BEGINS_WITHIN = 1 << 26
+"""A log whose metadata are damaged is known by an intact block of rows among so many bytes."""
+_LOOKED = 1 << 20
+"""Bytes in which a block must begin for a file of another name to be a log"""
+_AGAIN = 4
+"""How often what looks like a block, and is none, may lead over the bytes of a file again..."""
+_AGAIN_BYTES = 1 << 26
+"""...and this in a small one [bytes]; then the rest is damage"""
+_LEAST_LOOK = 1 << 12
+"""What every such look counts as at least [bytes]"""
 
 
 class LogReader:
     """A log, read block by block in memory that does not grow with it.
 
+    Bounds: 16 MB a block, 4 MB of metadata, and time in proportion to what is on the disk.
+
     Args:
         path: A file written by ``LogWriter``.
 
     Attributes:
+        path: See above.
         metadata: What the rows belong to; empty where that part of the file is damaged.
 
     Raises:
         LogFormatError: The file is not a log of ours.
-        OSError: It cannot be read.
+        OSError: It cannot be read, or is no regular file.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self._start = 0
         self._checked = True
         self.metadata: dict[str, Any] = {}
-        with path.open("rb") as file:
+        with opened(path) as file:
             size = _size(file)
-            head = block_at(file, 0, size, checked=False)
-            metadata = _from_json(head.array) if head is not None else None
-            if head is not None and metadata is not None and _is_ours(metadata):
+            head = block_at(file, 0, size)
+            metadata = from_json(head.array) if head is not None else None
+            if head is not None and metadata is not None and is_ours(metadata):
                 self._start = head.end
                 self.metadata = metadata
                 self._checked = "checksum" in metadata
-            elif not any(isinstance(piece, np.ndarray) for piece in _pieces(file, 0, size, True)):
+                _refuse_later(path, metadata)
+            elif not _has_rows(path, file, min(size, BEGINS_WITHIN)):
                 raise LogFormatError(
                     f"{path} is not a log of haptic-wall: it does not begin with one's metadata; "
                     f"wanted a {SUFFIX} file"
                 )
-        version = self.metadata.get("version", FORMAT["version"])
-        if version != FORMAT["version"]:
-            raise LogFormatError(
-                f"{path} is a log of format version {version}, this program reads "
-                f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
-            )
 
     def pieces(self) -> Iterator[Piece]:
-        """What is in the file, in its order: blocks of rows, damage between them, the end.
+        """What is in the file, in its order: rows, what is wrong between them, ends.
 
-        May be asked for any number of times; a file that grows is read to where it ended then.
+        Rows come in their order: what stands behind later ones, or twice, is left out and told. May
+        be asked for any number of times; a file that grows is read to where it ended then.
 
         Raises:
+            LogFormatError: A log of another version is joined to this one.
             OSError: It cannot be read.
         """
-        with self._path.open("rb") as file:
-            yield from _pieces(file, self._start, _size(file), self._checked)
+        with opened(self.path) as file:
+            yield from in_order(_pieces(self.path, file, self._start, _size(file), self._checked))
 
     def last(self) -> Block | None:
         """The last intact block of rows, found from the end; None: there is none.
@@ -103,7 +92,7 @@ class LogReader:
         Raises:
             OSError: It cannot be read.
         """
-        with self._path.open("rb") as file:
+        with opened(self.path) as file:
             return last_block(file, self._start, _size(file), self._checked)
 
     @property
@@ -111,67 +100,79 @@ class LogReader:
         """Where what follows the metadata begins [bytes]."""
         return self._start
 
-    def warn(self, damage: Damage) -> None:
-        """Say in the program's log what was skipped."""
-        if damage.last:
-            _logger.warning(
-                "%s: the last %d bytes are not a complete block and were skipped; the run that "
-                "wrote them was cut off",
-                self._path,
-                damage.size,
-            )
-        else:
-            _logger.warning(
-                "%s: %d bytes from byte %d on are damaged and were skipped",
-                self._path,
-                damage.size,
-                damage.start,
-            )
+    def warn(self, piece: Piece) -> None:
+        """Say in the program's log what is wrong there, if anything is."""
+        for text in said_of(piece):
+            _logger.warning("%s: %s", self.path, text)
 
 
-def _pieces(file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
+def is_log(path: Path) -> bool:
+    """Whether a file is a log by what it holds, or, where its begin is damaged, by its name.
+
+    Raises:
+        OSError: It cannot be read, or is no regular file.
+    """
+    with opened(path) as file:
+        looked = min(_size(file), _LOOKED)
+        return path.suffix == SUFFIX or next_begin(file, 0, looked) < looked
+
+
+def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
+    """What is in the file, in its order.
+
+    Args:
+        path: Its name, for messages.
+        file: Open for reading.
+        start: Where to begin [bytes].
+        size: Where to end [bytes].
+        checked: Whether blocks carry checksums.
+    """
     dtype: np.dtype[np.void] | None = None
-    damaged: int | None = None
+    damage: Damage | None = None
+    written = min(size, os.fstat(file.fileno()).st_blocks * 512)
+    may_look = _AGAIN * written + _AGAIN_BYTES
     while start < size:
-        block = block_at(file, start, size, checked)
-        piece: Piece | None = None
-        if block is not None and block.array.dtype.names is None:
-            ended = _from_json(block.array)
-            piece = End(ended) if ended is not None else None
-        elif (
-            block is not None
-            and dtype in (None, block.array.dtype)
-            and (checked or plausible(block.array))
-        ):
-            piece = block.array
-            dtype = block.array.dtype
+        block = block_at(file, start, size)
+        looked = file.tell() - start
+        if block is not None and dtype is None and (why := refused(block)) is not None:
+            raise LogFormatError(f"{path}: {why}; read it with the haptic-wall that wrote it")
+        piece, why = judged(block, dtype, checked) if block is not None else (None, None)
         if block is None or piece is None:
-            damaged = start if damaged is None else damaged
-            start = next_magic(file, start + 1, size)
+            may_look -= max(looked, _LEAST_LOOK)
+            damage = damage or Damage(start, 0, last=False, why=why)
+            # The shape of a block whose checksums are right is known.
+            after = start + 1 if block is None or not block.summed else block.end
+            start = next_begin(file, after, size)
+            if may_look < 0:
+                why = "too much in them looks like the beginning of a block"
+                damage, start = Damage(damage.start, 0, last=False, why=why), size
             continue
-        if damaged is not None:
-            yield Damage(damaged, start - damaged, last=False)
-            damaged = None
+        if damage is not None:
+            yield Damage(damage.start, start - damage.start, last=False, why=damage.why)
+            damage = None
+        if isinstance(piece, Head):
+            _refuse_later(path, piece.metadata)
+            dtype, checked = None, "checksum" in piece.metadata
+        elif isinstance(piece, np.ndarray):
+            dtype = piece.dtype
         yield piece
         start = block.end
-    if damaged is not None:
-        yield Damage(damaged, size - damaged, last=True)
+    if damage is not None:
+        yield Damage(damage.start, size - damage.start, last=True, why=damage.why)
+
+
+def _has_rows(path: Path, file: BinaryIO, size: int) -> bool:
+    return any(isinstance(piece, np.ndarray) for piece in _pieces(path, file, 0, size, True))
+
+
+def _refuse_later(path: Path, metadata: Mapping[str, Any]) -> None:
+    version = metadata.get("version", FORMAT["version"])
+    if version != FORMAT["version"]:
+        raise LogFormatError(
+            f"{path} is a log of format version {in_line(str(version), 20)}, this program reads "
+            f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
+        )
 
 
 def _size(file: BinaryIO) -> int:
     return os.fstat(file.fileno()).st_size
-
-
-def _is_ours(metadata: Mapping[str, Any]) -> bool:
-    return metadata.get("format") == FORMAT["format"]
-
-
-def _from_json(array: NDArray[Any]) -> dict[str, Any] | None:
-    """The object that an array of bytes holds; None: it holds none."""
-    if array.dtype != np.uint8:
-        return None
-    try:
-        content = json.loads(array.tobytes())
-    except (ValueError, RecursionError):
-        return None
-    return content if isinstance(content, dict) else None

@@ -6,8 +6,7 @@ A gap parts the record, since nobody knows what happened in it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,8 @@ LEAST = 10
 """Samples that are worth a look."""
 GAP = 10
 """Periods without a sample from which on the record is in parts."""
+MOST_TOLD = 5
+"""Gaps, and short stretches, that are told one by one"""
 _ON_COUNTS = 0.02
 """Share of a count within which all steps of a counted position are whole ones."""
 
@@ -83,32 +84,50 @@ def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
     """The record cut where samples are missing for long."""
     seen = np.flatnonzero(np.isfinite(whole.positions))
     breaks = np.flatnonzero(np.diff(whole.times[seen]) > GAP * period)
-    for at in breaks:
+    for at in breaks[:MOST_TOLD]:
         start, end = whole.times[seen[at]], whole.times[seen[at + 1]]
-        if at in breaks[:5]:
-            notes.append(
-                f"nothing is known from {start:.6g} to {end:.6g} s: looked at anew from there on"
-            )
-    if breaks.size > 5:
-        notes.append(f"there are {breaks.size - 5} more such gaps")
-    edges = [0, *(int(seen[at + 1]) for at in breaks), whole.times.size]
-    parts = []
-    for begin, end in pairwise(edges):
-        inside = seen[(seen >= begin) & (seen < end)]
-        if inside.size < LEAST:
-            notes.append(f"{inside.size} samples from {whole.times[begin]:.6g} s on are too few")
-            continue
-        cut = slice(int(inside[0]), int(inside[-1]) + 1)
-        parts.append(
-            replace(
-                whole,
-                times=whole.times[cut],
-                positions=whole.positions[cut],
-                torques=None if whole.torques is None else whole.torques[cut],
-                stiffness=None if whole.stiffness is None else whole.stiffness[cut],
-            )
-        )
-    return tuple(parts)
+        notes.append(gap_text(start, end))
+    if breaks.size > MOST_TOLD:
+        notes.append(f"there are {breaks.size - MOST_TOLD} more such gaps")
+    edges = np.concatenate([[0], breaks + 1, [seen.size]])
+    short = edges[1:] - edges[:-1] < LEAST
+    for start, end in zip(edges[:-1][short][:MOST_TOLD], edges[1:][short], strict=False):
+        since = whole.times[seen[start]] if start < seen.size else whole.times[0]
+        notes.append(short_text(end - start, since))
+    if np.count_nonzero(short) > MOST_TOLD:
+        lost = int((edges[1:] - edges[:-1])[short][MOST_TOLD:].sum())
+        notes.append(f"there are {lost} more samples in stretches that are too short")
+    return tuple(
+        cut(whole, int(seen[start]), int(seen[end - 1]) + 1)
+        for start, end in zip(edges[:-1][~short], edges[1:][~short], strict=True)
+    )
+
+
+def seconds(moment_s: float) -> str:
+    """A moment [s] for a sentence, to a tenth of a millisecond however late it is."""
+    return f"{round(float(moment_s), 4):.14g}"
+
+
+def gap_text(start_s: float, end_s: float) -> str:
+    """What is to be said of a gap between two moments [s]."""
+    since, until = seconds(start_s), seconds(end_s)
+    return f"nothing is known from {since} to {until} s: looked at anew from there on"
+
+
+def short_text(samples: int, since_s: float) -> str:
+    """What is to be said of samples that are left out; the first of them at ``since_s`` [s]."""
+    return f"{samples} samples from {seconds(since_s)} s on are too few"
+
+
+def cut(whole: Part, start: int, end: int) -> Part:
+    """The samples from ``start`` up to, but without, ``end``."""
+    inside = slice(start, end)
+    return Part(
+        whole.times[inside],
+        whole.positions[inside],
+        None if whole.torques is None else whole.torques[inside],
+        None if whole.stiffness is None else whole.stiffness[inside],
+    )
 
 
 def position_count(positions: Floats) -> float:

@@ -1,15 +1,20 @@
-"""A stretch of a log, block by block: the rows between two instants, and the damage among them."""
+"""A stretch of a log, block by block: the rows between two instants, and what is wrong there."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.log.reader import Damage, LogReader, Piece
+from controller.errors import LogFormatError
+from controller.log.pieces import End, Head, Piece
+from controller.log.reader import LogReader
+from controller.log.todays import todays
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,67 +26,105 @@ class Stretch:
 
 
 WHOLE = Stretch()
+JOINT_NS = 1_000_000_000
+"""A log that is joined to another goes on so long after it, whenever it was written [ns]"""
 
-
+_MOST_LOGS = 100
+"""Logs in one file"""
+_LAST_NS = 1 << 62
 _GATHERED = 8192
 """Rows that are worth a look at a time: a recorder's blocks are a few hundred"""
 
 
 @dataclass(frozen=True, slots=True)
 class LogRows:
-    """The rows of a run's log within a stretch; may be gone through any number of times."""
+    """The rows of a run's log within a stretch; may be gone through any number of times.
+
+    Where logs are joined in one file, the time of each goes on from the one before.
+    """
 
     log: LogReader
     origin_ns: int
     """Deadline of the log's first row [ns]; 0 where there is none"""
+    metadata: Mapping[str, Any]
+    """Of the log that they are from, the first where logs are joined"""
     stretch: Stretch = WHOLE
+    watched: bool = True
+    """Its rows say what the oscillation detector saw; the first logs had none"""
 
     @classmethod
     def of(cls, log: LogReader, stretch: Stretch = WHOLE) -> LogRows:
-        """Those of a log, whose first row tells where the time is 0."""
-        for piece in log.pieces():
-            if isinstance(piece, np.ndarray) and len(piece):
-                return cls(log, int(piece["deadline_ns"][0]), stretch)
-        return cls(log, 0, stretch)
+        """Those of a log, whose first row tells where the time is 0.
 
-    def started_at(self) -> float:
-        """The first position of the run [rad]; NaN: the log's begin is cut off or damaged."""
-        for piece in self.log.pieces():
-            if not isinstance(piece, np.ndarray):
-                break
-            if len(piece) and (known := piece["position"][np.isfinite(piece["position"])]).size:
-                return float(known[0]) if "cut" not in self.log.metadata else math.nan
-        return math.nan
+        Raises:
+            LogFormatError: They are not a run's.
+        """
+        for piece in log.pieces():
+            if isinstance(piece, np.ndarray):
+                first = todays(piece[:1], log.path)
+                watched = "oscillation" in (piece.dtype.names or ())
+                return cls(log, int(first["deadline_ns"][0]), log.metadata, stretch, watched)
+        return cls(log, 0, log.metadata, stretch)
 
     def blocks(self) -> Iterator[NDArray[np.void]]:
         """Blocks of rows, shape (n,), n > 0."""
         return (piece for piece in self.pieces() if isinstance(piece, np.ndarray))
 
     def pieces(self) -> Iterator[Piece]:
-        """Blocks of rows, damage that borders on rows of the stretch, and the end if it reaches it.
+        """Blocks of rows, what is wrong beside rows of the stretch, and ends that it reaches.
 
-        Damage that nothing intact precedes or follows belongs to any stretch.
+        What is wrong where nothing intact precedes or follows belongs to any stretch. Before the
+        rows of another log, which is joined to the first one, comes its ``Head``.
         """
-        damage: Damage | None = None
+        held: list[Piece] = []  # until rows follow that are in the stretch
         inside = self.stretch.start_s == -math.inf
-        for piece in self.log.pieces():
-            if isinstance(piece, Damage):
-                if inside:
-                    yield piece
-                else:
-                    damage = piece
-            elif isinstance(piece, np.ndarray):
+        for piece in self._in_one_time():
+            if isinstance(piece, np.ndarray):
                 rows, past = self._within(piece)
                 if len(rows):
-                    if damage is not None and len(rows) == len(piece):
-                        yield damage
+                    if len(rows) < len(piece):
+                        held = [*(other for other in held if isinstance(other, Head))]
+                    yield from held
                     inside = True
                     yield rows
-                damage = None
+                    held = []
+                else:
+                    held = [*(other for other in held if isinstance(other, Head))]
                 if past:
                     return
+            elif isinstance(piece, Head):
+                held = [piece]
             elif inside:
+                yield from held
+                held = []
                 yield piece
+            elif not isinstance(piece, End):
+                held.append(piece)
+
+    def _in_one_time(self) -> Iterator[Piece]:
+        """All pieces of the file; rows as today's, those of a joined log after those before it."""
+        shift_ns = logs = 0
+        last_ns: int | None = None
+        joined = False
+        for piece in self.log.pieces():
+            if isinstance(piece, np.ndarray):
+                rows = todays(piece, self.log.path)
+                if joined and last_ns is not None:
+                    shift_ns = last_ns + JOINT_NS - int(rows["deadline_ns"][0])
+                joined = False
+                rows = _shifted(rows, shift_ns, self.log.path)
+                last_ns = int(rows["deadline_ns"][-1])
+                yield rows
+                continue
+            if isinstance(piece, Head):
+                joined = True
+                logs += 1
+                if logs >= _MOST_LOGS:
+                    raise LogFormatError(
+                        f"{self.log.path}: found more than {_MOST_LOGS} logs joined in one file;"
+                        " wanted fewer"
+                    )
+            yield piece
 
     def _within(self, block: NDArray[np.void]) -> tuple[NDArray[np.void], bool]:
         """The block's rows in the stretch, and whether the log has gone past it."""
@@ -92,6 +135,19 @@ class LogRows:
         after = time >= self.stretch.start_s - 5e-10
         before = time < self.stretch.end_s - 5e-10
         return block[after & before], bool(len(time)) and not bool(before[-1])
+
+
+def _shifted(rows: NDArray[np.void], shift_ns: int, path: Path) -> NDArray[np.void]:
+    if shift_ns == 0:
+        return rows
+    if int(rows["deadline_ns"][-1]) + shift_ns > _LAST_NS:
+        raise LogFormatError(
+            f"{path}: found logs of more than 146 years in all, wanted shorter ones"
+        )
+    moved = rows.copy()
+    moved["deadline_ns"] += shift_ns
+    moved["sampled_ns"] += shift_ns
+    return moved
 
 
 def gathered(pieces: Iterable[Piece]) -> Iterator[Piece]:

@@ -37,7 +37,7 @@ def windows(blocks: Iterable[NDArray[np.void]]) -> Iterator[Window]:
             rows = np.concatenate(held)
             yield Window(rows, seen)
             since = rows["deadline_ns"][-1] - round(BEFORE_S * 1e9)
-            again = rows[rows["deadline_ns"] > since].copy()
+            again = rows[-WINDOW:][rows["deadline_ns"][-WINDOW:] > since].copy()
             del rows  # not to be held beside the next
             held, seen, new = [again], len(again), 0
         held.append(block)

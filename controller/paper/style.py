@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from controller.file_kinds import SOFTWARE
+from controller.printable import in_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +70,21 @@ def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Fig
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
-        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+        with any_writing():
+            figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+
+
+@contextmanager
+def any_writing() -> Iterator[None]:
+    """While a picture is written: a letter that the font has not is a box, and no warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
+
+
+def titled(name: str) -> str:
+    """A name of anybody's for a title: in one line, and no formula whatever is in it."""
+    return in_line(name).replace("$", r"\$")
 
 
 def grid(ax: Axes) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.experiments.loop_delay import DelayPoint, LoopDelay
 from controller.experiments.step_fit import DECAY, caused, shapes
-from controller.paper.style import GREY, INK, PAGE, grid, picture, shades
+from controller.paper.style import GREY, INK, PAGE, grid, picture, shades, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
     colours = shades(len(found.points))
     with picture(path, PAGE, 3.2) as figure:
         figure.suptitle(
-            f"{name}: delay from sample to motion {1e3 * found.total.value:.3f} ±"
+            f"{titled(name)}: delay from sample to motion {1e3 * found.total.value:.3f} ±"
             f" {1e3 * found.total.stderr:.3f} ms",
             fontsize=8.5,
             ha="left",

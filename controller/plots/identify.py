@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.experiments.identification import Identified, whole_motion
 from controller.experiments.identify_text import row_text
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
+from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,4 +72,4 @@ def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:
 def _title(found: Identified, name: str) -> str:
     rows = [row_text(found, key) for key in ("inertia", "damping", "coulomb", "delay")]
     left = f"residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding alone"
-    return f"{name}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"
+    return f"{titled(name)}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"

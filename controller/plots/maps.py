@@ -17,6 +17,7 @@ from controller.paper.style import (
     grid,
     picture,
     shades,
+    titled,
 )
 from controller.theory import critical_stiffness, linear_limit, max_virtual_damping, one_sided_limit
 from controller.theory.checks import FloatArray
@@ -208,7 +209,7 @@ def _title(found: CriticalMap, name: str) -> str:
     if servo.torque_limit < _LARGE:
         limits.append(f"torque limit {servo.torque_limit:.3g} N·m")
     unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
-    return f"{name}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
+    return f"{titled(name)}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
         "   ".join(parts) for parts in (device, limits)
     )
 

@@ -11,7 +11,7 @@ from controller.experiments.contact_transient import Contact
 from controller.experiments.drag import Drag
 from controller.experiments.rendering import Rendering
 from controller.experiments.static_stiffness import StaticStiffness
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
+from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
     """
     with picture(path, PAGE, 2.8) as figure:
         figure.suptitle(
-            f"{name}: commanded K = {found.stiffness:.4g} N·m/rad,"
+            f"{titled(name)}: commanded K = {found.stiffness:.4g} N·m/rad,"
             f" B = {found.damping:.3g} N·m·s/rad",
             fontsize=8.5,
             ha="left",

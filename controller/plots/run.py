@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from controller.errors import LogFormatError
 from controller.file_kinds import SOFTWARE
 from controller.log.rows import LogRows
+from controller.paper.style import any_writing, titled
 from controller.plots import run_panels
 from controller.plots.dense_picture import in_pieces
 from controller.plots.sketch import Sketch, sketched
@@ -36,7 +37,7 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
     """
     count = sum(len(block) for block in rows.blocks())
     sketch = sketched(rows.blocks(), count, rows.origin_ns)
-    plot_run(sketch, rows.log.metadata, path, stop_reason)
+    plot_run(sketch, rows.metadata, path, stop_reason)
 
 
 def plot_run(
@@ -71,7 +72,8 @@ def plot_run(
     figure = Figure(figsize=(11, 1.1 * sum(heights)), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
-    title = _title(run, str(metadata.get("name", "run")), stop_reason or "")
+    name = metadata.get("name")
+    title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
     figure.suptitle(title, fontsize=12, ha="left", x=0.01)
     for (panel, _), ax in zip(panels, axes, strict=True):
         panel(ax, run)
@@ -93,7 +95,7 @@ def plot_run(
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
     figure.align_ylabels(axes)
-    with in_pieces():
+    with in_pieces(), any_writing():
         figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 
@@ -118,7 +120,7 @@ def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
 def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
     wall, servo = run.config.wall, run.config.servo
     what = servo.model or f"{servo.kind} servo"
-    where = f" at {servo.port}" if servo.port and servo.kind == "hardware" else ""
+    where = f" at {titled(servo.port)}" if servo.port and servo.kind == "hardware" else ""
     if servo.kind == "emulated":
         where = ", emulated"
     last = run.rows[-1]
@@ -135,8 +137,8 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
     if not run.on.any():
         parts = ["the wall was never on"]
     trip = stop_reason.removeprefix("trip:") if stop_reason.startswith("trip:") else ""
-    ended = f", ENDED BY A SAFETY TRIP: {trip}" if trip else ""
-    return f"{name}: {what}{where}{ended}\n" + "   ".join(parts)
+    ended = f", ENDED BY A SAFETY TRIP: {titled(trip)}" if trip else ""
+    return f"{titled(name)}: {what}{where}{ended}\n" + "   ".join(parts)
 
 
 def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:

@@ -19,6 +19,7 @@ from controller.paper.style import (
     grid,
     picture,
     shades,
+    titled,
 )
 from controller.theory.checks import FloatArray
 
@@ -128,6 +129,6 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
 
 def _title(device: Device, name: str) -> str:
     return (
-        f"{name}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
+        f"{titled(name)}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
         f" $b$ {device.damping:.3g} N·m·s/rad, Coulomb friction {device.coulomb:.3g} N·m"
     )

@@ -78,7 +78,7 @@ class Config(Section):
             silence_s = min(safety["max_losses_in_row"] / rate_hz, SILENCE_SHARE * watchdog_s)
             if not silence_s > 0.0:
                 return found
-        except (TypeError, AttributeError, ZeroDivisionError):
+        except (TypeError, AttributeError, ArithmeticError):
             return found  # something is wrong with it: it is named as unknown
         rest = {name: value for name, value in safety.items() if name != "max_losses_in_row"}
         return {**found, "safety": {"max_silence_s": silence_s, **rest}}

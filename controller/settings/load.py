@@ -12,7 +12,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from controller import regular_file
 from controller.errors import ConfigError, UserError
+from controller.printable import in_line
 from controller.settings import yaml_text as config_yaml
 from controller.settings.config import OLD_NAMES, Config
 from controller.settings.fields import fields, sections
@@ -20,8 +22,10 @@ from controller.settings.rules import BrokenRulesError, Problem
 from controller.settings.servo import IN_WORDS
 
 DEFAULT_PRESET = "simulated"
-_MOST_BYTES = 2**20
-"""No configuration is longer; a device such as /dev/zero never ends"""
+MOST_BYTES = 2**16
+"""No configuration is longer; this much of the worst YAML takes a second or two."""
+_MOST_HINTS = 20
+"""Unknown keys that come with a suggestion: to look for one takes time"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +139,7 @@ def _read(source: str) -> tuple[str, str]:
         return text, f"preset {source}"
     path = Path(source)
     try:
-        with path.open("rb") as stream:
-            held = stream.read(_MOST_BYTES + 1)
-        if len(held) > _MOST_BYTES:
-            raise UserError(
-                f"CONFIG {source}: found more than {_MOST_BYTES} bytes, wanted a YAML file"
-            )
-        return held.decode("utf-8"), str(path)
+        return regular_file.content(path, MOST_BYTES).decode("utf-8"), str(path)
     except FileNotFoundError:
         raise UserError(
             f"CONFIG {source}: no such preset or file{_did_you_mean(source, preset_names())}; "
@@ -167,9 +165,10 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     try:
         Config.model_validate(pruned, context={"unusable": unusable})
     except ValidationError as error:
-        problems += [p for p in _problems(error, pruned) if p not in problems]
-    order = list(fields())
-    problems.sort(key=lambda p: order.index(p.path) if p.path in order else -1)
+        known = set(problems)
+        problems += [p for p in _problems(error, pruned) if p not in known]
+    order = {path: place for place, path in enumerate(fields())}
+    problems.sort(key=lambda p: order.get(p.path, -1))
     return None, problems
 
 
@@ -183,7 +182,7 @@ def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
         where = [str(step) for step in detail["loc"]]
         if detail["type"] in ("extra_forbidden", "invalid_key"):
             path = ".".join(where)
-            found[path] = Problem(path, _unknown(where))
+            found[path] = Problem(path, _unknown(where) if len(found) < _MOST_HINTS else "unknown")
             continue
         path = ".".join(where[:2])
         if path not in found:
@@ -229,7 +228,7 @@ def _did_you_mean(found: str, known: Iterable[str], prefix: str = "") -> str:
 
 def _line(problem: Problem, origins: Mapping[str, str]) -> str:
     origin = " (from --set)" if origins.get(problem.path) == "--set" else ""
-    return f"{problem.path}{origin}: {problem.message}"
+    return f"{in_line(problem.path)}{origin}: {problem.message}"
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401

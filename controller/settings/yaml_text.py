@@ -12,6 +12,10 @@ from typing import Any
 import yaml
 
 from controller.errors import UserError
+from controller.printable import in_line
+
+MOST_VALUES = 10_000
+"""A configuration has a hundred; a few nested aliases stand for billions."""
 
 _WORDS = (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -27,27 +31,15 @@ _WORDS = (
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, with the words above; keys are texts, and none stands twice."""
+    """Plain data only, with the words above; keys are texts."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """As the base class, but a duplicate key is an error instead of the last one winning."""
-        seen: dict[str, int] = {}
-        for key, _ in node.value:
-            line = key.start_mark.line + 1
-            if isinstance(key, yaml.ScalarNode) and key.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None,
-                    None,
-                    f"the key {key.value} stands twice, in lines {seen[key.value]} and {line}: "
-                    "keep one",
-                    key.start_mark,
-                )
-            seen[str(key.value)] = line
+        """As the base class, but a name is a text: true, 1 and null too."""
         self.flatten_mapping(node)  # what << brings in is there by its own keys
         for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):  # a name is a text: true, 1 and null too
+            if isinstance(key, yaml.ScalarNode):
                 key.tag = "tag:yaml.org,2002:str"
         return super().construct_mapping(node, deep)
 
@@ -72,10 +64,11 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
         source: What it is, for the error message.
 
     Raises:
-        UserError: It is not YAML, or a key stands twice.
+        UserError: It is not YAML, a key stands twice, or its aliases stand for more than
+            ``MOST_VALUES`` values.
     """
     try:
-        return yaml.load(text, _Loader)  # a SafeLoader: plain data only
+        return _data(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"{source}: {_reason(error)}") from None
     except (LookupError, AttributeError):  # the library's, over !!bool abc and its like
@@ -83,6 +76,66 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
             f"{source}: found a tag (!!...) with a value that is none of its kind; leave the tag"
             " out"
         ) from None
+
+
+def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds
+    loader = _Loader(text)  # a SafeLoader: plain data only
+    try:
+        root = loader.get_single_node()
+        if root is None:
+            return None
+        _written_out(root, {})
+        return loader.construct_document(root)
+    finally:
+        loader.dispose()
+
+
+def _written_out(node: yaml.Node, counted: dict[int, int]) -> int:
+    """How many values a node stands for, each alias as often as it is used.
+
+    Args:
+        node: The node; no key stands twice in it, or in what it holds.
+        counted: The nodes that are counted already, by their id; 0: in the midst of it.
+    """
+    known = counted.get(id(node))
+    if known == 0:
+        raise _problem("an alias stands for what it is a part of: write the values out", node)
+    if known is not None:
+        return known
+    counted[id(node)] = 0
+    inner: list[yaml.Node] = []
+    if isinstance(node, yaml.MappingNode):
+        _refuse_twice(node)
+        inner = [part for pair in node.value for part in pair]
+    elif isinstance(node, yaml.SequenceNode):
+        inner = node.value
+    count = 1 + sum(_written_out(part, counted) for part in inner)
+    if count > MOST_VALUES:
+        raise _problem(
+            f"found more than {MOST_VALUES} values, those that aliases stand for counted each"
+            " time: wanted a configuration",
+            node,
+        )
+    counted[id(node)] = count
+    return count
+
+
+def _refuse_twice(node: yaml.MappingNode) -> None:
+    """Refuse a duplicate key, instead of the last one winning."""
+    seen: dict[str, int] = {}
+    for key, _ in node.value:
+        line = key.start_mark.line + 1
+        if isinstance(key, yaml.ScalarNode) and key.value in seen:
+            raise _problem(
+                f"the key {in_line(key.value)} stands twice, in lines {seen[key.value]} and {line}:"
+                " keep one",
+                key,
+            )
+        seen[str(key.value)] = line
+
+
+def _problem(text: str, node: yaml.Node) -> yaml.MarkedYAMLError:
+    return yaml.constructor.ConstructorError(None, None, text, node.start_mark)
 
 
 def _reason(error: Exception) -> str:

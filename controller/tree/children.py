@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from controller.signals import held_back
+
 KILLED_S = 2.0
 """How long a killed process may take to be gone [s]"""
 _DOING = {
@@ -25,9 +27,15 @@ _DOING = {
 """By the letter for a process's state in /proc"""
 
 
+_OF_THE_TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGTSTP)
+"""What the terminal sends to its foreground process group"""
+
+
 class Child:
     """A child process in a process group of its own, so that a Ctrl-C reaches only its parent.
 
+    One that comes while it is started, before it has left the terminal's group, is held back in it
+    for good, unless it lets it through.
     It inherits neither real-time scheduling nor a core by accident: it is placed on ``cores``.
 
     Args:
@@ -51,15 +59,17 @@ class Child:
         cores: set[int] | None = None,
     ) -> None:
         self.name = name
-        self._process = subprocess.Popen(
-            # -P: a folder "controller" where the user stands is not this program.
-            [sys.executable, "-P", "-m", *arguments],
-            stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            pass_fds=descriptors,
-            process_group=0,
-            bufsize=0,
-        )
+        with held_back(_OF_THE_TERMINAL):
+            self._process = subprocess.Popen(
+                # -P: a folder "controller" where the user stands is not this program.
+                [sys.executable, "-P", "-m", *arguments],
+                stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                pass_fds=descriptors,
+                process_group=0,
+                bufsize=0,
+                env={**os.environ, "PYTHONPATH": own_python_path()},
+            )
         self.pid = self._process.pid
         if cores:
             os.sched_setaffinity(self.pid, cores)
@@ -124,6 +134,19 @@ class Child:
         if self._process.stdout is not None and not self._process.stdout.closed:
             self._process.stdout.close()
             os.close(self.pidfd)
+
+
+def own_python_path() -> str:
+    """PYTHONPATH for a child, without the places where it would find packages named as ours."""
+    ours = Path(__file__).resolve().parents[2]
+    names = ("controller", "controller.py", "hw", "hw.py")
+
+    def is_ours(place: str) -> bool:
+        folder = Path(place).resolve()
+        return folder == ours or not any((folder / name).exists() for name in names)
+
+    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    return os.pathsep.join(filter(is_ours, places))
 
 
 def first_line(

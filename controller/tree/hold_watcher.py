@@ -13,6 +13,7 @@ import signal
 import sys
 import time
 
+from controller.orders import read_orders
 from controller.realtime import die_with_parent
 from controller.telemetry import Telemetry, Word
 from controller.tree.hold import Hold, Source, source_of
@@ -41,7 +42,7 @@ def watch(source: Source, words: memoryview[int]) -> OSError:
 
 def main() -> None:
     """Watch until told to end."""
-    orders = json.loads(sys.stdin.readline())
+    orders = read_orders()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends after the loop, not before
     die_with_parent(orders["parent"], signal.SIGKILL)

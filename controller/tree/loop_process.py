@@ -21,6 +21,7 @@ from controller.lateness.causes import Machine
 from controller.lateness.machine_setup import is_virtual, machine_setup, start_table
 from controller.lateness.thread_counters import CounterReader
 from controller.lateness.ticks import LateTicks
+from controller.orders import read_orders
 from controller.program import Phase
 from controller.session import run_session
 from controller.settings.config import Config
@@ -53,7 +54,7 @@ class Orders:
 
 def main() -> None:
     """Run one session as ordered; it ends with torque off, or the control words say so."""
-    orders = Orders(**json.loads(sys.stdin.readline()))
+    orders = Orders(**read_orders())
     telemetry = Telemetry(orders.telemetry)
 
     def stop(_signal: int, _frame: object) -> None:
@@ -62,6 +63,8 @@ def main() -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
+    # Held back by who started this process, until it had a group of its own and could hear them.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
     single = os.sched_getaffinity(0) == {orders.core}

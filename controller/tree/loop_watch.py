@@ -8,6 +8,9 @@ START_S = 60.0
 """How long the loop may take to start [s]: the checked start-up, and the guard's mathematics."""
 END_S = 2.0
 """How long a process may take to end after it was asked to [s]."""
+REPORT_S = 15.0
+"""The same of a loop that has read torque off back [s]: it computes its report, which takes a small
+machine seconds, and there is nothing left to cut."""
 AWAY_S = 0.06
 """Who looks so seldom [s] has been stopped himself, perhaps with the loop: its silence counts from
 now on. The servo's Bus Watchdog needs no one to look."""
@@ -46,9 +49,10 @@ class LoopWatch:
         self._looked = now
         if self._words[Word.STOP]:
             self.asked()
-        if self._asked is not None and now - max(self._asked, self._awake) > END_S:
-            return f"did not end within {END_S:g} s of being asked to"
         state = self._words[Word.STATE]
+        end_s = REPORT_S if state == State.TORQUE_OFF else END_S
+        if self._asked is not None and now - max(self._asked, self._awake) > end_s:
+            return f"did not end within {end_s:g} s of being asked to"
         if state == State.STARTING:
             if now - self._started > START_S:
                 return f"did not start within {START_S:g} s"
@@ -57,6 +61,6 @@ class LoopWatch:
         if state == State.RUNNING:
             if silent > self._heartbeat_s:
                 return f"gave no sign of life for {silent:.2g} s"
-        elif silent > END_S:  # it has left the grid, and has nothing to do but to end
-            return f"did not end within {END_S:g} s of its last period"
+        elif silent > end_s:  # it has left the grid, and has nothing to do but to end
+            return f"did not end within {end_s:g} s of its last period"
         return None

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from controller.errors import LogFormatError
 from controller.file_kinds import LOG
 from controller.log.file import LogWriter, identity
+from controller.orders import read_orders
 from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import ROW, Telemetry, Word
 from controller.tree.lull import pause_until_lull
@@ -208,7 +209,7 @@ def may_stand_back(words: memoryview[int]) -> bool:
 
 def main() -> None:
     """Record until the supervisor says that no more rows will come."""
-    orders = json.loads(sys.stdin.readline())
+    orders = read_orders()
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
     telemetry = Telemetry(orders["telemetry"])

@@ -5,6 +5,7 @@ Nothing waits for the network: what it does not take at once is lost, for the pi
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import math
 import re
@@ -31,15 +32,16 @@ class Stream:
     """Rows a second [Hz]; every row where it is the loop's rate or more"""
 
 
-def stream_to(place: str, rate_hz: float) -> Stream:
+def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
     """The stream to ``HOST:PORT``, its name looked up.
 
     Args:
         place: As a person writes it; an IPv6 address in brackets.
         rate_hz: Rows a second [Hz].
+        anywhere: It may be another machine's.
 
     Raises:
-        UserError: It is no place, it is not known, or the rate is none.
+        UserError: It is no place, it is not known, it is another machine's, or the rate is none.
     """
     if not 0.0 < rate_hz < math.inf:
         raise UserError(f"--stream-rate: found {rate_hz:g}, wanted a rate above 0 Hz")
@@ -62,7 +64,34 @@ def stream_to(place: str, rate_hz: float) -> Stream:
     addresses.sort(key=lambda address: address[0] != socket.AF_INET)
     address, _, *more = addresses[0][4]
     scope = f"%{more[1]}" if more and more[1] else ""  # fe80::1 is somewhere on each interface
-    return Stream(f"{address}{scope}", port, rate_hz)
+    stream = Stream(f"{address}{scope}", port, rate_hz)
+    if not anywhere and not _is_here(stream):
+        raise UserError(
+            f"--stream: {host} is not this machine ({stream.host}), and whoever is on the way there"
+            " could read the rows; add --stream-anywhere if that is meant, or give for example"
+            f" localhost:{port}"
+        )
+    return stream
+
+
+def _is_here(stream: Stream) -> bool:
+    """Whether an address is this machine's own; nothing is sent to find out."""
+    address = ipaddress.ip_address(stream.host.partition("%")[0])
+    if address.is_loopback or address.is_unspecified:
+        return True
+    with _socket(stream) as probe:
+        try:
+            probe.connect((stream.host, stream.port))
+        except OSError:  # no way leads there, or it is everybody's
+            return False
+        # To itself a machine goes by the address that it goes to.
+        own = probe.getsockname()[0].partition("%")[0]
+    return ipaddress.ip_address(own) == address
+
+
+def _socket(stream: Stream) -> socket.socket:
+    family = socket.AF_INET6 if ":" in stream.host else socket.AF_INET
+    return socket.socket(family, socket.SOCK_DGRAM)
 
 
 class Sender:
@@ -81,9 +110,7 @@ class Sender:
         self._tail = 0
         self._origin_ns: int | None = None
         self._said: set[str] = set()
-        self._socket = socket.socket(
-            socket.AF_INET6 if ":" in stream.host else socket.AF_INET, socket.SOCK_DGRAM
-        )
+        self._socket = _socket(stream)
         self._socket.setblocking(False)
         self._connected = False
 

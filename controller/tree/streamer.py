@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 
+from controller.orders import read_orders
 from controller.realtime import die_with_parent, stand_back
 from controller.telemetry import Telemetry, Word
 from controller.tree.lull import pause_until_lull
@@ -22,7 +23,7 @@ PAUSE_S = 0.02
 
 def main() -> None:
     """Send until the supervisor says that no more rows will come."""
-    orders = json.loads(sys.stdin.readline())
+    orders = read_orders()
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
     stand_back()

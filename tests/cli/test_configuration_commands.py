@@ -1,11 +1,13 @@
 """``presets`` and ``config`` answer what can be set, in what unit, and what is in force."""
 
 import json
+import os
 
 import pytest
 from click.testing import CliRunner
 
 from controller.cli import config, presets
+from controller.cli.main import main
 from controller.settings.fields import fields
 from controller.settings.load import load_config, preset_names
 
@@ -71,3 +73,13 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used():
         "servo.hand",
         "servo.kick",
     ]
+
+
+@pytest.mark.parametrize("command", ["run", "config", "doctor", "identify", "delay", "rendered"])
+def test_a_configuration_that_is_a_pipe_is_refused_at_once(tmp_path, monkeypatch, capsys, command):
+    """Else every command waits for whoever writes to it."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("a.yaml")
+    assert main([command, "a.yaml"]) == 2
+    assert "CONFIG a.yaml: cannot be read: it is a pipe, not a file" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.yaml"]

@@ -1,7 +1,12 @@
-"""A Ctrl-C while the program is only being loaded ends it without a word."""
+"""The command from its first instant: a Ctrl-C is quiet, and its own packages come first."""
 
+import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -39,6 +44,42 @@ def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module):
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
+@pytest.mark.parametrize("module", ["controller.cli.main", "yaml"])
+def test_with_json_a_ctrl_c_is_one_object(module):
+    program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "")
+    assert json.loads(done.stdout) == {
+        "error": "interrupted",
+        "field": None,
+        "advice": None,
+        "exit_status": 130,
+    }
+
+
+def test_after_its_answer_a_ctrl_c_says_nothing_more():
+    program = (
+        "import os, signal, sys\n"
+        "from controller.cli import interrupt, options\n"
+        "sys.argv = ['haptic-wall', 'presets', '--json']\n"
+        "interrupt.leave_at_once()\n"
+        "from controller.cli.main import main\n"
+        "print_ = options.click.echo\n"
+        "def echo(*a, **k):\n"
+        "    print_(*a, **k)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "options.click.echo = echo\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-uc", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 130
+    assert "presets" in json.loads(done.stdout)
+
+
 def test_nobody_interrupts_and_it_does_its_work():
     done = interrupted("nothing")
     assert done.returncode == 0
@@ -57,23 +98,126 @@ def test_an_ignored_ctrl_c_stays_ignored():
     assert "wall.stiffness" in done.stdout
 
 
-def test_once_it_is_loaded_the_command_is_told():
-    """What it has begun it ends by itself: files, torque, its report."""
+@pytest.mark.parametrize("module", ["scipy.optimize", "controller.experiments.excitation"])
+def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path):
+    """Raised in them it would be an ImportError now and then, or be forgotten."""
+    program = INTERRUPTING.replace('"config"', '"identify"').format(module=module)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_what_is_begun_is_put_in_order(tmp_path):
     program = (
-        "import os, signal, sys\n"
-        "from controller.cli import interrupt, main\n"
+        "import os, pathlib, signal\n"
+        "from controller.cli import interrupt\n"
+        "from controller.whole_file import whole\n"
         "interrupt.leave_at_once()\n"
-        "import controller.cli.presets as presets, click\n"
-        "def busy():\n"
-        "    try:\n"
+        "try:\n"
+        "    with whole(pathlib.Path('half')) as part:\n"
+        "        part.write_text('half')\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
-        "        signal.pause()\n"
-        "    finally:\n"
-        "        print('cleaned up')\n"
-        "presets.command = click.Command('presets', callback=busy)\n"
-        "sys.exit(main.main(['presets']))\n"
+        "finally:\n"
+        "    print(os.listdir())\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-uc", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "[]\n", "")
+
+
+def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
+    """Python calls no handler safely there: it aborted."""
+    program = (
+        "import atexit, os, signal, sys\n"
+        "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "sys.argv = ['haptic-wall', 'presets']\n"
+        "from controller.cli.entry import main\n"
+        "sys.exit(main())\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
-    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "cleaned up\n", "")
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+    assert "simulated" in done.stdout
+
+
+# The launcher, as it is installed
+
+COMMAND = Path(sys.executable).with_name("haptic-wall")
+FOLDER = Path(__file__).parents[2] / "controller" / "cli"
+
+
+def launched(tmp_path, python):
+    """A launcher beside this in place of Python."""
+    launcher = tmp_path / "haptic-wall"
+    launcher.write_text((FOLDER / "haptic-wall").read_text())
+    launcher.chmod(0o755)
+    (tmp_path / "stub").write_text(python)
+    interpreter = f"exec '{sys.executable}'" if python.startswith("import") else "exec sh"
+    (tmp_path / "python3").write_text(f"#!/bin/sh\n{interpreter} '{tmp_path / 'stub'}' \"$@\"\n")
+    (tmp_path / "python3").chmod(0o755)
+    return launcher
+
+
+def test_python_starts_with_ctrl_c_held_back(tmp_path):
+    python = """import os, signal, sys
+os.kill(os.getpid(), signal.SIGINT)
+print("started", *sys.argv[2:], flush=True)
+signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+"""
+    words = [launched(tmp_path, python), "run", "a b"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stdout == "started run a b\n"
+    assert "KeyboardInterrupt" in done.stderr  # it was not forgotten
+
+
+def test_where_env_holds_nothing_back_it_starts_all_the_same(tmp_path):
+    launcher = launched(tmp_path, 'echo "$@"\n')
+    (tmp_path / "env").write_text('#!/bin/sh\ncase $1 in -*) exit 125;; esac\nexec "$@"\n')
+    (tmp_path / "env").chmod(0o755)
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    done = subprocess.run(
+        [launcher, "x"], capture_output=True, text=True, check=False, env={"PATH": path}
+    )
+    assert done.stdout == f"{launcher} x\n"
+
+
+def test_a_ctrl_c_at_any_time_of_its_start_is_quiet():
+    for pause_s in (0.002, 0.006, 0.012, 0.018, 0.025, 0.035):
+        started = subprocess.Popen(
+            [COMMAND, "run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+        time.sleep(pause_s)
+        os.killpg(started.pid, signal.SIGINT)
+        out, told = started.communicate()
+        assert started.returncode in (130, -signal.SIGINT)
+        assert (out, told) == (b"", b"")
+
+
+def called(folder, *words):
+    """The command, called in a folder that PYTHONPATH names too."""
+    return subprocess.run(
+        [COMMAND, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+    )
+
+
+def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(tmp_path):
+    """Neither by the command nor by its children: loop, recorder, workers."""
+    for package in ("controller", "hw"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text("raise SystemExit('not this one')\n")
+    done = called(tmp_path, "run", "simulated", "--duration=0.1", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["log"] is not None
+    computed = ["--virtual-damping=0", "--delay-steps=0,1", "--kick=0.03", "--workers=2"]
+    done = called(tmp_path, "map", "paper-table2", *computed, "--out=out", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["points"]) == 2

@@ -98,6 +98,12 @@ def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(config,
     assert "--from-sweep sweep.json: the configuration in it" in capsys.readouterr().err
 
 
+def test_a_sweep_that_is_a_pipe_is_refused_at_once(folder, capsys):
+    os.mkfifo(folder / "sweep.json")
+    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
+    assert "cannot be read: it is a pipe, not a file" in capsys.readouterr().err
+
+
 def test_a_trip_ends_it_with_its_status(capsys):
     words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
     assert call(words) == 3

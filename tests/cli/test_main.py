@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 
@@ -11,6 +12,8 @@ import pytest
 from controller.cli import main as cli
 from controller.errors import PlatformError
 from hw.errors import PortBusyError
+
+PYTHON = shlex.quote(sys.executable)
 
 
 def call(capsys, *arguments):
@@ -134,7 +137,7 @@ def test_another_system_is_told_in_a_sentence(monkeypatch, capsys, name):
 
 def test_a_reader_that_leaves_early_causes_no_noise():
     done = subprocess.run(
-        f"{sys.executable} -m controller.cli.main config | head -n 1",
+        f"{PYTHON} -m controller.cli.main config | head -n 1",
         shell=True,
         capture_output=True,
         text=True,
@@ -200,7 +203,7 @@ def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
 
 def test_a_full_disk_is_told_in_a_sentence():
     done = subprocess.run(
-        f"{sys.executable} -m controller.cli.main presets > /dev/full",
+        f"{PYTHON} -m controller.cli.main presets > /dev/full",
         shell=True,
         capture_output=True,
         text=True,
@@ -215,7 +218,7 @@ def test_a_full_disk_is_told_in_a_sentence():
 )
 def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
     """As a service manager may start it: what it opens must not take their numbers."""
-    command = f"exec {sys.executable} -m controller.cli.main run simulated --duration 0.1"
+    command = f"exec {PYTHON} -m controller.cli.main run simulated --duration 0.1"
     command = f"{command} --set loop.clock={clock}"
     done = subprocess.run(
         ["sh", "-c", f"{command} --log run.hwlog --plot run.png {closed}"],

@@ -99,7 +99,9 @@ def test_a_log_that_another_run_is_writing_is_not_taken_from_it(capsys, folder):
         status, out, err = run(capsys, "--log", log)
         assert (status, json.loads(out)["field"]) == (2, "--log")
         assert "another run is writing" in err
-        writer.append(np.zeros(3, ROW))
+        rows = np.zeros(3, ROW)
+        rows["seq"] = rows["deadline_ns"] = range(3)
+        writer.append(rows)
     assert len(read_log(log)[1]) == 3
     assert run(capsys, "--log", log)[0] == 0
 

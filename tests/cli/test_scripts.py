@@ -6,6 +6,7 @@ They run here in a copy of the project with a Python that only writes down what 
 import os
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -169,6 +170,58 @@ def test_a_failed_installation_is_tried_again(project):
     assert failed.stdout == ""
     assert "the installation failed; the reason is above" in failed.stderr
     assert call(project, "run").returncode == 0
+
+
+def test_the_installation_does_not_name_its_folder(project):
+    """Python before 3.13 reads that name by the locale, and would not start under LC_ALL=C."""
+    install_python(project)
+    site = project / ".venv" / "lib" / "python3.11" / "site-packages"
+    call(project, "run")
+    site.mkdir(parents=True)
+    (site / "_haptic_wall.pth").write_text(f"{project}/ä")
+    (project / ".venv" / ".installed-run").unlink()
+    call(project, "run", LC_ALL="C")
+    places = [(site / line).resolve() for line in (site / "_haptic_wall.pth").read_text().split()]
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
+    assert places == [(project / place).resolve() for place in wanted["dev-mode-dirs"]]
+
+
+# .ci/run, with a suite that only looks where it is
+
+SUITE = """#!/bin/sh
+cd "$(dirname "$0")/.." && pwd
+echo "$LC_ALL"
+exit 7
+"""
+
+
+@pytest.mark.parametrize("sets_up", [True, False])
+def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project, sets_up):
+    shutil.copytree(ROOT / ".ci", project / ".ci")
+    for tool in ("bash", "tar", "mktemp"):
+        found = shutil.which(tool)
+        link = project.parent / "tools" / tool
+        if not link.exists():
+            link.symlink_to(found)
+    install_python(project)
+    (project / "scripts" / "test").write_text(SUITE)
+    folders = project.parent / "folders"
+    folders.mkdir()
+    more = {} if sets_up else {"NO_NETWORK": "1"}
+    done = subprocess.run(
+        [project / ".ci" / "run"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment(project, TMPDIR=str(folders), **more),
+    )
+    place, locale = done.stdout.splitlines()[-2:]
+    assert locale == "C" and done.returncode == 7
+    if sets_up:
+        assert place.startswith(str(folders)) and place.endswith("/a wäll")
+    else:
+        assert place == str(project) and "the tests run where the project is" in done.stderr
+    assert not list(folders.iterdir())
 
 
 @pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])

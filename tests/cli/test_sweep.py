@@ -137,6 +137,25 @@ def test_what_is_not_a_sweep_is_not_replaced(capsys, tmp_path):
     assert f"--out {file}" in told
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda held: held.pop("points"),
+        lambda held: held["points"][0].pop("exact"),
+        lambda held: held["points"][0].update(measured="much"),
+        lambda held: held["points"][0].update(logs="none"),
+        lambda held: held.update(fingerprint=1),
+    ],
+)
+def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(swept, capsys, tmp_path, change):
+    held = json.loads((swept[0] / "sweep.json").read_text())
+    change(held)
+    (tmp_path / "sweep.json").write_text(json.dumps(held))
+    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
+    assert status == 2
+    assert "sweep.json" in told and "--fresh" in told
+
+
 def test_before_hardware_moves_it_says_what_will(capsys, tmp_path):
     status, _, told = run(
         capsys, "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",

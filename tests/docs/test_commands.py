@@ -122,6 +122,7 @@ def run_quickly(words, folder, capsys):
         if option in words:
             at = words.index(option)
             words = words[:at] + words[at + 2 :]
+    words = [word for word in words if word != "--stream-anywhere"]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0

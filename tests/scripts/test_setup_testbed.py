@@ -1,13 +1,16 @@
 """The set-up of a testbed says what it will do, does just that, and takes just that back."""
 
 import getpass
+import os
+import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from scripts import setup_testbed
-from scripts.setup_testbed import GROUP, LIMITS, RULES
+from scripts.setup_testbed import GROUP, LATENCY, LIMITS, RULES
 
 ME = getpass.getuser()
 
@@ -16,6 +19,7 @@ ME = getpass.getuser()
 def system(monkeypatch, tmp_path):
     """A system of its own: folders, groups, and programs that only change those groups."""
     groups = {"dialout": ["somebody"]}
+    gids = {GROUP: os.getgid()}
     done = []
 
     def command(*words):
@@ -34,7 +38,9 @@ def system(monkeypatch, tmp_path):
     monkeypatch.setattr(
         setup_testbed.grp,
         "getgrall",
-        lambda: [SimpleNamespace(gr_name=n, gr_mem=m) for n, m in groups.items()],
+        lambda: [
+            SimpleNamespace(gr_name=n, gr_mem=m, gr_gid=gids.get(n, -1)) for n, m in groups.items()
+        ],
     )
     monkeypatch.setattr("os.geteuid", lambda: 0)
 
@@ -42,7 +48,7 @@ def system(monkeypatch, tmp_path):
         monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
         setup_testbed.main()
 
-    return SimpleNamespace(call=call, groups=groups, done=done, root=tmp_path)
+    return SimpleNamespace(call=call, groups=groups, gids=gids, done=done, root=tmp_path)
 
 
 def test_it_says_what_it_will_do_and_does_it_once(system, capsys):
@@ -122,6 +128,47 @@ def test_an_undoing_that_was_broken_off_can_be_ended(system, monkeypatch, before
     system.call("--undo", "--yes")
     assert system.groups == before
     assert not [path for path in system.root.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("steps", range(8))
+def test_undoing_gives_the_latency_device_back_at_once(system, monkeypatch, steps):
+    """Without its rule it would keep the group until a restart; broken off or not."""
+    given = []
+    monkeypatch.setattr("os.chown", lambda *words: given.append(words))
+    device = system.root / LATENCY
+    device.parent.mkdir()
+    device.touch()
+    device.chmod(0o660)
+    system.call("--yes", f"--user={ME}")
+    broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
+    system.call("--undo", "--yes")
+    assert given[:1] == [(device, 0, 0)]
+    assert device.stat().st_mode & 0o777 == 0o600
+
+
+def test_the_latency_device_of_another_group_is_not_touched(system, monkeypatch):
+    monkeypatch.setattr("os.chown", lambda *_: pytest.fail("touched"))
+    system.gids[GROUP] = os.getgid() + 1
+    (system.root / LATENCY).parent.mkdir()
+    (system.root / LATENCY).touch()
+    system.call("--yes", f"--user={ME}")
+    system.call("--undo", "--yes")
+
+
+def test_as_root_it_runs_nothing_of_the_users(tmp_path):
+    """Neither modules beside it, nor what PYTHONPATH or the checkout's environment bring."""
+    (tmp_path / "argparse.py").write_text("raise SystemExit('not this one')\n")
+    (tmp_path / "sitecustomize.py").write_text("raise SystemExit('nor this')\n")
+    done = subprocess.run(
+        [Path(setup_testbed.__file__).with_name("setup-testbed"), "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "--undo" in done.stdout
 
 
 def test_files_of_others_are_not_touched(system):

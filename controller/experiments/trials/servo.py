@@ -54,6 +54,7 @@ class TrialServo:
             counts_per_rev=truth.counts_per_rev,
             torque_limit=truth.torque_limit,
             torque_step=truth.torque_step,
+            stall_torque=truth.stall_torque / truth.torque_gain,
             has_bus=False,
         )
         self.counts = BusCounts()

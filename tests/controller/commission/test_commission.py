@@ -22,6 +22,8 @@ from hw.errors import ServoLostError
 
 ROOT = Path(__file__).parents[3]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
+PNG = b"\x89PNG\r\n\x1a\n"
+"""How one begins"""
 SWEPT = (Setting(0.0, 3), Setting(0.09, 3), Setting(0.18, 3))
 """Points that are measured in a few trials"""
 
@@ -211,7 +213,7 @@ def steps_taken(monkeypatch, ends):
         monkeypatch.setattr(steps, name, step(name))
     # What is planned and drawn has tests of its own, and takes most of the time.
     monkeypatch.setattr(plan, "short_sweep", lambda _config: (Setting(0.0, 3),))
-    monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(b"PNG"))
+    monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(PNG))
     return called if ends != {} else [*DATA]
 
 

@@ -169,6 +169,31 @@ def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_ba
     assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
 
 
+def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regular():
+    seen = motion()
+    stop = backstop(seen)
+    for k in range(40):
+        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3])
+    assert stop.alarm
+
+
+def test_such_a_motion_that_dies_is_left_alone():
+    seen = motion()
+    stop = backstop(seen)
+    for k in range(40):
+        take(stop, seen, 0.07, (0.5, 0.4, 0.46)[k % 3] * 0.97**k)
+        assert not stop.alarm
+
+
+def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest():
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    for elongation in (0.04, -0.02):  # 0.3 and 0.15 N·m of the 10 N·m/rad are missing
+        stop.update(1e-3, elongation, 10.0, ended=False)
+    assert stop.stiffness_scale == 1.0
+
+
 def test_a_motion_like_the_hands_is_not_probed_again_soon():
     stop, seen = probing()
     for _ in range(30):
@@ -291,3 +316,27 @@ def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspec
             assert stop.damping_scale in SCALES
             if stop.stiffness_scale > before:
                 assert elongation == 0.0, "a loaded spring is never made stiffer"
+
+
+@pytest.mark.parametrize(("amplitude", "returned"), [(0.015, 0), (0.1, 1)])
+def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
+    amplitude, returned
+):
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.2, 0.1)
+    for _ in range(6):
+        take(stop, seen, 0.1, amplitude + 0.001)
+    assert stop.reductions == 1
+    assert stop.returned == returned
+
+
+def test_a_saturated_oscillation_that_the_softer_wall_keeps_up_small_does_not_get_the_wall_back():
+    """Small, it has the period that it had large; a hand would be left alone for ten seconds."""
+    bench = bench_of("xl330-m288")
+    truth = Truth(0.0027213, 0.0073234, 0.025666, torque_gain=2.0, delay=0.005, torque_limit=0.52)
+    push = operator_of(0.0, 0.0, np.zeros(8000), push=-0.052)
+    wall = WallAsked(12.03, 0.0025)
+    trial = run_trial(truth, bench.sets, wall, push, duration_s=8.0, position=-0.3)
+    assert trial.counts[3] == 0
+    assert trial.trip or np.ptp(trial.output[-1000:]) < 0.05

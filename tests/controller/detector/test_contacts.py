@@ -146,3 +146,23 @@ def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples
         assert seen.elapsed <= total + 5e-3
         assert math.isfinite(seen.inertia)
         assert math.isfinite(seen.pull)
+
+
+def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it():
+    """They stay within the gate, so that nothing is known of their speeds."""
+    seen = watched(bounces(60.0, 3.0, times=3, damping=0.2, count=COUNT), COUNT)
+    for k in range(1500):
+        if k < 30:  # out through the gate, so that the last gain is taken
+            seen.update(-k * COUNT, 0.0, PERIOD)
+        elif k == 30:
+            assert seen.gain < -0.07
+        else:
+            depth = 30 * COUNT * math.sin(math.tau * 8.0 * k * PERIOD)
+            seen.update(max(depth, -6 * COUNT), 0.0, PERIOD)
+    assert seen.known > 10
+    assert abs(seen.gain) < 0.02
+
+
+def test_the_least_positive_depth_is_no_contact_without_an_encoder():
+    seen = watched([(-1e-300, 0.0), (5e-324, -1.0), (-5e-324, 0.0), (-0.1, 0.0)])
+    assert seen.known == 0

@@ -220,3 +220,25 @@ def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque):
     other, mirrored = watched([-p for p in positions], [-torque * p for p in positions])
     assert np.array_equal(found, mirrored)
     assert (one.inertia, one.pull) == (other.inertia, other.pull)
+
+
+@pytest.mark.parametrize("count", [0.0, COUNT])
+def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count):
+    """What turns back by less than a part of the last motion is a ripple only for so long."""
+    large = cosine(5.0, 0.5, 0.5, count)
+    ripple = cosine(15.0, 0.03, 0.4, count)
+    small = cosine(14.0, 0.02, 2.0, count)
+    _, found = watched(np.concatenate([large, ripple, small]), count=count)
+    assert found[-20:, 0] == pytest.approx(0.5 / 14.0, abs=1.01 * PERIOD)
+    assert found[-20:, 1] == pytest.approx(0.02, abs=count + 1e-3)
+
+
+def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for():
+    seen = HalfCycles(PERIOD, COUNT)
+    for position in cosine(5.0, 0.5, 0.65, COUNT):
+        seen.update(position, 0.0, PERIOD)
+    ended = sum(
+        seen.update(-0.5 + 0.02 * (1.0 - math.cos(math.tau * 14.0 * k * PERIOD)), 0.0, PERIOD)
+        for k in range(2000)
+    )
+    assert ended > 40

@@ -93,3 +93,27 @@ def test_a_file_that_is_no_sweep_is_told(tmp_path, text):
     path.write_text(text)
     with pytest.raises(UserError, match="--from-sweep"):
         read_points(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("measured", 1e400),
+        ("measured", 10**400),
+        ("measured", -1.0),
+        ("delay_s", -0.001),
+        ("virtual_damping", 1e12),
+        ("kick_rad", 1e300),
+        ("uncertainty", float("inf")),
+    ],
+)
+def test_figures_that_no_servo_has_are_told(tmp_path, name, value):
+    path = tmp_path / "sweep.json"
+    listed = [
+        {"virtual_damping": b, "delay_s": 0.002, "measured": k, "uncertainty": None}
+        for b, k in ((0.0, 1.0), (0.05, 10.0), (0.1, 20.0))
+    ]
+    listed[1][name] = value
+    path.write_text(json.dumps({"points": listed}))
+    with pytest.raises(UserError, match="--from-sweep"):
+        read_points(path)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from controller.errors import LogFormatError
 from controller.file_kinds import LOG
 from controller.log.file import LogWriter, append_end, read_log
-from controller.log.reader import Damage, End, LogReader
+from controller.log.reader import Damage, End, Head, LogReader, Misplaced
 from controller.whole_file import Beside
 
 ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
@@ -181,6 +181,50 @@ def test_every_intact_block_is_given_back_and_nothing_false(blocks, tmp_path, th
             assert LogReader(path).metadata == {}
 
     check()
+
+
+@settings(deadline=None)
+@given(order=st.lists(st.integers(0, 6), max_size=12))
+def test_blocks_in_any_order_give_each_row_at_most_once(blocks, tmp_path_factory, order):
+    content, table = blocks
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    places = [table[k] for k in order]
+    path.write_bytes(content[: table[0][1]] + b"".join(content[b:e] for _, b, e in places))
+    expected, late, twice = [], 0, 0
+    for numbers, _, _ in places:
+        if not expected or numbers[0] > expected[-1]:
+            expected += numbers
+        elif numbers[0] in expected:
+            twice += len(numbers)
+        else:
+            late += len(numbers)
+    read, left_out = [], []
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Misplaced):
+            left_out.append(piece)
+        else:
+            read += piece["seq"].tolist()
+    assert read == expected
+    # Of a block that is late, and then comes again, nothing is there before.
+    assert sum(each.rows for each in left_out) == late + twice
+    assert sum(each.twice for each in left_out) == twice
+
+
+@settings(deadline=None)
+@given(data=st.data())
+def test_joined_logs_are_read_one_after_the_other(blocks, tmp_path_factory, data):
+    content, table = blocks
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    ends = data.draw(st.lists(st.integers(0, len(table)), min_size=1, max_size=4))
+    path.write_bytes(b"".join(content[: table[end - 1][2] if end else table[0][1]] for end in ends))
+    read = [[]]
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Head):
+            assert piece.metadata["unit"] == "N·m"
+            read.append([])
+        else:
+            read[-1] += piece["seq"].tolist()
+    assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
 
 
 def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path):

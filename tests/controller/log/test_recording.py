@@ -1,10 +1,18 @@
+import contextlib
 import math
+import os
+import socket
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from controller.errors import UserError
+from controller.log import csv_table
 from controller.log.recordings import read_recordings
+from controller.log.windows import WINDOW
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
@@ -108,6 +116,108 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path):
     assert any("2 rows are left out" in note and "0.05 s" in note for note in found.notes)
 
 
+def recording(start, samples, period=1e-3, jitter=0.0):
+    times = start + np.arange(samples) * period
+    return times + RNG.uniform(-jitter, jitter, samples) * period
+
+
+@pytest.mark.parametrize("apart", [86_400.0, 30 * 86_400.0, 1000 * 86_400.0])
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_recordings_days_apart_are_parts_of_their_own(tmp_path, apart, jitter):
+    """By the system's clock; one grid over all of a day took 4 GB."""
+    first = recording(1.7e9, 900, jitter=jitter)
+    second = recording(1.7e9 + apart, 700, jitter=jitter)
+    times = np.concatenate([first, second])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert [part.times[0] for part in found.parts] == pytest.approx([0.0, second[0] - first[0]])
+    for part, alone in zip(found.parts, (first, second), strict=True):
+        assert part.times.size == pytest.approx(alone.size, rel=0.01)
+        assert np.ptp(part.times) == pytest.approx(np.ptp(alone), abs=2e-3)
+        assert np.abs(part.positions - swing(part.times + first[0])).max() < 1e-3
+    assert any("times count from the first row's, 17000000" in note for note in found.notes)
+    assert any("nothing is known from" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("rates", [(1000, 50), (50, 1000), (1000, 10, 200)])
+def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path, rates):
+    times = np.concatenate([recording(1000.0 * k, 300, 1.0 / rate) for k, rate in enumerate(rates)])
+    path = write(tmp_path / "a.csv", time_s=times, position_rad=swing(times))
+    found = list(read_recordings(path))
+    assert [each.period for each in found] == pytest.approx([1.0 / rate for rate in rates])
+    assert [each.samples for each in found] == [300] * len(rates)
+    notes = [note for each in found for note in each.notes]
+    for k, rate in list(enumerate(rates))[1:]:
+        assert f"from {1000 * k} s on there is a sample each {1000 / rate:.4g} ms" in notes
+
+
+def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path):
+    once = recording(0.0, 500)
+    times = np.concatenate([once, recording(0.0, 800), recording(0.2, 100)])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    starts, sizes = zip(*((part.times[0], part.times.size) for part in found.parts), strict=True)
+    assert sizes == (500, 800, 100)
+    assert starts == pytest.approx([0.0, 1.499, 3.298])
+    assert any("time goes back from 0.499 to 0 s" in note for note in found.notes)
+
+
+def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path):
+    times = recording(0.0, WINDOW + 50_000)
+    found = list(read_recordings(write(tmp_path / "a.csv", time_s=times, position_rad=times)))
+    assert [each.samples for each in found] == [WINDOW, 60_000]
+    assert found[1].since_s == pytest.approx(1e-3 * WINDOW)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"time_s,position_rad" + b",1" * 100_000, "line 1 has more than 65536 characters"),
+        (b"time_s,position_rad\n0,0\n0," + b" " * 70_000, "line 3 has more than 65536"),
+        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "is a quote left open?"),
+        (b"time_s,position_rad\n0,\x1b[31m\n", r"line 2 holds the control character '\x1b'"),
+        (b"\x89PNG\r\n\x1a\n", "its first line has no column time_s and no position_rad"),
+        ("time_s,position_rad\n".encode("utf-16"), r"the control character '\x00'"),
+        (b"time_s,position_rad\n1_0,1\n", "column time_s: found '1_0', wanted a number"),
+        ("t\u202e,x\n".encode(), r"found t\u202e, x;"),
+    ],
+)
+def test_what_is_no_text_is_refused_in_words(tmp_path, content, said):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(UserError) as error:
+        list(read_recordings(path))
+    assert said in str(error.value)
+    assert str(error.value).isprintable()
+
+
+def test_a_csv_larger_than_what_fits_is_refused_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(UserError, match=f"found {1 << 40} bytes, wanted a CSV of at most"):
+        read_recording(path)
+    monkeypatch.setattr(csv_table, "MOST_ROWS", 99)
+    times = np.arange(100.0)
+    with pytest.raises(UserError, match="found more than 99 rows"):
+        read_recording(write(path, time_s=times, position_rad=times))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
+def test_what_may_never_end_is_not_looked_into(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    path = Path("a.csv")
+    with contextlib.ExitStack() as stack:
+        if kind == "pipe":
+            os.mkfifo(path)
+        elif kind == "socket":
+            stack.enter_context(socket.socket(socket.AF_UNIX)).bind("a.csv")
+        elif kind == "device":
+            path.symlink_to("/dev/zero")
+        else:
+            path.mkdir()
+        with pytest.raises(OSError, match=f"a {kind}, not a file|Is a directory"):
+            read_recording(path)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -126,6 +236,50 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, messa
     with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
         read_recording(path)
     assert message in str(error.value)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(
+        st.sampled_from(
+            [
+                "0.001",
+                "5",
+                "-1",
+                "1e9",
+                "1.7e9",
+                "nan",
+                "inf",
+                "",
+                " ",
+                ",",
+                "\n",
+                "\r\n",
+                '"',
+                "x",
+                "\x1b",
+                "1e300",
+                "1_0",
+                "time_s",
+                "position_rad",
+            ]
+        ),
+        max_size=80,
+    ),
+    st.integers(0, 3),
+)
+def test_any_cells_are_refused_or_read(tmp_path_factory, cells, even):
+    path = tmp_path_factory.mktemp("csv") / "a.csv"
+    rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))
+    path.write_text(f"time_s,position_rad\n{rows}{''.join(cells)}", newline="")
+    try:
+        found = list(read_recordings(path))
+    except UserError as error:
+        assert str(error).isprintable()
+    else:
+        for part in (part for each in found for part in each.parts):
+            assert np.all(np.diff(part.times) > 0.0)
+            assert part.times.size < 1000
 
 
 def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path):

@@ -1,6 +1,10 @@
 """Reading a configuration: what people write is understood, and all that is wrong is said."""
 
+import contextlib
+import itertools
 import math
+import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -9,7 +13,13 @@ from hypothesis import strategies as st
 
 from controller.errors import ConfigError, UserError
 from controller.settings.fields import fields
-from controller.settings.load import apply_set, load_config, preset_names, preset_summary
+from controller.settings.load import (
+    MOST_BYTES,
+    apply_set,
+    load_config,
+    preset_names,
+    preset_summary,
+)
 from controller.settings.yaml_text import parse
 
 HARDWARE = "xm430-w350"
@@ -395,6 +405,83 @@ def test_a_tag_is_read_or_refused_in_words(tmp_path, text):
         load_config("simulated", [f"wall.stiffness={text}"])
 
 
+@pytest.mark.parametrize("kind", ["a pipe", "a socket", "a device"])
+def test_what_may_never_end_is_not_a_configuration(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)  # the name of a socket must be short
+    path = Path("a.yaml")
+    with contextlib.ExitStack() as stack:
+        if kind == "a pipe":
+            os.mkfifo(path)
+        elif kind == "a socket":
+            stack.enter_context(socket.socket(socket.AF_UNIX)).bind(str(path))
+        else:
+            path.symlink_to("/dev/zero")
+        with pytest.raises(UserError, match=f"a.yaml: cannot be read: it is {kind}, not a file"):
+            load_config(str(path))
+
+
+NESTED = [
+    "a: &a [1,1,1,1,1,1,1,1,1]\n"
+    + "".join(
+        f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in itertools.pairwise("abcdefghi")
+    ),
+    "a0: &a0 {k: 1}\n"
+    + "".join(f"a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}\n" for i in range(1, 25)),
+    "".join(f"k{number}: 1\n" for number in range(7000)),
+]
+
+
+@pytest.mark.parametrize("text", NESTED, ids=["aliases", "merges", "keys"])
+def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text):
+    """What 329 bytes stand for took 19 s and 372 MB to look at."""
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"line \d+, column \d+: found more than 10000 values"):
+        load_config(str(path))
+
+
+def test_a_file_that_is_too_long_is_refused(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("#" * MOST_BYTES)
+    only(path)
+    path.write_text("#" * MOST_BYTES + "\n")
+    with pytest.raises(UserError, match=f"it has more than {MOST_BYTES} bytes"):
+        load_config(str(path))
+
+
+def test_many_problems_are_counted_and_some_are_told(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("wall:\n" + "".join(f"  k{number}: 1\n" for number in range(2000)))
+    with pytest.raises(ConfigError) as refused:
+        load_config(str(path))
+    assert len(refused.value.problems) == 2001
+    told = str(refused.value).splitlines()
+    assert "2001 problems" in told[0]
+    assert told[-1] == "  ... and 1971 more"
+
+
+@pytest.mark.parametrize("text", ["a: &a [*a]", "a: &a {<<: *a}", "a: &a {b: {c: *a}}"])
+def test_an_alias_of_what_holds_it_is_refused(text):
+    with pytest.raises(UserError, match="an alias stands for what it is a part of"):
+        parse(text, "text")
+
+
+def test_what_a_merge_brings_in_may_be_overruled_wherever_it_stands():
+    data = parse("b: &b {k: 1}\np: {q: &x {<<: *b, k: 2}}\ny: {<<: *x}", "text")
+    assert data["y"] == data["p"]["q"] == {"k": 2}
+
+
+def test_a_number_too_large_for_a_computer_is_refused_by_name():
+    for field in ("wall.stiffness", "servo.id", "safety.max_losses_in_row", "model.delay"):
+        assert field in only("simulated", f"{field}={'9' * 400}")
+
+
+def test_a_name_is_told_without_what_a_terminal_would_obey(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text('"\\x1b[31mwall\\n\\u202e": 1\nservo: {inertia: 1}\n')
+    assert only(path).startswith(r"\x1b[31mwall\n\u202e: unknown")
+
+
 def test_a_folder_is_not_a_configuration(tmp_path):
     with pytest.raises(UserError, match="Is a directory"):
         load_config(str(tmp_path))
@@ -419,6 +506,15 @@ def test_any_yaml_is_read_or_refused_in_words(value):
 
     try:
         parse(yaml.safe_dump(value), "text")
+    except UserError as error:
+        assert str(error).startswith("text: ")
+
+
+@settings(deadline=None)
+@given(st.text(st.sampled_from("[]{}&*ab:,\n -<!|>'\"#?%@`~1.\x1b\x00\ud800\u202e"), max_size=60))
+def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text):
+    try:
+        parse(text, "text")
     except UserError as error:
         assert str(error).startswith("text: ")
 

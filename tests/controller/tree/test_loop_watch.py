@@ -3,7 +3,7 @@
 import pytest
 
 from controller.telemetry import State, Telemetry, Word
-from controller.tree.loop_watch import END_S, START_S, LoopWatch
+from controller.tree.loop_watch import END_S, REPORT_S, START_S, LoopWatch
 
 LOOK_S = 0.02
 HEARTBEAT_S = 0.1
@@ -71,6 +71,16 @@ def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more():
     loop.beats = False
     assert loop.after(END_S - LOOK_S) is None
     assert "of its last period" in loop.after(3 * LOOK_S)
+
+
+@pytest.mark.parametrize("stop", [0, 1])
+def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop):
+    """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
+    loop = Loop(State.TORQUE_OFF)
+    loop.words[Word.STOP] = stop
+    loop.beats = False
+    assert loop.after(REPORT_S - LOOK_S) is None
+    assert "did not end within 15 s" in loop.after(3 * LOOK_S)
 
 
 def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end():

@@ -121,14 +121,40 @@ def test_no_route_is_said_once():
 )
 def test_a_place_that_is_none_is_refused(place, rate, said):
     with pytest.raises(UserError, match=said):
-        stream_to(place, rate)
+        stream_to(place, rate, anywhere=True)
 
 
 def test_places():
-    assert stream_to("127.0.0.1:9870", 250.0) == Stream("127.0.0.1", 9870, 250.0)
-    assert stream_to("[::1]:9870", 100.0).host == "::1"
+    assert stream_to("127.0.0.1:9870", 250.0, False) == Stream("127.0.0.1", 9870, 250.0)
+    assert stream_to("[::1]:9870", 100.0, False).host == "::1"
     scope = socket.if_nametoindex("lo")
-    assert stream_to("[fe80::1%lo]:9870", 100.0).host == f"fe80::1%{scope}"
+    assert stream_to("[fe80::1%lo]:9870", 100.0, True).host == f"fe80::1%{scope}"
+
+
+@pytest.mark.parametrize("place", ["localhost", "127.8.8.8", "0.0.0.0", "[::]"])
+def test_this_machine_may_listen(place):
+    assert stream_to(f"{place}:9870", 100.0, anywhere=False).port == 9870
+
+
+@pytest.mark.parametrize(
+    "place",
+    ["192.0.2.7", "239.1.2.3", "255.255.255.255", "[2001:db8::7]", "[ff02::1%lo]", "[fe80::7%lo]"],
+)
+def test_another_machine_is_asked_for(place):
+    """These are addresses of documentation, of groups, and of everybody."""
+    with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere if"):
+        stream_to(f"{place}:9870", 100.0, anywhere=False)
+    assert stream_to(f"{place}:9870", 100.0, anywhere=True).port == 9870
+
+
+def test_an_own_address_on_the_network_is_this_machine():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.7", 9))
+        except OSError:
+            pytest.skip("this machine has no network")
+        own = probe.getsockname()[0]
+    assert stream_to(f"{own}:9870", 100.0, anywhere=False).host == own
 
 
 @pytest.mark.parametrize(
@@ -136,6 +162,8 @@ def test_places():
     [
         (["--stream", "localhost:9870", "--set", "loop.clock=simulated"], "loop.clock=monotonic"),
         (["--stream-rate", "50"], "--stream-rate: found without --stream"),
+        (["--stream-anywhere"], "--stream-anywhere: found without --stream"),
+        (["--stream", "192.0.2.7:9870"], "add --stream-anywhere if that is meant"),
         (["--stream", "9870"], "wanted HOST:PORT"),
     ],
 )

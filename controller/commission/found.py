@@ -1,0 +1,156 @@
+"""What each step finds, as its JSON file holds it: checked when it is written, and read again.
+
+A folder may come from anybody, and its files may have been edited.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from controller.commission.outcome import Outcome, Step
+from controller.experiments.kept_folder import first_wrong
+from controller.experiments.sweep_result import PointResult
+
+_HUGE = 1e9
+"""No quantity of a servo is larger, in SI units"""
+Number = Annotated[float, Field(ge=-_HUGE, le=_HUGE)]
+Positive = Annotated[float, Field(gt=0.0, le=_HUGE)]
+NotNegative = Annotated[float, Field(ge=0.0, le=_HUGE)]
+
+
+class _Found(BaseModel):
+    """What the report uses; more may be there, and is handed on as it is."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+
+class _Estimate(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+    value: Number
+    stderr: NotNegative
+
+
+class _PositiveEstimate(_Estimate):
+    value: Positive
+
+
+class _Check(_Found):
+    name: str
+    ok: bool
+    found: str
+    wanted: str
+    fix: str | None
+    fixable: bool
+
+
+class _Doctor(_Found):
+    checks: list[_Check]
+    fatal: list[str]
+    reached: bool
+
+
+class _Identify(_Found):
+    inertia: _PositiveEstimate
+    damping: _Estimate
+    coulomb: _Estimate
+    delay: _Estimate
+    torque_gain: _PositiveEstimate
+    torque_unit: str
+    backlash: _Estimate | None
+    warnings: list[str]
+    config_text: str
+
+
+class _Age(_Found):
+    guard: NotNegative
+
+
+class _Parts(_Found):
+    age: _Age
+    device: _Estimate
+
+
+class _Inserted(_Found):
+    inserted: NotNegative
+    recovered: _Estimate | None
+
+
+class _Delay(_Found):
+    parts: _Parts
+    points: list[_Inserted]
+
+
+class _Wall(_Found):
+    stiffness: Number
+    damping: Number
+
+
+class _Row(_Found):
+    name: str
+    unit: str
+    commanded: Number | None
+    rendered: Number | None
+    stderr: NotNegative | None
+    ratio: Number | None
+    note: str
+
+
+class _Rendered(_Found):
+    commanded: _Wall
+    rows: list[_Row]
+
+
+class _Sweep(_Found):
+    points: list[PointResult]
+
+
+_DATA: Mapping[Step, type[BaseModel]] = {
+    "doctor": _Doctor,
+    "identify": _Identify,
+    "delay": _Delay,
+    "rendered": _Rendered,
+    "sweep": _Sweep,
+}
+_OUTCOME = TypeAdapter(Outcome)
+
+
+def read_outcome(text: str | bytes, step: Step) -> Outcome:
+    """A step's outcome from the text of its JSON file.
+
+    Args:
+        text: One JSON object in UTF-8.
+        step: Whose file it is.
+
+    Raises:
+        ValueError: It is no JSON, or not what the step writes; the message names the first field
+            that is wrong.
+    """
+    try:
+        outcome = _OUTCOME.validate_json(text, strict=True)
+        if outcome.step != step:
+            raise ValueError(f"step: found {outcome.step}, wanted {step}")
+        if outcome.picture not in (None, picture_name(step)):
+            raise ValueError(f"picture: found another name than {picture_name(step)}")
+        # Of a step that has failed only a doctor keeps what it has found.
+        if outcome.state == "done" or outcome.data:
+            text = json.dumps(outcome.data, allow_nan=False)
+            data = _DATA[step].model_validate_json(text).model_dump(mode="json")
+            outcome = replace(outcome, data=data)
+    except ValidationError as error:
+        raise ValueError(first_wrong(error)) from None
+    return outcome
+
+
+def file_name(step: Step) -> str:
+    """The name of a step's JSON file in the folder."""
+    return f"{step}.json"
+
+
+def picture_name(step: Step) -> str:
+    """The name of a step's picture in the folder."""
+    return f"{step}.png"

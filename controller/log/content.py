@@ -1,0 +1,82 @@
+"""What a block holds: rows, metadata, or how a run ended. Right checksums do not make it ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import json_text
+from controller.log.blocks import Block
+from controller.log.pieces import End, Head, Piece
+from controller.log.plausible import fault, refusal
+
+FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
+"""What the metadata of every log begins with; those of before have no checksums, and say so by
+having no ``checksum``."""
+MOST_JSON = 1 << 22
+"""Bytes of metadata, or of how a run ended; more are damage"""
+
+
+def judged(
+    block: Block, dtype: np.dtype[np.void] | None, checked: bool
+) -> tuple[Piece | None, str | None]:
+    """What a block holds, or None and why it is none of ours, if more is known than just that.
+
+    Args:
+        block: Whole; its checksums are right, where it has any.
+        dtype: Of the rows before; None: there are none.
+        checked: Whether a block of rows, or an end, without checksums counts as damaged.
+    """
+    array = block.array
+    if array.dtype.names is None:
+        content = from_json(array)
+        if content is None:
+            return None, None
+        if is_ours(content):
+            return Head(content), None
+        if checked and not block.summed:
+            return None, None
+        why = _fault_of_end(content)
+        return (End(content), None) if why is None else (None, why)
+    if checked and not block.summed:
+        return None, None
+    if dtype not in (None, array.dtype):
+        return None, "rows of another type than those before" if block.summed else None
+    why = fault(array)
+    return (array, None) if why is None else (None, why if block.summed else None)
+
+
+def refused(block: Block) -> str | None:
+    """Why the rows of an intact block are not such as this program knows; None: they are."""
+    named = block.summed and block.array.dtype.names is not None
+    return refusal(block.array.dtype) if named else None
+
+
+def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
+    """What no run writes about its end; None: nothing."""
+    for name in ("stop_reason", "message"):
+        if not isinstance(ended.get(name), str | None):
+            return f"how the run ended: {name} is no text in it"
+    rows = ended.get("rows", 0)
+    if not isinstance(rows, int) or not 0 <= rows <= 1 << 53:
+        return "how the run ended: rows is no count in it"
+    return None
+
+
+def is_ours(metadata: Mapping[str, Any]) -> bool:
+    """Whether these are a log's metadata."""
+    return metadata.get("format") == FORMAT["format"]
+
+
+def from_json(array: NDArray[Any]) -> dict[str, Any] | None:
+    """The object that an array of bytes holds; None: it holds none."""
+    if array.dtype != np.uint8 or array.size > MOST_JSON:
+        return None
+    try:
+        content = json_text.parse(array.tobytes())
+    except (ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None

@@ -1,0 +1,86 @@
+"""A part of what scripts/mutations tries, from a fixed seed; and that it would notice a defect."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from controller.log.recording import cut, parted
+from scripts.mutation_trial import KINDS, tried
+from scripts.mutations import COUNTS, FAULTS, NAMES, PAGE, PART
+from scripts.uncertainty import PART as COMPUTED
+from tests.controller.commission.test_commission import SIMULATED, call, steps_taken
+from tests.docs.pages import ROOT
+
+SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
+SEED = 0
+
+
+def faults(kind, folder, count, base=Path(), least=0):
+    """The faults of some files, until there are ``least``."""
+    found = []
+    for number in range(count):
+        trial = tried(kind, number, SEED, folder, base, limited=False)
+        found += [f"{kind} {number} {trial.how}: {fault}" for fault in trial.faults.items()]
+        if least and len(found) >= least:
+            break
+    return found
+
+
+@pytest.mark.parametrize("kind", SOME)
+def test_no_file_is_read_wrongly_or_ends_in_a_traceback(kind, tmp_path, thorough):
+    assert faults(kind, tmp_path, 10 * SOME[kind] if thorough else SOME[kind]) == []
+
+
+def test_no_folder_of_a_commissioning_is(tmp_path, monkeypatch, thorough):
+    base, folder = tmp_path / "base", tmp_path / "tried"
+    folder.mkdir()
+    steps_taken(monkeypatch, {"nothing": None})
+    assert call("commission", *SIMULATED, "--out", base) == 0
+    assert faults("folders", folder, 200 if thorough else 40, base) == []
+
+
+def half_parted(whole, period, notes):
+    """As it is parted, but for the half of each part, which is lost."""
+    return [cut(part, 0, part.times.size // 2) for part in parted(whole, period, notes)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "wrong", "fault"),
+    [
+        ("logs", "controller.log.reader.in_order", iter, "traceback"),
+        ("logs", "controller.log.blocks.zlib.crc32", lambda _data: 0, "wrong"),
+        ("crafted", "controller.log.content.fault", lambda _rows: None, "traceback"),
+        ("crafted", "controller.cli.options.printable", "\x07{}".format, "terminal"),
+        ("configurations", "controller.cli.config._value", lambda *_: 7.25, "wrong"),
+        ("csvs", "controller.log.csv_recording.parted", half_parted, "wrong"),
+    ],
+)
+def test_a_defect_is_noticed(kind, place, wrong, fault, tmp_path, monkeypatch):
+    monkeypatch.setattr(place, wrong)
+    assert f"('{fault}'" in faults(kind, tmp_path, 200, least=1)[0]
+
+
+def test_the_page_is_of_this_script():
+    (part,) = (found[3] for found in COMPUTED.finditer(PAGE.read_text()) if found[2] == PART)
+    head, _, *rows = part.splitlines()[: 2 + len(NAMES)]
+    assert [name.strip() for name in head.strip("|").split("|")][5:] == [*FAULTS.values()]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    assert {row[0]: int(row[1]) for row in cells} == {NAMES[k]: COUNTS[k] for k in KINDS}
+    for row in cells:
+        assert int(row[1]) == sum(map(int, row[2:5])), "each is read, told or refused"
+        assert row[5:] == ["0"] * len(FAULTS), "run scripts/mutations"
+    assert re.search(r"^Seed 1\. The slowest took", part, re.M)
+
+
+def test_files_are_tried_in_processes_of_their_own(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.01",
+         "--workers", "1", "--out", str(tmp_path / "none.md")],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    assert "| configurations | 5 |" in done.stdout
+    assert "MB beyond the program's own" in done.stdout
+    assert not (tmp_path / "none.md").exists(), "a page holds all or nothing"
