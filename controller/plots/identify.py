@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.experiments.identification import Identified, whole_motion
 from controller.experiments.identify_text import row_text
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, titled
+from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, legend_above, picture, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ def plot_identification(found: Identified, name: str, path: Path) -> None:
             grid(ax)
         axes[0].plot([], [], color=INK, linewidth=0.7, label="measured")
         axes[0].plot([], [], color=ORANGE, linewidth=1.0, linestyle="--", label="fitted, in pieces")
-        axes[0].legend(loc="upper right", ncols=2)
+        legend_above(axes[0], columns=2)
 
 
 def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:

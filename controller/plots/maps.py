@@ -15,6 +15,7 @@ from controller.paper.style import (
     STIFFNESS,
     VIRTUAL_DAMPING,
     grid,
+    milliseconds,
     picture,
     shades,
     titled,
@@ -175,7 +176,7 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
 
     setting = found.setting
     handles = [
-        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {1e3 * found.delay[i]:.3g} ms")
+        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {milliseconds(found.delay[i])}")
         for i, colour in colours.items()
     ]
     handles += [
