@@ -89,9 +89,7 @@ class Motion:
                 turning = np.flatnonzero(v * after < 0.0)
                 if turning.size:
                     share = v[turning] / (v[turning] - after[turning])
-                    turned = (
-                        self.position[turning] + 0.5 * v[turning] * share * duration[turning]
-                    )
+                    turned = self.position[turning] + 0.5 * v[turning] * share * duration[turning]
                     self._followed[turning] = np.clip(
                         self._followed[turning], turned - half[turning], turned + half[turning]
                     )

@@ -9,7 +9,17 @@ import numpy as np
 
 from controller.experiments.identification import Identified, whole_motion
 from controller.experiments.identify_text import row_text
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, legend_above, picture, titled
+from controller.paper.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    grid,
+    legend_above,
+    picture,
+    titled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
