@@ -2,8 +2,8 @@
 
     scripts/limit_cycle_check [--walls N] [--out FILE]
 
-The same on every machine. A table stands between ``<!-- computed: NAME -->`` and ``<!-- end -->``;
-what is around it stays.
+The draws are the same on every machine. A table stands between ``<!-- computed: NAME -->`` and
+``<!-- end -->``; what is around it stays.
 """
 
 import os
@@ -42,7 +42,7 @@ STEADY = 2e-4
 DEAD, GROWN = 0.02, 1e3
 """Amplitudes, in predicted ones, that count as rest and as growth without end"""
 SPREAD_DELTA, SPREAD_STARTS = 0.002, np.geomspace(0.05, 30.0, 40)
-WALL_S = 3.0
+WALL_S = 1.5
 
 
 class Setting(NamedTuple):
@@ -209,10 +209,9 @@ def worth(count: int) -> Iterator[str]:
         unsettled = np.isnan(found[:, :, 0]).any(axis=1) & ~dead & ~grown
         lasting = ~dead & ~grown & ~unsettled
         kept, count_kept = found[lasting].reshape(-1, 2), int(lasting.sum())
-        sure = binomtest(count_kept, len(found)).proportion_ci(method="exact")
         lost = f"{dead.sum()} | {grown.sum()} | {unsettled.sum()}"
         yield (
-            f"| {name} | {len(found)} | {count_kept} | {sure.low:.0%} to {sure.high:.0%} "
+            f"| {name} | {len(found)} | {count_kept} | {_sure(count_kept, len(found))} "
             f"| {lost} | {_range(kept[:, 0])} | {_range(kept[:, 1])} |"
         )
 
@@ -234,12 +233,10 @@ def missed(count: int) -> Iterator[str]:
         found = np.array(settled(case.effect, begun)).reshape(-1, len(case.starts), 2)[:, :, 0]
         going = found[found != 0.0]
         lasting = int((found != 0.0).any(axis=1).sum())
-        sure = binomtest(lasting, len(none)).proportion_ci(method="exact") if none else None
-        rate = f"{sure.low:.0%} to {sure.high:.0%}" if sure else ""
         low, high = case.shares
         yield (
-            f"| {name} | {low:g} to {high:g} | {count} | {len(none)} | {lasting} | {rate} "
-            f"| {_range(going[np.isfinite(going)]) if lasting else ''} |"
+            f"| {name} | {low:g} to {high:g} | {count} | {len(none)} | {lasting} "
+            f"| {_sure(lasting, len(none))} | {_range(going[np.isfinite(going)])} |"
         )
 
 
@@ -255,7 +252,7 @@ def _kick(setting: Setting, case: Case) -> LimitCycle:
 def spread() -> Iterator[str]:
     """Where saturated motion settles, by how it begins: one wall a row."""
     yield (
-        "| B over its ceiling | K over the limit | different cycles | periods [samples] "
+        "| B over its ceiling | K over the limit | different periods | from, to [samples] "
         "| amplitude over predicted | frequency over predicted |"
     )
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -273,16 +270,26 @@ def spread() -> Iterator[str]:
     ]
     found = np.array(settled(effect, begun)).reshape(len(settings), SPREAD_STARTS.size, 2)
     for setting, cycle, ends in zip(settings, cycles, found, strict=True):
-        samples = np.round(1.0 / (ends[:, 1] * cycle.frequency * PERIOD), 1)
+        samples = np.round(1.0 / (ends[:, 1] * cycle.frequency * PERIOD))
         yield (
             f"| {setting.damper:g} | {setting.share:g} | {np.unique(samples).size} "
-            f"| {samples.min():g} to {samples.max():g} | {_range(ends[:, 0])} "
+            f"| {samples.min():g}, {samples.max():g} | {_range(ends[:, 0])} "
             f"| {_range(ends[:, 1])} |"
         )
 
 
+def _sure(count: int, of: int) -> str:
+    """Exact bounds of a rate, 95 %; of none, nothing."""
+    if not of:
+        return ""
+    bounds = binomtest(count, of).proportion_ci(method="exact")
+    return f"{bounds.low:.0%} to {bounds.high:.0%}"
+
+
 def _range(values: Array) -> str:
-    """Least, median and greatest."""
+    """Least, median and greatest; of none, nothing."""
+    if not values.size:
+        return ""
     return ", ".join(f"{value:.2f}" for value in np.quantile(values, [0.0, 0.5, 1.0]))
 
 
