@@ -14,7 +14,6 @@ from controller.file_kinds import SOFTWARE
 from controller.log.rows import LogRows
 from controller.paper.style import any_writing, titled
 from controller.plots import run_panels
-from controller.plots.dense_picture import in_pieces
 from controller.plots.sketch import Sketch, sketched
 from controller.settings.config import Config
 from controller.telemetry import FLAG_OFF, FLAG_WARM_UP
@@ -97,7 +96,7 @@ def plot_run(
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
     figure.align_ylabels(axes)
-    with in_pieces(), any_writing():
+    with any_writing():
         figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 

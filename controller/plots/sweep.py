@@ -17,6 +17,7 @@ from controller.paper.style import (
     STIFFNESS,
     VIRTUAL_DAMPING,
     grid,
+    milliseconds,
     picture,
     shades,
     titled,
@@ -112,7 +113,7 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
     handles = []
     for steps, colour in colours.items():
         delay = np.mean([point.delay_s for point in points if point.delay_steps == steps])
-        label = f"{1e3 * delay:.3g} ms ({steps} inserted)"
+        label = f"{milliseconds(float(delay))} ({steps} inserted)"
         handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
     dot: dict[str, Any] = {"color": INK, "linestyle": " "}
     handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
