@@ -8,11 +8,13 @@ regression on smoothed data, which takes nothing on trust but the model's form.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.signal import lfilter, savgol_filter
 
+from controller.experiments.loads import Loads
 from controller.experiments.motion_model import (
     Motion,
     Parameters,
@@ -39,6 +41,10 @@ _LEAST_PLAY = 1e-6
 """[rad]"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """No value is known better than by this share: rounding is in what the spring answers to as well"""
+MOST_PERIODS = 200
+"""Of cogging in a turn that are looked for"""
+_STATIC_STEP = 0.02
+"""Share of the friction by which that at rest is varied"""
 _ROUNDS = 40
 _EXACT = 1e-7
 """Residual that no encoder knows of [rad]"""
@@ -72,6 +78,8 @@ class Fit:
     pieces: Pieces
     fitted: FloatArray
     """Positions of the model [rad], shape as the pieces'"""
+    loads: Loads | None = None
+    """None: none were fitted"""
 
 
 def fit_motion(motion: Motion, step: float) -> Fit:
@@ -96,6 +104,94 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     return with_play if with_play.play > _VISIBLE * with_play.stderr[4] + _LEAST_PLAY else without
 
 
+def fit_loaded(motion: Motion, step: float) -> Fit:
+    """Fit the model with the loads of an ordinary servo besides.
+
+    Args:
+        motion: As for ``fit_motion``.
+        step: One count of the encoder [rad]; 0: not quantised.
+
+    Raises:
+        NoFitError: The motion cannot tell.
+    """
+    speed, acceleration = smoothed(motion)
+    cuts = _cuts(motion, speed, max(step, 1e-6))
+    start = _loaded_start(motion, speed, acceleration)
+    pieces = pieces_of(motion, cuts)
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    fit, speeds = _fitted(pieces, start, speeds, with_play=False)
+    fit, speeds = _fitted(pieces, _with_cogging(fit), speeds, with_play=False)
+    for _ in range(3):
+        fit, speeds = _fitted(pieces, _with_stiction(pieces, fit, speeds), speeds, with_play=False)
+    return fit
+
+
+def _loaded_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
+    """As ``_start``, the loads among the columns."""
+    plain = _start(motion, speed, acceleration)
+    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
+    middle = 0.5 * float(np.min(motion.position) + np.max(motion.position))
+    loads = Loads(plain.coulomb, middle)
+    window = _window(motion)
+    smooth = [savgol_filter(wave, window, 3) for wave in loads.waves(motion.position)]
+    columns = np.column_stack([acceleration, speed, np.sign(speed), *smooth])[moving]
+    torque = torque_on(motion, [plain.delay])[0][moving]
+    found = np.linalg.lstsq(columns, torque, rcond=None)[0].tolist()
+    inertia, damping, coulomb = (max(v, 0.05 * plain.inertia) for v in found[:3])
+    loads = replace(loads, static=coulomb, weights=tuple(found[3:]))
+    return replace(plain, inertia=inertia, damping=damping, coulomb=coulomb, loads=loads)
+
+
+def _with_cogging(fit: Fit) -> Fit:
+    """The fit with that cogging begun that would explain most of what it leaves."""
+    pieces, loads = fit.pieces, fit.loads
+    assert loads is not None
+    period = float(np.median(np.diff(pieces.motion.sampled)))
+    left = pieces.position - fit.fitted
+    weights = _weights(pieces)
+    decay = math.exp(-fit.damping / fit.inertia * period)
+    answer = [0.5 * period**2 / fit.inertia, 0.5 * period**2 / fit.inertia], [1.0, -1.0 - decay, decay]
+    time = pieces.sampled - pieces.sampled[:, :1]
+    own = np.stack([np.ones(time.shape), time, np.exp(-fit.damping / fit.inertia * time), time**2])
+    root = np.sqrt(weights)
+    base = np.linalg.qr(np.moveaxis(own * root, 0, 2))[0]
+
+    def free(x: FloatArray) -> FloatArray:
+        x = x * root
+        return x - np.einsum("sni,si->sn", base, np.einsum("sni,sn->si", base, x))
+
+    target = free(left)
+    best, found = 0.0, (loads.periods, (0.0, 0.0))
+    for periods in range(2, MOST_PERIODS + 1, 2):
+        tried = replace(loads, periods=float(periods), weights=(0.0,) * 4)
+        waves = lfilter(*answer, -tried.waves(pieces.position)[2:], axis=-1)
+        columns = np.stack([free(wave).ravel() for wave in waves], axis=1)
+        weight = np.linalg.lstsq(columns, target.ravel(), rcond=1e-6)[0]
+        explained = float(np.sum((columns @ weight) ** 2))
+        if explained > best:
+            best, found = explained, (float(periods), tuple(weight.tolist()))
+    weights_now = (*loads.weights[:2], *found[1], 0.0)
+    return replace(fit, loads=replace(loads, periods=found[0], weights=weights_now))
+
+
+def _window(motion: Motion) -> int:
+    period = float(np.median(np.diff(motion.sampled)))
+    return max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
+
+
+def _with_stiction(pieces: Pieces, fit: Fit, speeds: FloatArray) -> Fit:
+    """The fit with the friction at rest that leaves least of the motion, its cogging settled."""
+    assert fit.loads is not None
+    fit = replace(fit, loads=fit.loads.settled())
+    ratios = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 3.05, 0.1)])
+    model = _Model(pieces, fit.play > 0.0, fit)
+    tried = np.tile(model.begin, (ratios.size, 1))
+    tried[:, model.count] = ratios * fit.coulomb
+    best = float(tried[int(np.argmin(model.costs(tried, speeds))), model.count])
+    assert fit.loads is not None
+    return replace(fit, loads=replace(fit.loads, static=best))
+
+
 def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
     """Speed [rad/s] and acceleration [rad/s²] at each sample, over a window of some samples.
 
@@ -105,7 +201,7 @@ def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
     if motion.sampled.size < 500:
         raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
     period = float(np.median(np.diff(motion.sampled)))
-    window = max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
+    window = _window(motion)
     # On an even grid: losses and missed periods are bridged by a line.
     even = np.arange(motion.sampled[0], motion.sampled[-1], period)
     position = np.interp(even, motion.sampled, motion.position)
@@ -185,10 +281,15 @@ def _fitted(
     values, speeds = _least_squares(model, speeds)
     linear = model.linear(values, speeds)
     left = linear.left[pieces.held]
-    five = [*values.tolist(), *([] if with_play else [0.0])]
+    count = 5 if with_play else 4
+    five = [*values[:count].tolist(), *([] if with_play else [0.0])]
     inertia, damping, coulomb, delay, play = five
     period = float(np.median(np.diff(pieces.motion.sampled)))
-    errors = [*standard_errors(linear, period), *([] if with_play else [0.0])]
+    errors = [*standard_errors(linear, period)[:count], *([] if with_play else [0.0])]
+    loads = start.loads
+    if loads is not None:
+        static, *weights = values[count:].tolist()
+        loads = replace(loads, static=static, weights=tuple(weights))
     fit = Fit(
         inertia,
         damping,
@@ -202,6 +303,7 @@ def _fitted(
         residual=float(np.sqrt(np.mean(left**2))),
         pieces=pieces,
         fitted=pieces.position + linear.left,
+        loads=loads,
     )
     return fit, speeds
 
@@ -220,19 +322,45 @@ class _Model:
         # Small beside what matters, large beside rounding.
         steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5]
         self._steps = np.array([*steps[: self.count], 1e-5])
+        self._waves: FloatArray | None = None
+        if start.loads is not None:
+            more = np.array([start.loads.static, *start.loads.weights])
+            self.begin = np.concatenate([self.begin, more])
+            self.low = np.concatenate([self.low, [0.0], np.full(more.size - 1, -np.inf)])
+            # Friction at rest decides where the shaft stays: only a larger step shows it.
+            steps = [_STATIC_STEP * start.coulomb, *[1e-4 * inertia] * (more.size - 1)]
+            self._steps = np.array([*self._steps[:-1], *steps, self._steps[-1]])
+            between = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
+            self._waves = start.loads.waves(between)
 
     def linear(self, values: FloatArray, speeds: FloatArray) -> Linear:
         """All variants at once: as it is, and with each value a little larger."""
-        count = self.count
-        variants = np.tile(np.pad(values, (0, 5 - count)), (count + 2, 1))
-        variants[1 : count + 1, :count] += np.diag(self._steps[:count])
+        count = values.size
+        variants = np.tile(values, (count + 2, 1))
+        variants[1 : count + 1] += np.diag(self._steps[:-1])
         starts = np.tile(speeds, (count + 2, 1))
         starts[-1] += self._steps[-1]
-        parameters = Parameters(*(variants[:, n : n + 1] for n in range(5)))
-        shown = simulated(self.pieces, parameters, starts) - self.pieces.position
-        shown -= np.sum(shown * self._means, axis=2, keepdims=True)
+        shown = self._left(variants, starts)
         slopes = (shown[1:] - shown[0]) / self._steps[:, None, None]
         return Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
+
+    def costs(self, variants: FloatArray, speeds: FloatArray) -> FloatArray:
+        """Weighted squares of each variant of the values, shape (v, values)."""
+        shown = self._left(variants, np.tile(speeds, (variants.shape[0], 1)))
+        squares: FloatArray = np.sum(self._weights * shown**2, axis=(1, 2))
+        return squares
+
+    def _left(self, variants: FloatArray, starts: FloatArray) -> FloatArray:
+        """Fitted less measured for each variant of the values, shape (v, s, n)."""
+        five = np.pad(variants[:, : self.count], ((0, 0), (0, 5 - self.count)))
+        parameters = Parameters(*(five[:, n : n + 1] for n in range(5)))
+        if self._waves is not None:
+            static = variants[:, self.count : self.count + 1]
+            load = np.tensordot(variants[:, self.count + 1 :], self._waves, axes=1)
+            parameters = replace(parameters, static=static, load=load)
+        shown = simulated(self.pieces, parameters, starts) - self.pieces.position
+        shown -= np.sum(shown * self._means, axis=2, keepdims=True)
+        return shown
 
 
 def _weights(pieces: Pieces) -> FloatArray:

@@ -72,6 +72,10 @@ class Parameters:
     """From a torque's sending to its action [s]"""
     play: FloatArray
     """Between shaft and encoder, full width [rad]"""
+    static: FloatArray | None = None
+    """Friction at rest [N·m]; None: as in motion"""
+    load: FloatArray | None = None
+    """Torque against the shaft from each sample to the next [N·m], (v, s, n - 1); None: none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,12 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         Shape (v, s, n).
     """
     lengths, torques = _schedule(pieces, parameters.delay)
+    if parameters.load is not None:
+        torques = torques - parameters.load[:, :, :, None]
     inertia, coulomb = parameters.inertia, parameters.coulomb
+    static = np.broadcast_to(
+        coulomb if parameters.static is None else parameters.static, speeds.shape
+    )
     decay = parameters.damping / inertia
     response = held_response(decay[:, :, None, None], lengths)
     phi, psi, kept = (np.moveaxis(r, (2, 3), (0, 1)) for r in response)
@@ -131,7 +140,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         for j in range(held.shape[1]):
             u = held[k, j]
             sign = np.sign(v)
-            sign = np.where(sign == 0.0, np.where(np.abs(u) > coulomb, np.sign(u), 0.0), sign)
+            sign = np.where(sign == 0.0, np.where(np.abs(u) > static, np.sign(u), 0.0), sign)
             push = np.where(sign == 0.0, 0.0, u - sign * coulomb) / inertia
             end = v * kept[k, j] + push * phi[k, j]
             moved = v * phi[k, j] + push * psi[k, j]
@@ -142,7 +151,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
                     push[turned],
                     decay[turned],
                     lengths[k, j][turned],
-                    _breakaway(u[turned], coulomb[turned]) / inertia[turned],
+                    _breakaway(u[turned], coulomb[turned], static[turned]) / inertia[turned],
                 )
                 at = x[turned] + rest
                 shown[turned] = np.clip(shown[turned], at - half[turned], at + half[turned])
@@ -153,9 +162,10 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     return np.moveaxis(out, 0, 2)
 
 
-def _breakaway(torque: FloatArray, coulomb: FloatArray) -> FloatArray:
+def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:
     """What is left of a torque on a body at rest when friction has taken its share [N·m]."""
-    return np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
+    left = np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
+    return np.where(np.abs(torque) > static, left, 0.0)
 
 
 def _through_rest(
