@@ -31,6 +31,8 @@ class Loads:
     """Of the cogging in a turn; 0: there is none"""
     weights: tuple[float, ...] = (0.0, 0.0)
     """Of each of ``waves`` [N·m]"""
+    errors: tuple[float, ...] = ()
+    """Standard errors of the friction at rest and of the weights [N·m]"""
 
     @property
     def gravity(self) -> float:

@@ -1,0 +1,140 @@
+"""The fit of an ordinary servo: what stands against its shaft is fitted with the model.
+
+A weight first; then the cogging that explains most of what is left; then the friction at rest that
+leaves least. None of it is in the model that the guard works with: fitted along, it does not pass
+for inertia, friction or delay.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter, savgol_filter
+
+from controller.experiments.fitting import (
+    NAMES,
+    Fit,
+    cuts_of,
+    fitted,
+    smoothed,
+    start_of,
+    torque_on,
+    visible_play,
+    window_of,
+)
+from controller.experiments.loads import Loads
+from controller.experiments.motion_model import Motion, pieces_of
+from controller.experiments.output_error import OutputError, weights_of
+from controller.theory.checks import FloatArray
+
+MOST_PERIODS = 200
+"""Of cogging in a turn that are looked for"""
+_RATIOS = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 4.05, 0.1)])
+"""Friction at rest over that in motion that is tried"""
+_ROUNDS = 5
+_BETTER = 0.98
+"""Share of the squares that must be left for another round, or a cogging, to be worth it"""
+_NEAR = 3.0
+"""Periods in a turn within which one cogging passes for another"""
+
+
+def fit_loaded(motion: Motion, step: float) -> Fit:
+    """Fit the model with the loads of an ordinary servo besides.
+
+    Args:
+        motion: At least two seconds in which the shaft moves.
+        step: One count of the encoder [rad]; 0: not quantised.
+
+    Raises:
+        NoFitError: The motion cannot tell.
+    """
+    speed, acceleration = smoothed(motion)
+    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    pieces = pieces_of(motion, cuts)
+    start = _weighed_start(motion, speed, acceleration)
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    fit, speeds = fitted(pieces, start, speeds, with_play=False, thorough=False)
+    for _ in range(_ROUNDS):
+        before = fit.residual
+        stuck = _with_stiction(fit, speeds)
+        fit, speeds = fitted(pieces, stuck, speeds, with_play=False, thorough=False)
+        begun = _with_cogging(fit)
+        cogged, its_speeds = fitted(pieces, begun, speeds, with_play=False, thorough=False)
+        if cogged.residual**2 < _BETTER * fit.residual**2:
+            fit, speeds = cogged, its_speeds
+        if fit.residual**2 > _BETTER * before**2:
+            break
+    fit, speeds = fitted(pieces, _with_stiction(fit, speeds), speeds, with_play=False)
+    return visible_play(fit, speeds) or fit
+
+
+def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
+    """As ``start_of``, with a weight."""
+    plain = start_of(motion, speed, acceleration)
+    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
+    middle = 0.5 * float(np.min(motion.position) + np.max(motion.position))
+    loads = Loads(plain.coulomb, middle)
+    window = window_of(motion)
+    smooth = [savgol_filter(wave, window, 3) for wave in loads.waves(motion.position)]
+    columns = np.column_stack([acceleration, speed, np.sign(speed), *smooth])[moving]
+    torque = torque_on(motion, [plain.delay])[0][moving]
+    found = np.linalg.lstsq(columns, torque, rcond=None)[0].tolist()
+    inertia, damping, coulomb = (max(v, 0.05 * plain.inertia) for v in found[:3])
+    loads = replace(loads, static=coulomb, weights=tuple(found[3:]))
+    return replace(plain, inertia=inertia, damping=damping, coulomb=coulomb, loads=loads)
+
+
+def _with_cogging(fit: Fit) -> Fit:
+    """The fit with that cogging which would explain most, or with its own settled.
+
+    To small torques the body answers as one without Coulomb friction, from the beginning of its
+    piece on; what the beginning itself can have done is not counted.
+    """
+    pieces, loads = fit.pieces, fit.loads
+    assert loads is not None
+    period = float(np.median(np.diff(pieces.motion.sampled)))
+    kept = math.exp(-fit.damping / fit.inertia * period)
+    push = 0.5 * period**2 / fit.inertia
+    root = np.sqrt(weights_of(pieces))
+    time = pieces.sampled - pieces.sampled[:, :1]
+    own = np.stack([np.ones(time.shape), time, time**2])
+    base = np.linalg.qr(np.moveaxis(own * root, 0, 2))[0]
+
+    def told(shown: FloatArray) -> FloatArray:
+        shown = shown * root
+        shown = shown - np.einsum("sni,si->sn", base, np.einsum("sni,sn->si", base, shown))
+        return shown.ravel()
+
+    def effects(loads: Loads) -> FloatArray:
+        waves = -loads.waves(pieces.position)[2:4]
+        shown = lfilter([push, push], [1.0, -1.0 - kept, kept], waves)
+        return np.stack([told(each) for each in shown], axis=1)
+
+    target = told(pieces.position - fit.fitted)
+    if loads.periods:
+        target = target + effects(loads) @ np.array(loads.weights[2:4])
+    most, best = 0.0, loads
+    for periods in range(2, MOST_PERIODS + 1, 2):
+        tried = replace(loads, periods=float(periods), weights=(*loads.weights[:2], 0.0, 0.0))
+        columns = effects(tried)
+        weights = np.linalg.lstsq(columns, target, rcond=1e-6)[0]
+        explained = float(np.sum((columns @ weights) ** 2))
+        if explained > most:
+            found = (*loads.weights[:2], *weights.tolist(), 0.0)
+            most, best = explained, replace(tried, weights=found)
+    if loads.periods and abs(best.periods - loads.periods) <= _NEAR:
+        best = loads.settled()
+    return replace(fit, loads=best)
+
+
+def _with_stiction(fit: Fit, speeds: FloatArray) -> Fit:
+    """The fit with the friction at rest that leaves least of the motion."""
+    assert fit.loads is not None
+    begin = np.array([getattr(fit, name) for name in NAMES[:4]])
+    model = OutputError(fit.pieces, begin, fit.loads)
+    tried = np.tile(model.begin, (_RATIOS.size, 1))
+    tried[:, begin.size] = _RATIOS * fit.coulomb
+    best = float(tried[int(np.argmin(model.costs(tried, speeds))), begin.size])
+    return replace(fit, loads=replace(fit.loads, static=best))
