@@ -30,6 +30,8 @@ class Effects:
 
     stiction: float = 1.0
     """Static over kinetic friction"""
+    stribeck: float = 0.0
+    """Speed at which that excess has fallen to a third [rad/s]; 0: there is none in motion"""
     cogging: float = 0.0
     """Amplitude [N·m]"""
     periods: int = 24
@@ -76,9 +78,13 @@ class Effects:
     ) -> State:
         position, velocity = state
         inertia, coulomb = parameters.inertia, parameters.coulomb
+        static = self.stiction * coulomb
+        if self.stribeck > 0.0:
+            fading = math.exp(-abs(state.velocity) / self.stribeck)
+            coulomb += (static - coulomb) * fading
         decay = parameters.damping / inertia
         while True:
-            if velocity == 0.0 and abs(torque) <= self.stiction * coulomb:
+            if velocity == 0.0 and abs(torque) <= static:
                 return State(position, 0.0)
             direction = math.copysign(1.0, velocity or torque)
             slide = Slide(velocity, (torque - direction * coulomb) / inertia, 0.0, decay, 0.0)

@@ -209,9 +209,13 @@ def fitted(
     errors = [*all_errors[:count], *([] if with_play else [0.0])]
     loads = start.loads
     if loads is not None:
-        static, *weights = values[count:].tolist()
+        static, fading, *weights = values[count:].tolist()
         loads = replace(
-            loads, static=static, weights=tuple(weights), errors=tuple(all_errors[count:])
+            loads,
+            static=static,
+            fading=fading,
+            weights=tuple(weights),
+            errors=tuple(all_errors[count:]),
         )
     fit = Fit(
         inertia,

@@ -33,6 +33,14 @@ MOST_PERIODS = 200
 """Of cogging in a turn that are looked for"""
 _RATIOS = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 4.05, 0.1)])
 """Friction at rest over that in motion that is tried"""
+_FADINGS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Speeds over which that excess fades that are tried [rad/s]"""
+_FADES = 0.97
+"""Share of the squares that must be left for it to fade in motion"""
+_LOWER = 0.7
+"""Share of the friction found that remains at high speed, to begin with"""
+_LEFT, _UNQUANTISED = 1.1, 1e-5
+"""Residual from which fading is looked for: in shares of what rounding leaves, and at least [rad]"""
 _ROUNDS = 5
 _BETTER = 0.98
 """Share of the squares that must be left for another round, or a cogging, to be worth it"""
@@ -67,7 +75,22 @@ def fit_loaded(motion: Motion, step: float) -> Fit:
         if fit.residual**2 > _BETTER * before**2:
             break
     fit, speeds = fitted(pieces, _with_stiction(fit, speeds), speeds, with_play=False)
+    if fit.residual > _LEFT * max(step / math.sqrt(12.0), _UNQUANTISED):
+        fit, speeds = _with_fading(fit, speeds)
     return visible_play(fit, speeds) or fit
+
+
+def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
+    """The fit whose friction at rest fades over a range of speeds, where that leaves less."""
+    assert fit.loads is not None
+    best = fit, speeds
+    for fading in _FADINGS[1::2]:
+        loads = replace(fit.loads, static=fit.coulomb, fading=fading)
+        begun = replace(fit, coulomb=_LOWER * fit.coulomb, loads=loads)
+        found = fitted(fit.pieces, begun, speeds, with_play=False, thorough=False)
+        if found[0].residual ** 2 < _BETTER * best[0].residual ** 2:
+            best = found
+    return best if best[0] is fit else fitted(fit.pieces, best[0], best[1], with_play=False)
 
 
 def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
@@ -75,7 +98,7 @@ def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) 
     plain = start_of(motion, speed, acceleration)
     moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
     middle = 0.5 * float(np.min(motion.position) + np.max(motion.position))
-    loads = Loads(plain.coulomb, middle)
+    loads = Loads(plain.coulomb, 0.0, middle)
     window = window_of(motion)
     smooth = [savgol_filter(wave, window, 3) for wave in loads.waves(motion.position)]
     columns = np.column_stack([acceleration, speed, np.sign(speed), *smooth])[moving]
@@ -130,11 +153,23 @@ def _with_cogging(fit: Fit) -> Fit:
 
 
 def _with_stiction(fit: Fit, speeds: FloatArray) -> Fit:
-    """The fit with the friction at rest that leaves least of the motion."""
-    assert fit.loads is not None
+    """The fit with the friction at rest, and its fading in motion, that leave least."""
+    loads = fit.loads
+    assert loads is not None
     begin = np.array([getattr(fit, name) for name in NAMES[:4]])
-    model = OutputError(fit.pieces, begin, fit.loads)
-    tried = np.tile(model.begin, (_RATIOS.size, 1))
-    tried[:, begin.size] = _RATIOS * fit.coulomb
-    best = float(tried[int(np.argmin(model.costs(tried, speeds))), begin.size])
-    return replace(fit, loads=replace(fit.loads, static=best))
+    model = OutputError(fit.pieces, begin, loads)
+    at = begin.size
+    best, least = (loads.static, loads.fading), math.inf
+    fadings = _FADINGS if loads.fading == 0.0 else (0.0, loads.fading)
+    for fading in fadings:
+        ratios = _RATIOS if fading in (0.0, loads.fading) else _RATIOS[::4]
+        tried = np.tile(model.begin, (ratios.size, 1))
+        tried[:, at] = ratios * fit.coulomb
+        tried[:, at + 1] = fading
+        if fading and fading != loads.fading:  # what stays at high speed was in the mean
+            tried[:, 2] = fit.coulomb
+        costs = model.costs(tried, speeds)
+        lowest = int(np.argmin(costs))
+        if float(costs[lowest]) < (_FADES if fading else 1.0) * least:
+            least, best = float(costs[lowest]), (float(tried[lowest, at]), fading)
+    return replace(fit, loads=replace(loads, static=best[0], fading=best[1]))

@@ -25,6 +25,8 @@ class Loads:
 
     static: float
     """Friction at rest [N·m]; no more than that in motion: no more friction at rest"""
+    fading: float
+    """Speed at which its excess has fallen to a third [rad/s]; 0: there is none in motion"""
     center: float
     """Where the cogging's phase is given [rad]"""
     periods: float = 0.0
@@ -32,7 +34,7 @@ class Loads:
     weights: tuple[float, ...] = (0.0, 0.0)
     """Of each of ``waves`` [N·m]"""
     errors: tuple[float, ...] = ()
-    """Standard errors of the friction at rest and of the weights [N·m]"""
+    """Standard errors of the friction at rest [N·m], its fading [rad/s] and the weights [N·m]"""
 
     @property
     def gravity(self) -> float:

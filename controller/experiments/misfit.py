@@ -35,18 +35,18 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
 
 
 def _loads(loads: Loads, coulomb: float) -> Iterator[str]:
-    errors = [*loads.errors, *[0.0] * 5]
+    errors = [*loads.errors, *[0.0] * 6]
     excess = loads.static - coulomb
     if loads.static > _STUCK * coulomb and excess > _ERRORS * errors[0]:
         yield (
             f"it sticks: friction is {loads.static:.2g} N·m at rest and {coulomb:.2g} in motion"
         )
-    if loads.cogging > max(_ERRORS * math.hypot(*errors[3:5]), _SHARE * coulomb):
+    if loads.cogging > max(_ERRORS * math.hypot(*errors[4:6]), _SHARE * coulomb):
         yield (
             f"it cogs: {loads.cogging:.2g} N·m to and fro, about {loads.periods:.0f} periods per"
             " turn"
         )
-    if loads.gravity > max(_ERRORS * math.hypot(*errors[1:3]), _SHARE * coulomb):
+    if loads.gravity > max(_ERRORS * math.hypot(*errors[2:4]), _SHARE * coulomb):
         angle = loads.hanging
         yield (
             f"a torque goes with the angle, {loads.gravity:.2g} N·m at most: a weight that hangs at"

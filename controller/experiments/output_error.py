@@ -32,7 +32,7 @@ class OutputError:
         loads: Fitted besides, from these on; None: there are none.
 
     Attributes:
-        begin: Those values, the friction at rest, the weights of the loads.
+        begin: Those values, the friction at rest, its fading, the weights of the loads.
         low: The least of each.
     """
 
@@ -48,10 +48,12 @@ class OutputError:
         steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5][:count]
         self._waves: FloatArray | None = None
         if loads is not None:
-            self.begin = np.array([*values, loads.static, *loads.weights])
-            self.low = np.array([*self.low, 0.0, *[-np.inf] * len(loads.weights)])
+            self.begin = np.array([*values, loads.static, loads.fading, *loads.weights])
+            self.low = np.array([*self.low, 0.0, 0.0, *[-np.inf] * len(loads.weights)])
             # Friction at rest decides where the shaft stays: only a larger step shows it.
-            steps += [_STATIC_STEP * coulomb, *[1e-4 * inertia] * len(loads.weights)]
+            steps += [_STATIC_STEP * coulomb, 0.01 * loads.fading or 1e-12]
+            steps += [1e-4 * inertia] * len(loads.weights)
+            self.low[count + 1] = 0.2 * loads.fading
             between = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
             self._waves = loads.waves(between)
         self._steps = np.array([*steps, 1e-5])
@@ -78,9 +80,9 @@ class OutputError:
         five = np.pad(variants[:, : self._count], ((0, 0), (0, 5 - self._count)))
         parameters = Parameters(*(five[:, n : n + 1] for n in range(5)))
         if self._waves is not None:
-            static = variants[:, self._count : self._count + 1]
-            load = np.tensordot(variants[:, self._count + 1 :], self._waves, axes=1)
-            parameters = replace(parameters, static=static, load=load)
+            static, fading, weights = np.split(variants[:, self._count :], [1, 2], axis=1)
+            load = np.tensordot(weights, self._waves, axes=1)
+            parameters = replace(parameters, static=static, fading=fading, load=load)
         shown = simulated(self.pieces, parameters, starts) - self.pieces.position
         shown -= np.sum(shown * self._means, axis=2, keepdims=True)
         return shown
