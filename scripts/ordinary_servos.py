@@ -110,6 +110,8 @@ COGGING, GRAVITY = 0.33, 1.11
 """Of an XM430's Coulomb friction: 0.03 and 0.1 N·m"""
 STICTION = (1.25, 2.0)
 PERIODS = (4, 96)
+FADING = (0.03, 1.0)
+"""Of half of those that stick the friction falls from that at rest over such a speed [rad/s]"""
 GROUPS = ("stiction", "cogging", "gravity", "together")
 
 
@@ -127,9 +129,11 @@ def drawn_effects(group: str, coulomb: float, seed: int) -> Effects:
         cogging, gravity = random.uniform(0.0, (COGGING * coulomb, GRAVITY * coulomb)).tolist()
         phase, hanging = random.uniform(-math.pi, math.pi, 2).tolist()
         periods = int(random.integers(*PERIODS, endpoint=True))
+        stribeck = float(np.exp(random.uniform(*np.log(FADING)))) if random.random() < 0.5 else 0.0
         everything = group == "together"
         effects = Effects(
             stiction=stiction if everything or group == "stiction" else 1.0,
+            stribeck=stribeck,
             cogging=cogging if everything or group == "cogging" else 0.0,
             periods=periods,
             phase=phase,

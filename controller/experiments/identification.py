@@ -17,12 +17,7 @@ from pathlib import Path
 from controller.errors import UserError
 from controller.experiments.excitation import Bounds, Guess
 from controller.experiments.fitting import Fit
-from controller.experiments.identify_bench import (
-    SPOILT,
-    Bench,
-    UnidentifiableError,
-    rounding_of,
-)
+from controller.experiments.identify_bench import Bench, UnidentifiableError, rounding_of
 from controller.experiments.misfit import misfit
 from controller.experiments.motion_model import Motion, motion_of
 from controller.experiments.testbed import Played, Testbed
@@ -142,7 +137,7 @@ def identify(
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
     bench = Bench(bed, bounds, tell)
     guess = bench.find_moving_torque(_believed(config))
-    _, fit = bench.fitted("gentle", guess, GENTLE * reach, loaded=SPOILT)
+    _, fit = bench.fitted("gentle", guess, GENTLE * reach)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     return _judged(played, fit, bounds, tuple(bench.logs))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,8 @@ class Bench:
         self._bounds = bounds
         self._tell = tell
         self._age = 0.0
+        self._loaded: Fit | None = None
+        """Of the motion before, where loads were found"""
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
@@ -106,9 +109,7 @@ class Bench:
             )
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
 
-    def fitted(
-        self, name: str, guess: Guess, amplitude: float, loaded: float = _LOADED
-    ) -> tuple[Played, Fit]:
+    def fitted(self, name: str, guess: Guess, amplitude: float) -> tuple[Played, Fit]:
         """A program and the model fitted to it, on data that stayed within the reach.
 
         A motion that is spoilt is repeated: too far, too little, or not to be explained.
@@ -117,7 +118,6 @@ class Bench:
             name: Of the log.
             guess: What the motions are scaled to.
             amplitude: How far the shaft should come to each side [rad].
-            loaded: Residual, in shares of what rounding leaves, from which loads are fitted.
 
         Raises:
             UnidentifiableError: It stays too large, or cannot be fitted.
@@ -132,7 +132,7 @@ class Bench:
             furthest = _furthest(played)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             try:
-                fit = self._explained(motion_of(played.rows), loaded)
+                fit = self._explained(motion_of(played.rows))
             except NoFitError as error:
                 unfit = f"the motion in {played.log} cannot be fitted: {error}"
                 self._tell(f"{unfit}; once more")
@@ -156,17 +156,21 @@ class Bench:
             f" {bounds.reach:.2g} rad; give it more --reach, or see what else moves it"
         )
 
-    def _explained(self, motion: Motion, loaded: float) -> Fit:
+    def _explained(self, motion: Motion) -> Fit:
         """The model's fit; with loads where it leaves much, and they explain it."""
         step = self._bounds.step
-        try:
-            plain = fit_motion(motion, step)
-        except NoFitError:  # a weight may hide that the torque moves it
-            return fit_loaded(motion, step)
-        if plain.residual <= loaded * rounding_of(self._bounds):
+        before, enough = self._loaded, _LOADED * rounding_of(self._bounds)
+        plain: Fit | None = None
+        if before is None:
+            with suppress(NoFitError):  # a weight may hide that the torque moves it
+                plain = fit_motion(motion, step)
+        if plain is not None and plain.residual <= enough:
             return plain
-        fit = fit_loaded(motion, step)
-        return fit if fit.residual < _BETTER * plain.residual else plain
+        fit = fit_loaded(motion, step, before)
+        if plain is not None and fit.residual > _BETTER * plain.residual:
+            return plain
+        self._loaded = fit
+        return fit
 
     def corrected(self, fit: Fit) -> Guess:
         """Parameters that the next motions are scaled to."""

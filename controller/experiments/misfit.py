@@ -38,9 +38,7 @@ def _loads(loads: Loads, coulomb: float) -> Iterator[str]:
     errors = [*loads.errors, *[0.0] * 6]
     excess = loads.static - coulomb
     if loads.static > _STUCK * coulomb and excess > _ERRORS * errors[0]:
-        yield (
-            f"it sticks: friction is {loads.static:.2g} N·m at rest and {coulomb:.2g} in motion"
-        )
+        yield (f"it sticks: friction is {loads.static:.2g} N·m at rest and {coulomb:.2g} in motion")
     if loads.cogging > max(_ERRORS * math.hypot(*errors[4:6]), _SHARE * coulomb):
         yield (
             f"it cogs: {loads.cogging:.2g} N·m to and fro, about {loads.periods:.0f} periods per"

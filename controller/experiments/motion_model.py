@@ -110,6 +110,11 @@ def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
     return Pieces(motion, motion.sampled[index], motion.position[index], held)
 
 
+def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
+    """Some of the pieces, shape (s,)."""
+    return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
+
+
 def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
     """Positions that the encoder would have shown, rounding left out [rad].
 

@@ -18,7 +18,7 @@ _STATIC_STEP = 0.02
 _ROUNDS, _FEW_ROUNDS = 40, 8
 _EXACT = 1e-7
 """Residual that no encoder knows of [rad]"""
-_ENOUGH, _NEARLY = 1e-7, 1e-3
+_ENOUGH, _ENOUGH_LOADED, _NEARLY = 1e-7, 1e-5, 1e-3
 """Share of the squares below which another round is not worth its time"""
 
 
@@ -34,10 +34,12 @@ class OutputError:
     Attributes:
         begin: Those values, the friction at rest, its fading, the weights of the loads.
         low: The least of each.
+        loaded: Whether there are loads.
     """
 
     def __init__(self, pieces: Pieces, values: FloatArray, loads: Loads | None = None) -> None:
         self.pieces = pieces
+        self.loaded = loads is not None
         self._count = count = values.size
         self.begin = values
         inertia, coulomb = float(values[0]), float(values[2])
@@ -102,7 +104,9 @@ def weights_of(pieces: Pieces) -> FloatArray:
     return weights
 
 
-def least_squares(model: OutputError, speeds: FloatArray, thorough: bool = True) -> tuple[FloatArray, FloatArray]:
+def least_squares(
+    model: OutputError, speeds: FloatArray, thorough: bool = True
+) -> tuple[FloatArray, FloatArray]:
     """Values and speeds of the smallest weighted squares; Levenberg's damping, values bounded.
 
     A piece's own speed touches that piece alone, so it is eliminated piece by piece.
@@ -113,6 +117,8 @@ def least_squares(model: OutputError, speeds: FloatArray, thorough: bool = True)
         thorough: To the end; else as near as another round brings little.
     """
     rounds, enough = (_ROUNDS, _ENOUGH) if thorough else (_FEW_ROUNDS, _NEARLY)
+    if model.loaded:
+        enough = max(enough, _ENOUGH_LOADED)
     values, damped = model.begin, 1e-3
     now = model.linear(values, speeds)
     for _ in range(rounds):
