@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from controller.experiments.identify_text import UNITS
+from controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 
@@ -55,7 +56,7 @@ def why(report: Report) -> Iterator[str]:
         yield f"{which} {'; '.join([first, *others])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
-        f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
+        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in verdict["delay_parts"]
         if part["seconds"] > 0.0
     )
@@ -122,7 +123,7 @@ def _delay(found: Mapping[str, Any]) -> Iterator[str]:
     for point in found["inserted"]["points"]:
         end = "as it should be" if point["agree"] else "which is NOT what was inserted"
         yield (
-            f"{_ms(point['inserted'])} inserted on purpose came out as"
+            f"{ms(point['inserted'])} inserted on purpose came out as"
             f" {_pm_ms(point['recovered'])}, {end}."
         )
 
@@ -277,10 +278,6 @@ def _n(value: float) -> str:
 
 def _pm(stderr: float | None) -> str:
     return "" if stderr is None else f" ± {stderr:.2g}"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms"
 
 
 def _pm_ms(each: Mapping[str, float]) -> str:

@@ -104,11 +104,6 @@ def legend_above(ax: Axes, columns: int = 1) -> None:
     )
 
 
-def milliseconds(seconds: float) -> str:
-    """A delay for a label: three digits, and nothing below a microsecond."""
-    return f"{round(1e3 * seconds, 3):.3g} ms"
-
-
 def shades(count: int) -> Sequence[str]:
     """As many colours in order, dark to light, that differ in lightness too."""
     from matplotlib import colormaps

@@ -10,7 +10,8 @@ import numpy as np
 
 from controller.experiments.loop_delay import DelayPoint, LoopDelay
 from controller.experiments.step_fit import DECAY, caused, shapes
-from controller.paper.style import GREY, INK, PAGE, grid, milliseconds, picture, shades, titled
+from controller.guard.delay_parts import ms
+from controller.paper.style import GREY, INK, PAGE, grid, picture, shades, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,7 +74,7 @@ def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
     ax.plot(1e3 * at, 1e3 * mean, ".", color=colour, markersize=3)
     curve = np.linspace(edges[0], edges[-1], 200)
     _, twice = shapes(float(fit.values[DECAY]), np.maximum(curve - fit.lag, 0.0))
-    label = f"{milliseconds(point.inserted)} inserted"
+    label = f"{ms(point.inserted)} inserted"
     if point.recovered is not None:
         back = point.recovered
         label += f",\n{1e3 * back.value:.3f} ± {1e3 * back.stderr:.3f} ms recovered"

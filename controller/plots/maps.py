@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controller.experiments.maps import CriticalMap
+from controller.guard.delay_parts import ms
 from controller.paper.style import (
     GREY,
     INK,
@@ -15,7 +16,6 @@ from controller.paper.style import (
     STIFFNESS,
     VIRTUAL_DAMPING,
     grid,
-    milliseconds,
     picture,
     shades,
     titled,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _POINTS = 120
 _SHARE = 0.5
-"""Of the torque limit, to which the theory of unlimited motion is drawn."""
+"""Fraction of the torque limit up to which the theory of unlimited motion is drawn"""
 _MOST_DELAYS = 3
 """More are thinned out: their curves could not be told apart. The table holds them all."""
 _MANY_DAMPINGS = 6
@@ -187,7 +187,7 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
 
     setting = found.setting
     handles = [
-        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {milliseconds(found.delay[i])}")
+        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {ms(found.delay[i])}")
         for i, colour in colours.items()
     ]
     handles += [
@@ -214,7 +214,7 @@ def _title(found: CriticalMap, name: str) -> str:
     if servo.coulomb:
         device.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
     if servo.backlash:
-        device.append(f"play {servo.backlash:.3g} rad")
+        device.append(f"backlash {servo.backlash:.3g} rad")
     limits = [f"{1.0 / found.setting.period:.4g} Hz"]
     if servo.counts_per_rev:
         limits.append(f"{servo.counts_per_rev} counts/rev")
@@ -227,7 +227,7 @@ def _title(found: CriticalMap, name: str) -> str:
 
 
 def _drawn(stiffness: FloatArray) -> FloatArray:
-    """What a logarithmic axis can show."""
+    """Stiffnesses that a logarithmic axis can show; NaN for the others."""
     shown: FloatArray = np.where(np.isfinite(stiffness) & (stiffness > 0.0), stiffness, np.nan)
     return shown
 

@@ -42,7 +42,7 @@ from controller.theory.roots import dips, zeros
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
 
 _LARGEST = 64.0  # counts: beyond it a quantiser is a gain of 1 but for two thousandths
-_WIDEST, _TABLE = 1e7, 40_000  # widths of a play: beyond, its lag is less than 1e-7
+_WIDEST, _TABLE = 1e7, 40_000  # widths of a backlash: beyond, its lag is less than 1e-7
 _NO_GAIN = -700.0  # as a logarithm
 _OUTSIDE = 1 + 1e-7
 
@@ -51,7 +51,7 @@ class LimitCycle(NamedTuple):
     """An oscillation that keeps itself up."""
 
     amplitude: float
-    """Of the position, half from peak to peak [rad]"""
+    """Half of the position's travel from peak to peak [rad]"""
     frequency: float
     """[Hz]"""
     stable: bool

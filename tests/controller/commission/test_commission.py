@@ -135,6 +135,7 @@ def test_the_page_is_one_file_with_its_pictures_in_it(commissioned, capsys):
         head, _, data = image["src"].partition(",")
         assert head == "data:image/png;base64" and image["alt"]
         assert base64.b64decode(data, validate=True).startswith(b"\x89PNG\r\n")
+    assert "grid-template" not in text  # pictures side by side cannot be read
     assert not re.search(r"https?://|@import|url\(", text)
     shown = " ".join(" ".join(page.words).split())
     assert f"{report['verdict']['best']['commanded']['stiffness']:.3g} N·m/rad" in shown

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from controller.experiments.maps import Setting, critical_map
-from controller.paper.style import milliseconds
+from controller.guard.delay_parts import ms
 from controller.plots import maps as map_plot
 from controller.settings.load import load_config
 
@@ -64,4 +64,4 @@ def test_few_dampings_stand_on_an_even_scale(monkeypatch: pytest.MonkeyPatch) ->
     [(1.45e-7, "0 ms"), (0.0, "0 ms"), (2.5e-4, "0.25 ms"), (0.0012, "1.2 ms"), (0.01, "10 ms")],
 )
 def test_a_delay_that_is_none_is_labelled_none(seconds: float, said: str) -> None:
-    assert milliseconds(seconds) == said
+    assert ms(seconds) == said
