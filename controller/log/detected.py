@@ -16,6 +16,8 @@ from controller.detector.servo_fit import FittedServo, fitted_servo
 from controller.detector.wall_fit import fitted_wall
 from controller.log.recording import Part, Recording
 
+_LATE = 0.01
+"""Periods of delay that are told"""
 SLICES = 2500
 """Into so many slices a picture parts what it draws; of each what is extreme is kept."""
 _WHOLE = 4 * SLICES
@@ -142,9 +144,10 @@ def _servo(
     if found is not None and not detected.estimated:
         detected.estimated = True
         detected.known = estimated
+        late = estimated["lag"] / recording.period > _LATE
         detected.notes.append(
-            f"torque against motion is a servo's of {estimated['inertia']:.3g} kg·m²,"
-            f" {1e3 * estimated['lag']:.3g} ms late at least"
+            f"torque against motion is a servo's of {estimated['inertia']:.3g} kg·m²"
+            + (f", {1e3 * estimated['lag']:.3g} ms late" if late else "")
         )
     return estimated
 
@@ -197,7 +200,7 @@ def _estimated(wall: KnownWall) -> str:
     return (
         f"torque against position is a wall's, {sides[wall.side]}:"
         f" {float(np.asarray(wall.stiffness)):.4g} N·m/rad,"
-        f" {wall.virtual_damping:.3g} N·m·s/rad, at {wall.surface:.4g} rad{late}"
+        f" {wall.virtual_damping:.3g} N·m·s/rad, at {round(wall.surface, 9) + 0.0:.4g} rad{late}"
     )
 
 
