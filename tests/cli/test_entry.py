@@ -108,6 +108,18 @@ def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
+    """pydantic, which it loads, swallowed the exception once in five hundred."""
+    program = INTERRUPTING.replace('"config", "simulated"', '"bench"')
+    done = subprocess.run(
+        [sys.executable, "-c", program.format(module="controller.benchmarks.lateness")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+
+
 def test_what_is_begun_is_put_in_order(tmp_path):
     program = (
         "import os, pathlib, signal\n"
