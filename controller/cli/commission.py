@@ -86,6 +86,7 @@ def command(
         _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
         return
     announcement = announce(loaded.config, reach)
+    was_there = out is not None and out.exists()
     store = _store(loaded, config, out, reach, fresh)
     folder = store.folder
     try:
@@ -95,7 +96,7 @@ def command(
     finally:
         empty = store.empty
         if empty:
-            store.discard()
+            store.discard(keep_folder=was_there)
     answer(as_json(report) if as_json_wanted else _text(report, folder))
     if ended.interrupted and not empty:
         say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")

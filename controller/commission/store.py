@@ -186,8 +186,11 @@ class CommissionStore:
         failed = any(outcome.state == "failed" for outcome in self.outcomes.values())
         return not measured and not (failed and any((self.folder / LOGS).iterdir()))
 
-    def discard(self) -> None:
+    def discard(self, keep_folder: bool) -> None:
         """Remove what a new commissioning has made; what was there before stays.
+
+        Args:
+            keep_folder: The folder was there before.
 
         Raises:
             OSError: It cannot be removed.
@@ -200,8 +203,9 @@ class CommissionStore:
                 path.unlink(missing_ok=True)
         if self._logs_are_new:
             shutil.rmtree(self.folder / LOGS, ignore_errors=True)
-        with suppress(OSError):  # it holds something else
-            self.folder.rmdir()
+        if not keep_folder:
+            with suppress(OSError):  # somebody has put something there
+                self.folder.rmdir()
 
     def keep(self, outcome: Outcome) -> Outcome:
         """Keep one step; what is on disk is never half of it.
