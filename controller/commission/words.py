@@ -11,6 +11,9 @@ from controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 
+COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
+"""What ``status`` of a report may be"""
+
 _CLOSE = 1.05
 """Limits within this factor of the smallest are said to lie together"""
 _PARTS = {
@@ -28,7 +31,19 @@ def headline(report: Report) -> str:
     """The answer in one sentence."""
     verdict = report["verdict"]
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
-    start = f"{report['name']} can hold a wall of {_n(best['stiffness'])} N·m/rad"
+    can = "can hold"
+    if report["status"] == NOT_MEASURED:
+        can = "was not identified; by the belief of its configuration alone it would hold"
+    start = f"{report['name']} {can} a wall of {_n(best['stiffness'])} N·m/rad"
+    if report["status"] == INCOMPLETE:
+        missing = [
+            step["step"]
+            for step in report["steps"]
+            if step["state"] != "done" and step["step"] != "doctor"
+        ]
+        start = f"INCOMPLETE, without {', '.join(missing)}: {start}"
+    elif report["status"] == NOT_MEASURED:
+        start = f"NOT MEASURED: {start}"
     if best["damping"] == 0.0:
         return f"{start}; virtual damping does not help it."
     return (

@@ -53,7 +53,7 @@ class OutputError:
             self.begin = np.array([*values, loads.static, loads.fading, *loads.weights])
             self.low = np.array([*self.low, 0.0, 0.0, *[-np.inf] * len(loads.weights)])
             # Friction at rest decides where the shaft stays: only a larger step shows it.
-            steps += [_STATIC_STEP * coulomb, 0.01 * loads.fading or 1e-12]
+            steps += [max(_STATIC_STEP * coulomb, 1e-3 * inertia), 0.01 * loads.fading or 1e-12]
             steps += [1e-4 * inertia] * len(loads.weights)
             self.low[count + 1] = 0.2 * loads.fading
             between = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])

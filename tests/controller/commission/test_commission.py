@@ -280,6 +280,51 @@ def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, 
     assert called == ["run_delay", "run_rendered", "run_sweep"]
 
 
+def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"run_rendered": KeyboardInterrupt()})
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 130
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("INCOMPLETE, without rendered, sweep: simulated can hold a wall of")
+    assert "INCOMPLETE, without rendered" in (tmp_path / "report.html").read_text()
+    steps_taken(monkeypatch, {"nothing": None})
+    status, report = report_of(tmp_path, capsys)
+    assert status == 0 and report["status"] == "complete"
+
+
+def test_a_servo_that_was_not_identified_is_headlined_not_measured(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 4
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("NOT MEASURED: simulated was not identified; by the belief of its")
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_where_nothing_was_measured_no_folder_is_left(tmp_path, capsys, monkeypatch, there):
+    """Of a folder that was there before, what was in it."""
+    folder = tmp_path / "new"
+    if there:
+        folder.mkdir()
+        (folder / "mine.txt").write_text("mine")
+    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    status, report = report_of(folder, capsys)
+    assert status == 130
+    assert (report["status"], report["report"]) == ("not measured", None)
+    assert [path.name for path in tmp_path.rglob("*")] == (["new", "mine.txt"] if there else [])
+    assert call("commission", *SIMULATED, "--out", folder) == 130
+    assert "nothing was measured, so nothing is left in" in capsys.readouterr().out
+
+
+def test_an_interruption_leaves_what_an_earlier_commissioning_measured(
+    tmp_path, capsys, monkeypatch
+):
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    assert report_of(tmp_path, capsys, *SIMULATED, "--set=wall.stiffness=3", "--fresh")[0] == 130
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
 def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkeypatch):
     """A delay that was measured beside a belief is measured again beside what is identified."""
     steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
@@ -369,6 +414,7 @@ def test_a_real_servo_does_not_move_without_a_yes(tmp_path, capsys, monkeypatch)
     assert "--yes" in told
     for what in ("0.3 rad", "4.1 N·m", "about a minute", "110 s"):
         assert what in told
+    assert list(tmp_path.iterdir()) == []
 
 
 def doctor_data(name, **more):
