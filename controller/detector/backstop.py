@@ -45,6 +45,8 @@ _LEAST_GAIN = -0.05
 _THROWS, _THROWS_LOADED = 3, 6
 """Contacts in a row that are left clearly faster than entered before they are probed; or before
 they end the run, where the wall must not be probed"""
+_BOUNCE = 0.75
+"""Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -248,19 +250,19 @@ class Backstop:
         if phase == Phase.WATCHING:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
-            elif self._motion.gaining != self._gaining:
-                self._gaining = self._motion.gaining
-                if self._gaining >= _THROWS:
-                    self._probe_what_throws()
         elif phase == Phase.PROBING:
             if self._probe.still(self._motion):
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation, last)
-        elif self.alarm and self._motion.elapsed > STILL * self._motion.interval:
-            self.alarm = False  # the reduced wall is at rest
+        elif self._motion.elapsed > STILL * self._motion.interval:
+            self._died()  # the reduced wall is at rest
         if ended:
             self._ended()
+        if self.phase == Phase.WATCHING and self._motion.gaining != self._gaining:
+            self._gaining = self._motion.gaining
+            if self._gaining >= _THROWS:
+                self._probe_what_throws()
 
     def _return(self, elongation: float, last: float) -> None:
         """Give the wall back if its spring is at rest.
@@ -317,6 +319,7 @@ class Backstop:
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
         elif self.steady and size >= settings.threshold:
+            self._begun = self._since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
@@ -416,9 +419,16 @@ class Backstop:
         self._probe.before = seen
         if not self._loaded:
             self._ask(within=False)
-        elif self._gaining >= _THROWS_LOADED:
+        elif self._gaining >= _THROWS_LOADED and self._bounced:
             self._alarm(Cause.BEYOND_HANDS)
             self.failed = True
+
+    @property
+    def _bounced(self) -> bool:
+        """Whether the last four contacts were as short as bounces."""
+        motion = self._motion
+        longest = max(motion.duration, motion.duration_2, motion.duration_3, motion.duration_4)
+        return longest < _BOUNCE * self._slowest
 
     @property
     def _loaded(self) -> bool:
@@ -494,7 +504,7 @@ class Backstop:
         motion, settings = self._motion, self._settings
         size = min(motion.amplitude, motion.amplitude_2)
         if size < (settings.small if self.small_cycle else settings.threshold):
-            self.alarm = False
+            self._died()
             return
         if self._count < 2:
             return
@@ -559,9 +569,18 @@ class Backstop:
 
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""
+        return self._time - self._begun > _HURRY * min(CYCLES * self._slowest, LONGEST_S)
+
+    @property
+    def _slowest(self) -> float:
+        """Period of the slowest motion that K allows [s]."""
         stiffness = self._stiffness
-        cycle = math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
-        return self._time - self._begun > _HURRY * min(CYCLES * cycle, LONGEST_S)
+        return math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
+
+    def _died(self) -> None:
+        """Take notice that the reduced wall is at rest; the next motion has its own time."""
+        self.alarm = False
+        self._begun = self._time
 
     def _was_wrong(self) -> None:
         """Take the alarm back."""

@@ -297,6 +297,26 @@ def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run():
     assert stop.failed
 
 
+@pytest.mark.parametrize("rests", [True, False])
+def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests):
+    """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    if rests:
+        seen.elapsed = 60.0
+        stop.update(60.0, 0.0, 10.0, ended=False)
+        seen.elapsed = 0.0
+    else:
+        for _ in range(300):
+            take(stop, seen, 0.2, 0.001)
+    for _ in range(20):
+        take(stop, seen, 0.2, 0.1, 0.012 * 4.0 * stop.stiffness_scale)
+    assert not stop.failed
+    assert stop.returned == 1
+
+
 def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way():
     seen = motion(load=1.2)
     stop = backstop(seen)
@@ -333,6 +353,33 @@ def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probe
         stop.update(1e-3, 0.0, 10.0, ended=False)
         assert stop.probes == probed * (k >= 2)
     assert stop.failed == failed
+
+
+def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probed_wall():
+    """At 200 Hz a fast shaft passes surface and gate between two samples."""
+    seen = motion()
+    stop = backstop(seen, bounces=True)
+    for _ in range(3):
+        seen.gaining += 1
+        take(stop, seen, 0.1, 0.1, elongation=0.0)
+    assert stop.phase == Phase.PROBING
+    take(stop, seen, 0.2, 0.15)
+    take(stop, seen, 0.2, 0.15)
+    assert stop.alarm
+
+
+def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run():
+    """Its spring throws the shaft back, faster than the hand has pressed it in."""
+    limit = 0.5
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
+    press = np.concatenate([np.linspace(-0.1, 0.2, 170), np.full(200, 0.2), np.full(300, -0.1)])
+    free = np.concatenate([np.zeros(370), np.full(100, 1.0), np.full(200, 0.25)])
+    grip = np.where(free > 0.0, 2.0 * (free < 1.0), 8.0)
+    finger = operator_of(np.tile(grip, 9), 0.025 * np.tile(grip, 9), np.tile(press, 9))
+    sets = (*BENCH.sets, f"servo.torque_limit={limit}")
+    wall = WallAsked(10.0, 0.04, "above")
+    trial = run_trial(truth, sets, wall, finger, duration_s=6.0, position=-0.1)
+    assert trial.trip is None
 
 
 def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts():
