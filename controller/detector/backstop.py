@@ -47,9 +47,9 @@ _THROWS, _THROWS_LOADED = 3, 6
 they end the run, where the wall must not be probed"""
 _BOUNCE = 0.75
 """Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
-_UNPROBED, _UNPROBED_SUSPECTED = 20, 12
+_UNPROBED = 20
 """Regular half-cycles that end the run where the wall must not be probed and the servo may have the
-apparent inertia; and where somebody suspects the wall as well"""
+apparent inertia"""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -373,8 +373,8 @@ class Backstop:
         elif not settings.acts:
             return
         elif self._loaded:
-            least = _UNPROBED_SUSPECTED if self.suspected else _UNPROBED
-            own = self._streak >= least and settings.light < seen.inertia < settings.heavy
+            possible = settings.light < seen.inertia < settings.heavy
+            own = self._streak >= _UNPROBED and possible
             if (self.steady or own) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
