@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from controller.signals import interrupting
 from scripts.busy_neighbours import busy_cores
 from scripts.whole_program import PROGRAM, emulated_bus, measured_on, page_options, say_time
 
@@ -59,7 +60,7 @@ def run(words: Sequence[str], seconds: float, folder: Path) -> Run:
     Raises:
         RuntimeError: It did not start.
     """
-    places = ["--log", folder / "run.hwlog", "--plot", folder / "run.png", "--json"]
+    places = ["--log", folder / "run.hwlog", "--no-plot", "--json"]
     bus = ["--set", f"servo.port={folder / 'bus'}", "--duration", str(seconds)]
     with emulated_bus("--link", folder / "bus", "--set", "servo.hand=push"):
         done = subprocess.run(
@@ -99,7 +100,7 @@ def main() -> int:
     say_time(2 * wanted.runs * (wanted.seconds + AROUND_S))
     rows, failed, load = [], False, []
     beside = contextlib.nullcontext() if wanted.quiet_cores else busy_cores()
-    with tempfile.TemporaryDirectory() as folder, beside:
+    with interrupting(), tempfile.TemporaryDirectory() as folder, beside:
         for words in (PRESET, REAL):
             runs = []
             for _ in range(wanted.runs):
