@@ -44,7 +44,7 @@ _UNQUANTISED = 1e-5
 _LOADED, _BETTER = 1.2, 0.9
 """Residual, in shares of what rounding leaves, from which loads are fitted; the share of it that
 they must leave at most"""
-SPOILT = 10.0
+SPOILT = 3.0
 """Residual in those shares from which a motion is repeated: something has touched the shaft"""
 
 

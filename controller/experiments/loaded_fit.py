@@ -41,6 +41,8 @@ _LOWER = 0.7
 """Share of the friction found that remains at high speed, to begin with"""
 _LEFT, _UNQUANTISED = 1.1, 1e-5
 """Residual from which fading is looked for: in shares of what rounding leaves; at least [rad]"""
+_SURE_OF_STICTION = 0.95
+"""Share of the squares that more friction at rest must leave to be told"""
 _KNOWN = 1.2
 """Share of that up to which what was known before explains the motion"""
 _TRIMS, _OUTLIER = 3, 3.0
@@ -79,7 +81,21 @@ def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
             found = _trimmed(*_with_fading(*found), explained)
         if known is None or found[0].residual < known[0].residual:
             known = found
-    return (visible_play(*known) or known[0]) if known[0].residual > explained else known[0]
+    fit, speeds = known
+    played = visible_play(fit, speeds) if fit.residual > explained else None
+    return played or _without_doubtful_stiction(fit, speeds)
+
+
+def _without_doubtful_stiction(fit: Fit, speeds: FloatArray) -> Fit:
+    """The fit with as much friction at rest as in motion, where more explains nothing."""
+    assert fit.loads is not None
+    model = OutputError(fit.pieces, np.array([getattr(fit, n) for n in NAMES[:4]]), fit.loads)
+    tried = np.tile(model.begin, (2, 1))
+    tried[1, 4] = fit.coulomb
+    with_it, without = model.costs(tried, speeds).tolist()
+    if with_it < _SURE_OF_STICTION * without:
+        return fit
+    return replace(fit, loads=replace(fit.loads, static=fit.coulomb, fading=0.0))
 
 
 def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, FloatArray]:
