@@ -90,6 +90,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "log": ("log", "{log}", "--csv", "log.csv", "--plot", "log.png"),
     "config": ("config", "simulated"),
     "presets": ("presets",),
+    "init": ("init", "made.yaml"),
+    "help": ("help",),
 }
 SIGNALS = {
     signal.SIGINT: "Ctrl-C",
