@@ -21,6 +21,7 @@ INTERRUPTED = 130
 _OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
 """What ``--json`` is answered with, as ``failure.tell`` says it; nothing is loaded for it"""
 _answered: list[Callable[[], bool]] = []
+_first: list[Callable[[], None]] = []
 
 
 def leave_at_once() -> None:
@@ -67,9 +68,14 @@ def say_nothing_after(answered: Callable[[], bool]) -> None:
     _answered[:] = [answered]
 
 
+def do_first(action: Callable[[], None]) -> None:
+    """Before a Ctrl-C ends the process ``action`` is done; it waits for nothing."""
+    _first[:] = [action]
+
+
 def _leave(_signal: int, _frame: FrameType | None) -> None:
-    if shown := sys.modules.get("controller.cli.working"):
-        shown.clear()
+    for action in _first:
+        action()
     if "--json" in sys.argv and not any(answered() for answered in _answered):
         with suppress(OSError):  # nobody listens
             os.write(1, _OBJECT)

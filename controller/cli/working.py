@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.cli import interrupt
+
 CLEAR: Final = "\r\x1b[K"
 FIRST_S: Final = 0.5
 """Nothing is shown for what takes less [s]"""
@@ -125,6 +127,9 @@ def clear() -> None:
         if work.drawn:
             _write(CLEAR)
             work.drawn = False
+
+
+interrupt.do_first(clear)
 
 
 def _show(work: Work, done: threading.Event) -> None:

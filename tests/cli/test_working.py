@@ -2,6 +2,7 @@
 
 import os
 import pty
+import subprocess
 import sys
 import time
 
@@ -80,3 +81,20 @@ def test_nothing_is_shown_where_there_is_no_terminal(capsys, monkeypatch, stream
     with working("drawing", 9.0):
         pass
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly():
+    code = """
+import builtins, os, signal, sys
+from controller.cli import interrupt
+interrupt.leave_at_once()
+def trip(frame, event, _):
+    if frame.f_globals.get("__name__") == "controller.cli.working":
+        sys.settrace(None)
+        os.kill(os.getpid(), signal.SIGINT)
+    return trip
+sys.settrace(trip)
+import controller.cli.working
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
