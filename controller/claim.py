@@ -25,7 +25,7 @@ class ClaimedError(OSError):
 
 
 @contextmanager
-def claimed(path: Path) -> Iterator[None]:
+def claimed(path: Path, *, follow: bool = True) -> Iterator[None]:
     """Keep other commands of this program on this machine from writing a file or folder.
 
     The same file under another name (a link, a relative path) is the same place. A device is
@@ -33,6 +33,7 @@ def claimed(path: Path) -> Iterator[None]:
 
     Args:
         path: A file or folder that need not be there yet; the folder it is in must be.
+        follow: Claim what a link leads to; else the link itself.
 
     Raises:
         ClaimedError: Another command has claimed it.
@@ -40,10 +41,10 @@ def claimed(path: Path) -> Iterator[None]:
     """
     with ExitStack() as held:
         if sys.platform == "linux":
-            for name in _names(path):
+            for name in _names(path) if follow else [_name(path)]:
                 if (socket_held := _held(name)) is not None:
                     held.enter_context(socket_held)
-        if path.is_file() and _is_locked(path):
+        if follow and path.is_file() and _is_locked(path):
             raise ClaimedError(errno.EBUSY, _BUSY)
         yield
 
@@ -51,14 +52,18 @@ def claimed(path: Path) -> Iterator[None]:
 def _names(path: Path) -> list[str]:
     """What a place is known by: its folder and name there, and its identity where it exists."""
     place = Path(os.path.realpath(path))  # of links in a circle too
-    folder = place.parent.stat()
-    names = [f"{folder.st_dev}/{folder.st_ino}/{place.name}"]
+    names = [_name(place)]
     if place.is_file() or place.is_dir():
         itself = place.stat()
         names.append(f"{itself.st_dev}/{itself.st_ino}")
     elif place.exists():
         return []
     return names
+
+
+def _name(place: Path) -> str:
+    folder = place.parent.stat()
+    return f"{folder.st_dev}/{folder.st_ino}/{place.name}"
 
 
 def _held(name: str) -> socket.socket | None:

@@ -18,6 +18,12 @@ STOPPING = (
 )
 """The signals that ask a run to stop; not the closed terminal's, where the program was begun by
 nohup."""
+_raised: list[signal.Signals] = []  # no Event: a handler must not wait for a lock
+
+
+def was_interrupted() -> bool:
+    """Whether ``interrupting`` has raised in this process, through whatever library just ran."""
+    return bool(_raised)
 
 
 @contextlib.contextmanager
@@ -79,10 +85,11 @@ def interrupting(
         numbers = [n for n in STOPPING if signal.getsignal(n) != signal.SIG_IGN]
     came = False
 
-    def interrupt(_signal: int, _frame: FrameType | None) -> None:
+    def interrupt(number: int, _frame: FrameType | None) -> None:
         nonlocal came
         came = True
         if at_once:
+            _raised.append(signal.Signals(number))
             raise KeyboardInterrupt
 
     try:

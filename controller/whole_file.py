@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from controller.file_kinds import Kind, may_be_replaced
@@ -43,6 +44,16 @@ class Beside:
         self._path = Path(os.path.realpath(path))  # of links in a circle too
         pid = os.getpid() if writer is None else writer
         self.part = self._path.with_name(f".{path.name[:_NAME]}.{pid}.part")
+
+    def begin(self) -> None:
+        """Make the file to write to, anew: a link that somebody has put there is not followed.
+
+        Raises:
+            OSError: It cannot be made.
+        """
+        if not self._as_it_is:
+            self.part.unlink(missing_ok=True)
+            os.close(os.open(self.part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
 
     def place(self) -> None:
         """Put what was written in its place.
@@ -84,7 +95,36 @@ def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
     beside = Beside(path, kind, force=force)
     try:
         with interrupting():
+            beside.begin()
             yield beside.part
             beside.place()
     finally:
         beside.discard()
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what commands that were killed while they wrote a file have left beside it.
+
+    Args:
+        path: The file, which nobody else writes now.
+
+    Raises:
+        OSError: Its folder cannot be read.
+    """
+    place = Path(os.path.realpath(path))
+    name = re.compile(re.escape(f".{path.name[:_NAME]}.") + r"(\d{1,9})\.part")
+    for entry in place.parent.iterdir():
+        found = name.fullmatch(entry.name)
+        if found is not None and not _is_alive(int(found[1])):
+            with suppress(OSError):
+                entry.unlink()
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,12 +1,14 @@
 """Presses Ctrl-C while each command begins, and writes docs/ctrl-c.md: how it ended.
 
-    scripts/ctrl_c [--tries N] [--few N] [--others N] [--span S] [--only TEXT] [--out FILE]
+    scripts/ctrl_c [--tries N] [--others N] [--minutes M] [--only TEXT] [--results FILE] ...
 
 At a random time in the first seconds, or in as many as the command takes. The signal goes to
 the whole foreground group, as from a terminal. SIGTERM and a closed terminal are tried too.
+The page is written anew every few tries; with --results a later call goes on where one ended.
 """
 
 import contextlib
+import json
 import os
 import random
 import signal
@@ -17,7 +19,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from controller.cli.interrupt import INTERRUPTED
@@ -58,8 +60,10 @@ SERVO = (
 )
 """A servo on a bus of its own, as a real one is driven; patient with a busy machine's stalls"""
 IN_MEMORY = ("simulated", "--set", "loop.clock=simulated")
-OFTEN = ("identify", "run")
-"""Tried most often"""
+FIRST = ("identify", "run")
+"""Tried before the others"""
+BATCH = 20
+"""Tries of one command in a row"""
 CASES: dict[str, tuple[str, ...]] = {
     "identify": ("identify", *SERVO),
     "run": ("run", *SERVO),
@@ -86,6 +90,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "log": ("log", "{log}", "--csv", "log.csv", "--plot", "log.png"),
     "config": ("config", "simulated"),
     "presets": ("presets",),
+    "init": ("init", "made.yaml"),
+    "help": ("help",),
 }
 SIGNALS = {
     signal.SIGINT: "Ctrl-C",
@@ -301,12 +307,18 @@ def tell(strange: Try) -> None:
     )
 
 
-def page(rows: Sequence[str], wrong: int, tries: int, span_s: float) -> str:
+def page(tries: Sequence[Try], span_s: float) -> str:
     """The page, of tries in the first seconds ``span_s``."""
+    wrong = sum(not each.as_wanted for each in tries)
     end = (
-        f"It holds in all {tries} tries."
+        f"It holds in all {len(tries)} tries."
         if not wrong
-        else f"It does not hold in {wrong} of {tries} tries."
+        else f"It does not hold in {wrong} of {len(tries)} tries."
+    )
+    groups = (
+        [each for each in tries if (each.name, each.number) == (name, number)]
+        for number in SIGNALS
+        for name in CASES
     )
     return "\n".join(
         [
@@ -331,7 +343,7 @@ def page(rows: Sequence[str], wrong: int, tries: int, span_s: float) -> str:
             "| signal | command | tries | done | exit | longest, s | traces | torque on | left |"
             " half |",
             "|---|---|---|---|---|---|---|---|---|---|",
-            *rows,
+            *(row(group) for group in groups if group),
             "",
             f"Wanted: the end within {LIMIT_S:g} s, and none of the rest. {end} None in n tries"
             " still allows, at 95 %, for 3 in n.",
@@ -348,45 +360,89 @@ def recorded(folder: Path) -> str:
     return str(log)
 
 
+def kept(results: Path | None) -> list[Try]:
+    """The tries of earlier calls."""
+    if results is None or not results.exists():
+        return []
+    read = (Try(**json.loads(line)) for line in results.read_text().splitlines())
+    return [replace(each, number=signal.Signals(each.number)) for each in read]
+
+
+def keep(results: Path | None, tries: Sequence[Try]) -> None:
+    """Add tries to a file; of those that went well it keeps no words."""
+    if results is not None:
+        with results.open("a") as file:
+            for each in tries:
+                one = replace(each, said="") if each.as_wanted else each
+                file.write(json.dumps(asdict(one)) + "\n")
+
+
+def batches(
+    wanted: dict[signal.Signals, int], only: str, made: Sequence[Try]
+) -> Iterator[tuple[str, signal.Signals, int]]:
+    """What is tried, and how often: the commands that matter most first, the others by turns.
+
+    Args:
+        wanted: How many tries of each command, by signal.
+        only: Text in the names of the commands that are tried.
+        made: Tries that need not be made again.
+    """
+    count = Counter((each.name, each.number) for each in made)
+    names = [name for name in CASES if only in name]
+    first = [name for name in names if name in FIRST]
+    rest = [name for name in names if name not in FIRST]
+    for number, tries in wanted.items():
+        for some in (first, rest):
+            for begun in range(0, tries, BATCH):
+                for name in some:
+                    until = min(begun + BATCH, tries)
+                    if (lacking := until - max(begun, count[name, number])) > 0:
+                        yield name, number, lacking
+
+
 def main() -> None:
     """Try, write the page."""
     parser = page_options("ctrl_c", __doc__, "ctrl-c.md")
-    parser.add_argument("--tries", type=int, default=500, help="of identify and run by Ctrl-C")
-    parser.add_argument("--few", type=int, default=100, help="of the other commands by Ctrl-C")
+    parser.add_argument("--tries", type=int, default=500, help="of each command by Ctrl-C")
     parser.add_argument("--others", type=int, default=30, help="of each by the other signals")
     parser.add_argument("--span", type=float, default=2.0, metavar="S", help="the first seconds")
     parser.add_argument("--only", default="", metavar="TEXT", help="commands with this in the name")
     parser.add_argument("--jobs", type=int, default=2, help="at a time")
-    wanted = parser.parse_args()
+    parser.add_argument("--minutes", type=float, default=600.0, help="the longest it may take")
+    parser.add_argument(
+        "--results", type=Path, metavar="FILE", help="keeps the tries, and those of earlier calls"
+    )
+    given = parser.parse_args()
     # Begun in the background of a script, this would hand on that Ctrl-C is ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    often = {True: wanted.tries, False: wanted.few}
-    plan = [
-        (name, number, wanted.others if number != signal.SIGINT else often[name in OFTEN])
-        for number in SIGNALS
-        for name in CASES
-        if wanted.only in name
-    ]
-    say_time(sum(tries for _, _, tries in plan) * wanted.span / wanted.jobs)
-    rows, wrong = [], 0
+    wanted = {
+        number: given.tries if number == signal.SIGINT else given.others for number in SIGNALS
+    }
+    tries = kept(given.results)
+    plan = list(batches(wanted, given.only, tries))
+    end_s = time.monotonic() + 60.0 * given.minutes
+    usual_s = sum(lacking for _, _, lacking in plan) * given.span / given.jobs
+    say_time(min(usual_s, 60.0 * given.minutes))
+    spans: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
         log = recorded(Path(folder))
-        for name, number, tries in plan:
+        for name, number, lacking in plan:
+            if time.monotonic() > end_s:
+                break
             words = [word.replace("{log}", log) for word in CASES[name]]
-            span_s = duration_s(words, wanted.span)
-            times = [random.random() * span_s for _ in range(tries)]
-            found = measure(name, words, number, times, wanted.jobs)
-            rows.append(row(found))
-            print(rows[-1], file=sys.stderr, flush=True)
-            strange = [each for each in found if not each.as_wanted]
-            wrong += len(strange)
-            for each in strange:
-                tell(each)
-    text = page(rows, wrong, sum(tries for _, _, tries in plan), wanted.span)
-    wanted.out.write_text(text)
-    print(text)
-    sys.exit(wrong > 0)
+            if name not in spans:
+                spans[name] = duration_s(words, given.span)
+            times = [random.random() * spans[name] for _ in range(lacking)]
+            found = measure(name, words, number, times, given.jobs)
+            for each in found:
+                if not each.as_wanted:
+                    tell(each)
+            keep(given.results, found)
+            tries += found
+            given.out.write_text(page(tries, given.span))
+    print(page(tries, given.span))
+    sys.exit(not all(each.as_wanted for each in tries))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
 """Identifies simulated servos whose truth is known, and writes docs/identify-check.md.
 
-    scripts/identify_check [--seeds N] [--quick] [--out FILE]
+    scripts/identify_check [--seeds N] [--ordinary N] [--quick] [--out FILE]
 
 Each seed draws a servo: inertia, damping and friction up to 20 % from those of its model, a lag
 from 0 to 5 ms, and a position between two counts of the encoder. The belief stays that of the
 model. On the simulated clock: the same seeds give the same figures on every machine.
+
+Then ordinary servos, with friction at rest, cogging, a weight, and all together: what matters is
+whether the bounds that the guard works with hold the truth, and how wide they are.
 """
 
 from __future__ import annotations
@@ -14,25 +17,47 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from controller.benchmarks.machine import machine, versions
-from controller.experiments.identification import Identified, identify
+from controller.commission.verdict import ASKED, Question
+from controller.experiments.identification import (
+    Estimated,
+    Identified,
+    UnidentifiableError,
+    identify,
+)
+from controller.experiments.identified_config import identified_model
 from controller.settings.config import Config
 from controller.settings.load import load_config
+from scripts.ordinary_servos import (
+    COGGING,
+    FADING,
+    GRAVITY,
+    GROUPS,
+    PERIODS,
+    STICTION,
+    drawn_effects,
+    ordinary,
+)
 from scripts.whole_program import page_options, say_time
 
-SEEDS, QUICK = 50, 5
-SERVO_S = 3.5
+SEEDS, ORDINARY, QUICK = 50, 25, 5
+SERVO_S, ORDINARY_S = 3.5, 15.0
 """What one servo takes"""
+FIRST = 5000
+"""Seed of the first ordinary servo"""
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")
 WANTED = 0.05, 0.1, 0.9
 """Share of a value, share of a period, share of the seeds within two standard errors"""
+HELD, WIDER = 0.93, 3.0
+"""Share of the ordinary servos whose bounds hold the truth; their width beside the ideal ones'"""
 
 
 class Kind(NamedTuple):
@@ -96,6 +121,102 @@ def case(config: Config, folder: Path) -> Case:
     )
 
 
+class Bounded(NamedTuple):
+    """An ordinary servo: bounds of inertia and damping over the truth, and what they allow."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    ideal: tuple[float, float]
+    """Width of the bounds of the same servo without its effects, if found to the digit"""
+    stiffness: float
+    """Commanded without virtual damping, beside what those bounds allow"""
+
+
+def ordinary_case(kind: Kind, group: str, seed: int, folder: Path) -> Bounded | str:
+    """Identify an ordinary servo; a text says why that failed."""
+    config = drawn(kind, seed)
+    with ordinary(drawn_effects(group, kind.coulomb, seed)):
+        try:
+            found = identify(config, folder)
+        except UnidentifiableError as error:
+            return str(error)
+    truth = {name: getattr(config.servo, name) for name in NAMES}
+    exact = replace(found, **{name: Estimated(value, 0.0) for name, value in truth.items()})
+    models = [identified_model(each, config.period_s) for each in (found, exact)]
+    ends = {
+        end: tuple(models[0][name][end] / truth[name] for name in NAMES[:2])
+        for end in ("low", "high")
+    }
+    ideal = tuple((models[1][n]["high"] - models[1][n]["low"]) / truth[n] for n in NAMES[:2])
+    mine, best = (_commanded(config, model) for model in models)
+    return Bounded(ends["low"], ends["high"], ideal, mine / best)
+
+
+def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
+    """The largest stiffness without virtual damping of a belief [N·m/rad]."""
+    raw = config.model_dump(mode="json")
+    raw["model"] = model
+    decided = Question.of(Config.model_validate(raw), None).decide(ASKED, 0.0)
+    return decided.stiffness
+
+
+def ordinary_rows(kind: Kind, group: str, cases: list[Bounded | str]) -> str:
+    """A row: how often the bounds hold the truth, how wide they are, what they allow."""
+    good = [c for c in cases if isinstance(c, Bounded)]
+    cells = [f"{len(good)} of {len(cases)}"]
+    for n in range(2):
+        held = sum(c.low[n] <= 1.0 <= c.high[n] for c in good)
+        cells.append(f"{held} of {len(cases)}")
+    for n in range(2):
+        cells.append(f"{np.median([(c.high[n] - c.low[n]) / c.ideal[n] for c in good]):.2f}")
+    cells.append(f"{np.median([c.stiffness for c in good]):.2f}")
+    cells.append(f"{min(c.stiffness for c in good):.2f}")
+    return f"| {kind.name} | {group} | {' | '.join(cells)} |"
+
+
+def ordinary_hold(cases: list[Bounded | str]) -> bool:
+    """Whether all that is wanted of ordinary servos was met."""
+    good = [c for c in cases if isinstance(c, Bounded)]
+    for n in range(2):
+        held = sum(c.low[n] <= 1.0 <= c.high[n] for c in good)
+        wider = np.median([(c.high[n] - c.low[n]) / c.ideal[n] for c in good])
+        if held < HELD * len(cases) or wider > WIDER:
+            return False
+    return True
+
+
+def ordinary_section(found: list[tuple[Kind, str, list[Bounded | str]]]) -> list[str]:
+    """The part of the page on ordinary servos."""
+    count = len(found[0][2])
+    everything = [case for _, _, cases in found for case in cases]
+    coulomb = KINDS[1].coulomb
+    return [
+        "",
+        "## Ordinary servos",
+        "",
+        f"The same servos with what a real one has besides: friction at rest {STICTION[0]:g} to"
+        f" {STICTION[1]:g} times that in motion (of half of them it fades over {FADING[0]:g} to"
+        f" {FADING[1]:g} rad/s), cogging of up to {COGGING * coulomb:.2g} N·m with {PERIODS[0]} to"
+        f" {PERIODS[1]} periods in a turn, a weight of up to {GRAVITY * coulomb:.2g} N·m that hangs"
+        " anywhere, and all of it together; the torques are those of the XM430-like servo, on the"
+        " other one they are smaller as its friction is. Seeds"
+        f" {FIRST} to {FIRST + count - 1} of each.",
+        "",
+        "Bounds are those that `--out` writes, and that the guard works with. Their width stands"
+        " beside that of the same servo without these effects, found to the digit; so does the"
+        " stiffness that the guard commands without virtual damping.",
+        "",
+        "| servo | with | a result | inertia in its bounds | damping | width, inertia, median |"
+        " damping | stiffness, median | least |",
+        "|---|---|---|---|---|---|---|---|---|",
+        *(ordinary_rows(kind, group, cases) for kind, group, cases in found),
+        "",
+        f"Wanted: of all {len(everything)} the truth of inertia and of damping in the bounds in"
+        f" {100 * HELD:g} % or more, and a median width of {WIDER:g} times the ideal one's at most."
+        f" {'It holds.' if ordinary_hold(everything) else 'It does not hold.'}",
+    ]
+
+
 def rows(kind: Kind, cases: list[Case]) -> list[str]:
     """A row for each value: how far off, how uncertain, how often within two standard errors."""
     lines = []
@@ -129,7 +250,11 @@ def holds(cases: list[Case]) -> bool:
     return bool(near and np.all(within >= WANTED[2]))
 
 
-def page(found: list[tuple[Kind, list[Case]]], seconds: float) -> str:
+def page(
+    found: list[tuple[Kind, list[Case]]],
+    seconds: float,
+    others: list[tuple[Kind, str, list[Bounded | str]]],
+) -> str:
     """The page."""
     count = len(found[0][1])
     about = machine()
@@ -155,6 +280,7 @@ def page(found: list[tuple[Kind, list[Case]]], seconds: float) -> str:
         "",
         f"Wanted besides: the truth within two standard errors at least {100 * WANTED[2]:g} % of"
         f" the time. {'It holds.' if all(holds(c) for _, c in found) else 'It does not hold.'}",
+        *ordinary_section(others),
     ]
     return "\n".join(lines) + "\n"
 
@@ -163,10 +289,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Identify them all, and write the page."""
     parser = page_options("identify_check", __doc__, "identify-check.md")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="servos of each kind")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} seeds")
+    parser.add_argument(
+        "--ordinary", type=int, default=ORDINARY, help="ordinary servos of each kind and effect"
+    )
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} seeds, one ordinary servo")
     options = parser.parse_args(arguments)
-    seeds = QUICK if options.quick else options.seeds
-    say_time(SERVO_S * seeds * len(KINDS))
+    seeds, count = (QUICK, 1) if options.quick else (options.seeds, options.ordinary)
+    say_time(SERVO_S * seeds * len(KINDS) + ORDINARY_S * count * len(KINDS) * len(GROUPS))
     found = []
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
@@ -176,7 +305,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 cases.append(case(drawn(kind, seed), Path(folder)))
                 print(f"{kind.name} {seed + 1}/{seeds}", file=sys.stderr)
             found.append((kind, cases))
-    text = page(found, time.monotonic() - began)
+        seconds = time.monotonic() - began
+        others = []
+        for kind in KINDS:
+            for group in GROUPS:
+                bounded = []
+                for n in range(count):
+                    bounded.append(ordinary_case(kind, group, FIRST + n, Path(folder)))
+                    print(f"{kind.name} {group} {n + 1}/{count}", file=sys.stderr)
+                others.append((kind, group, bounded))
+    text = page(found, seconds, others)
     options.out.write_text(text, encoding="utf-8")
     print(text)
     return 0

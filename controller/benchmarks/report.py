@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -26,6 +27,9 @@ from hw.errors import ServoError
 def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[str, Any]:
     """Measure section by section; a Ctrl-C ends it with what is finished.
 
+    All is loaded first, while a Ctrl-C still ends the process: a library may swallow the exception
+    that it is later.
+
     Args:
         modules: The module of each section, which has ``measure() -> Section``.
         tell: Called with each section's name before it begins.
@@ -41,6 +45,9 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
         "interrupted": False,
         "sections": {},
     }
+    for module in modules.values():
+        with suppress(Exception):  # what is wrong with it is told in its section
+            importlib.import_module(module)
     try:
         for name, module in modules.items():
             tell(name)

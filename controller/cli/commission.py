@@ -85,26 +85,43 @@ def command(
         kept = [] if out is None else _store(loaded, config, out, reach, fresh, True).done
         _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
         return
-    store = _store(loaded, config, out, reach, fresh)
     announcement = announce(loaded.config, reach)
-    if not store.complete:
-        _announce(loaded, announcement, yes)
+    was_there = out is not None and out.exists()
+    store = _store(loaded, config, out, reach, fresh)
+    folder = store.folder
+    try:
+        if not store.complete:
+            _announce(loaded, announcement, yes)
+        seconds = 0.0 if store.complete else announcement.seconds
+        ended, report = _measured(loaded, reach, store, seconds)
+    finally:
+        empty = store.empty
+        if empty:
+            store.discard(keep_folder=was_there)
+    answer(as_json(report) if as_json_wanted else _text(report, folder))
+    if ended.interrupted and not empty:
+        say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")
+    sys.exit(ended.exit_status)
+
+
+def _measured(
+    loaded: Loaded, reach: float, store: CommissionStore, seconds: float
+) -> tuple[Ended, dict[str, Any]]:
+    """Take the steps, in about so many seconds; the report, written unless nothing was measured."""
+    from controller.commission.report import report
     from controller.commission.sequence import run_steps
     from controller.commission.steps import Bench
 
-    folder = store.folder
-    with writing("--out", folder):
-        with moving(loaded.config, 0.0 if store.complete else announcement.seconds):
+    with writing("--out", store.folder):
+        with moving(loaded.config, seconds):
             ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say))
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
             working("writing the report", DRAWING_S),
         ):
-            report = _written(ended, loaded.name, store)
-    answer(as_json(report) if as_json_wanted else _text(report, folder))
-    if ended.interrupted:
-        say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")
-    sys.exit(ended.exit_status)
+            if store.empty:
+                return ended, {**report(ended, loaded.name, store.folder), "report": None}
+            return ended, _written(ended, loaded.name, store)
 
 
 def _store(
@@ -216,6 +233,8 @@ def _text(report: dict[str, Any], folder: Path) -> str:
     following = list(words.following(report))
     if following:
         lines += ["", "What next", *(f"  {command}" for command, _ in following)]
+    if report["report"] is None:
+        return "\n".join([*lines, "", f"nothing was measured, so nothing is left in {folder}"])
     lines += ["", f"written to {folder}: report.html, commission.json, a JSON file of each step,"]
     lines += ["pictures, logs/" + ("" if report["config"] is None else ", config.yaml")]
     return "\n".join(lines)

@@ -17,7 +17,7 @@ from controller import realtime
 from controller.cli import interrupt
 from controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
 from controller.cli.options import refuse_same_file, say, writing
-from controller.cli.places import force_option, take_file
+from controller.cli.places import force_option, take_file, take_link
 from controller.errors import PlatformError, UserError
 from controller.file_kinds import RECORD
 from controller.printable import printable
@@ -146,8 +146,11 @@ def command(
             beside = Beside(record, RECORD, force=force)
             stack.callback(beside.discard)
             with writing("--record", record):
+                beside.begin()
                 file = beside.part.open("w", encoding="utf-8", newline="\n")
             witness = stack.enter_context(Witness(file))
+        if link is not None:
+            take_link("--link", link, force=force)
         with writing("--link", link or Path()), _as_user_error():
             terminal = stack.enter_context(PseudoTerminal(link))
         start_ns = time.monotonic_ns()

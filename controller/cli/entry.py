@@ -9,12 +9,19 @@ from __future__ import annotations
 from controller.cli import interrupt
 
 
-def main() -> int:
+def main() -> int | str | None:
     """Load the program and run the command of this process; its exit status."""
     interrupt.leave_at_once()
     from controller.cli.main import main as run
+    from controller.signals import was_interrupted
 
+    status: int | str | None
     try:
-        return run()
+        status = run()
+    except SystemExit as ended:
+        status = ended.code
     finally:
         interrupt.leave_to_the_system()
+    if was_interrupted() and isinstance(status, int):
+        interrupt.end_without_python(status)
+    return status

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from controller.cli.advice import for_option
-from controller.cli.options import answer, as_json, is_answered, say
+from controller.cli.options import answer, as_json, forget_output, is_answered, say
 from controller.errors import ConfigError, HapticWallError
 from hw.errors import ServoError
 
@@ -55,7 +55,10 @@ def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[s
     if str(error):
         say(f"haptic-wall: {text}")
     if json and not is_answered():
-        answer(as_json(_failure(error, text, status)))
+        try:
+            answer(as_json(_failure(error, text, status)))
+        except OSError:  # a full disk: the exit status still tells
+            forget_output()
     return status
 
 

@@ -7,12 +7,14 @@ go on. Who has something to put in order hears it by ``controller.signals``, for
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
+from typing import NoReturn
 
 INTERRUPTED = 130
 """Exit status"""
@@ -38,6 +40,22 @@ def leave_to_the_system() -> None:
     """
     if signal.getsignal(signal.SIGINT) is _leave:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def end_without_python(status: int) -> NoReturn:
+    """End this process, but not as Python does, which takes its libraries apart.
+
+    A library that a KeyboardInterrupt came through, matplotlib's fonts for instance, may be in a
+    state in which that aborts the process.
+
+    Args:
+        status: Of the exit.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # nobody listens; it is closed
+            stream.flush()
+    atexit._run_exitfuncs()
+    os._exit(status)
 
 
 def say_nothing_after(answered: Callable[[], bool]) -> None:

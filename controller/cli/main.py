@@ -52,6 +52,9 @@ NEEDS_LINUX = frozenset(
 
 HARDWARE = 4
 USER = 2
+_OF_OUTPUT = (errno.EFBIG, errno.EDQUOT)
+_LIMITS = (*_OF_OUTPUT, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
+"""Errors by which the system says that a limit is reached"""
 
 
 class _Commands(click.Group):
@@ -126,14 +129,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         forget_output()
         return 0  # the reader has seen enough (``| head``)
     except OSError as error:
-        if error.errno != errno.ENOSPC:
-            if error.filename is None:
-                raise
-            return tell(UserError(f"{error.filename}: {error.strerror}"), USER, json=json)
+        return _tell_of_system(error, json=json)
+    except MemoryError:
+        return _tell_of_system(OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)), json=json)
+    return result if isinstance(result, int) else 0
+
+
+def _tell_of_system(error: OSError, *, json: bool) -> int:
+    """Say what the system refused; the exit status.
+
+    Raises:
+        OSError: It is a defect of ours.
+    """
+    if error.errno == errno.ENOSPC:
         forget_output()
         full = OSError("the disk is full: make room, or name another place")
         return tell(full, HARDWARE, json=json)
-    return result if isinstance(result, int) else 0
+    if error.filename is not None:
+        return tell(UserError(f"{error.filename}: {error.strerror}"), USER, json=json)
+    if error.errno not in _LIMITS:
+        raise error
+    if error.errno in _OF_OUTPUT:
+        forget_output()
+    limit = PlatformError(
+        f"this machine has no more for it ({error.strerror}): raise the limits of this shell,"
+        " ulimit -a shows them, or end other programs"
+    )
+    return tell(limit, limit.exit_status, json=json)
 
 
 def _fill_missing_streams() -> None:

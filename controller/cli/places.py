@@ -9,7 +9,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import click
@@ -17,7 +17,8 @@ import click
 from controller.claim import ClaimedError, claimed
 from controller.cli.options import Command, refuse_no_folder, refuse_same_file, writing
 from controller.errors import UserError
-from controller.file_kinds import Kind, may_be_replaced
+from controller.file_kinds import PICTURE, RESULT, Kind, may_be_replaced
+from controller.whole_file import remove_leftovers
 
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")
@@ -65,6 +66,8 @@ def take_file(
         if try_it:
             tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent).close()
         _claim(option, path)
+        with suppress(OSError):
+            remove_leftovers(path)
 
 
 def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool) -> None:
@@ -96,6 +99,28 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
         _refuse_foreign(option, folder / name, kind, force=force)
     with writing(option, folder):
         _claim(option, folder)
+        for name in kinds:
+            remove_leftovers(folder / name)
+
+
+def take_link(option: str, path: Path, *, force: bool) -> None:
+    """See that a link to a terminal can go there; until the command ends no other makes it.
+
+    Args:
+        option: Which names it.
+        path: Where the link goes; one that a killed command left there leads to a terminal too.
+        force: Replace whatever link is there.
+
+    Raises:
+        UserError: A link to something else is there, or another command's, or it cannot be made.
+    """
+    with writing(option, path):
+        if not force and path.is_symlink() and not path.readlink().is_relative_to("/dev/pts"):
+            raise UserError(
+                f"{option} {path}: found a link to {path.readlink()}, which would be lost; name"
+                " another place, or give --force to replace it"
+            )
+        _claim(option, path, follow=False)
 
 
 def new_stem(option: str, what: str) -> Path:
@@ -139,16 +164,17 @@ def _make(option: str, folder: Path) -> None:
 
 def _refuse_foreign(option: str, path: Path, kind: Kind, *, force: bool) -> None:
     if not force and not may_be_replaced(path, kind):
+        early = " (early versions did not mark theirs)" if kind in (PICTURE, RESULT) else ""
         raise UserError(
-            f"{option} {path}: found a file that is not {kind.name}, and would be lost; name"
+            f"{option} {path}: found a file that is not {kind.name}{early}, and would be lost; name"
             " another place, or give --force to replace it"
         )
 
 
-def _claim(option: str, path: Path) -> None:
+def _claim(option: str, path: Path, *, follow: bool = True) -> None:
     with ExitStack() as stack:
         try:
-            stack.enter_context(claimed(path))
+            stack.enter_context(claimed(path, follow=follow))
         except ClaimedError:
             raise UserError(
                 f"{option}: another run is writing {path}; wait for its end, or name another place"

@@ -117,6 +117,9 @@ def command(
         )
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
+    if held is not None:  # what the run itself writes would hold the wall on
+        own = {"--log": log_path, "--plot": plot_path, "--witness": witness}
+        refuse_same_file({**own, "--hold": Path(held.path)})
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
     plan = Plan(
         config=effective,
@@ -297,11 +300,8 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
             from controller.plots.run import plot_log
             from controller.whole_file import whole
 
-            rows = LogRows.of(LogReader(log))
-            if next(rows.blocks(), None) is None:
-                return "no picture: the log holds no rows"
             with whole(plot, PICTURE, force=force) as part:
-                plot_log(rows, part, stop_reason)
+                plot_log(LogRows.of(LogReader(log)), part, stop_reason)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:

@@ -12,6 +12,7 @@ from controller.commission.outcome import STEPS, TITLES, done
 from controller.commission.sequence import Ended
 from controller.commission.store import AGAIN, CONFIG, SWEEP
 from controller.commission.verdict import Question, verdict
+from controller.commission.words import COMPLETE, INCOMPLETE, NOT_MEASURED
 from controller.errors import UserError
 from controller.experiments.sweep_store import JSON
 
@@ -33,6 +34,10 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
     found = {step: done(outcomes, step) for step in STEPS}
     question = Question.of(config, found["delay"])
     config_file = folder / CONFIG
+    complete = all(
+        step in outcomes and (outcomes[step].state == "done" or step == "doctor") for step in STEPS
+    )
+    status = COMPLETE if complete else INCOMPLETE
     return {
         "name": name,
         "program": f"haptic-wall {__version__}",
@@ -41,10 +46,8 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
         "clock": config.loop.clock,
         "rate_hz": config.loop.rate_hz,
         "interrupted": ended.interrupted,
-        "complete": all(
-            step in outcomes and (outcomes[step].state == "done" or step == "doctor")
-            for step in STEPS
-        ),
+        "status": NOT_MEASURED if found["identify"] is None else status,
+        "complete": complete,
         "verdict": verdict(question, found["identify"] is not None),
         "agreement": _agreement(ended, found, folder),
         "steps": [

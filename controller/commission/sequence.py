@@ -91,7 +91,11 @@ def run_steps(bench: Bench) -> Ended:
                 interrupted = True
         if step == "identify" and (found := done(outcomes, step)) is not None:
             config = identified(found["config_text"], bench.config)
-            bench.store.keep_config(found["config_text"])
+            if bench.store.restore_config(found["config_text"]):
+                bench.tell(
+                    "config.yaml was edited since it was written: it stays as it is; delete it to"
+                    " have it written again"
+                )
     return Ended(outcomes, config, interrupted)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -90,6 +92,8 @@ class CommissionStore:
             raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
         ours = self._ours(asked, fresh)
         self._refuse_what_is_not_ours(ours)
+        self._new = not ours
+        self._logs_are_new = not (folder / LOGS).exists()
         if ours and not fresh:
             self._resume()
         if only_look:
@@ -170,6 +174,39 @@ class CommissionStore:
             for o in self.outcomes.values()
         )
 
+    @property
+    def empty(self) -> bool:
+        """Whether this commissioning has measured nothing, and has no log that tells why."""
+        measured = any(
+            outcome.data
+            if step == "doctor" and outcome.state == "failed"
+            else outcome.state == "done" and step != "doctor"
+            for step, outcome in self.outcomes.items()
+        )
+        failed = any(outcome.state == "failed" for outcome in self.outcomes.values())
+        return not measured and not (failed and any((self.folder / LOGS).iterdir()))
+
+    def discard(self, keep_folder: bool) -> None:
+        """Remove what a new commissioning has made; what was there before stays.
+
+        Args:
+            keep_folder: The folder was there before.
+
+        Raises:
+            OSError: It cannot be removed.
+        """
+        if not self._new:
+            return
+        for name in (MAIN, *_WRITTEN):
+            path = self.folder / name
+            if not path.is_dir():
+                path.unlink(missing_ok=True)
+        if self._logs_are_new:
+            shutil.rmtree(self.folder / LOGS, ignore_errors=True)
+        if not keep_folder:
+            with suppress(OSError):  # somebody has put something there
+                self.folder.rmdir()
+
     def keep(self, outcome: Outcome) -> Outcome:
         """Keep one step; what is on disk is never half of it.
 
@@ -199,6 +236,21 @@ class CommissionStore:
         """
         self._replace(CONFIG, text)
 
+    def restore_config(self, text: str) -> bool:
+        """Write the configuration of an earlier call where it is gone.
+
+        Returns:
+            Whether another one is there: somebody has edited it, so that it stays as it is.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        try:
+            return kept_bytes(self.folder / CONFIG, "") != _ended(text).encode()
+        except UserError:  # there is none, or a link
+            self.keep_config(text)
+            return False
+
     def keep_page(self, text: str) -> Path:
         """Write the report; its path.
 
@@ -210,5 +262,9 @@ class CommissionStore:
     def _replace(self, name: str, text: str) -> Path:
         path = self.folder / name
         with replaced(path) as stream:
-            stream.write(text if text.endswith("\n") else f"{text}\n")
+            stream.write(_ended(text))
         return path
+
+
+def _ended(text: str) -> str:
+    return text if text.endswith("\n") else f"{text}\n"

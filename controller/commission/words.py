@@ -7,8 +7,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from controller.experiments.identify_text import UNITS
+from controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
+
+COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
+"""What ``status`` of a report may be"""
 
 _CLOSE = 1.05
 """Limits within this factor of the smallest are said to lie together"""
@@ -27,7 +31,19 @@ def headline(report: Report) -> str:
     """The answer in one sentence."""
     verdict = report["verdict"]
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
-    start = f"{report['name']} can hold a wall of {_n(best['stiffness'])} N·m/rad"
+    can = "can hold"
+    if report["status"] == NOT_MEASURED:
+        can = "was not identified; by the belief of its configuration alone it would hold"
+    start = f"{report['name']} {can} a wall of {_n(best['stiffness'])} N·m/rad"
+    if report["status"] == INCOMPLETE:
+        missing = [
+            step["step"]
+            for step in report["steps"]
+            if step["state"] != "done" and step["step"] != "doctor"
+        ]
+        start = f"INCOMPLETE, without {', '.join(missing)}: {start}"
+    elif report["status"] == NOT_MEASURED:
+        start = f"NOT MEASURED: {start}"
     if best["damping"] == 0.0:
         return f"{start}; virtual damping does not help it."
     return (
@@ -55,7 +71,7 @@ def why(report: Report) -> Iterator[str]:
         yield f"{which} {'; '.join([first, *others])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
-        f"{_PARTS[part['name']]} {_ms(part['seconds'])} ({100 * part['share']:.0f} %)"
+        f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in verdict["delay_parts"]
         if part["seconds"] > 0.0
     )
@@ -122,7 +138,7 @@ def _delay(found: Mapping[str, Any]) -> Iterator[str]:
     for point in found["inserted"]["points"]:
         end = "as it should be" if point["agree"] else "which is NOT what was inserted"
         yield (
-            f"{_ms(point['inserted'])} inserted on purpose came out as"
+            f"{ms(point['inserted'])} inserted on purpose came out as"
             f" {_pm_ms(point['recovered'])}, {end}."
         )
 
@@ -277,10 +293,6 @@ def _n(value: float) -> str:
 
 def _pm(stderr: float | None) -> str:
     return "" if stderr is None else f" ± {stderr:.2g}"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms"
 
 
 def _pm_ms(each: Mapping[str, float]) -> str:

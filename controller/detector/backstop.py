@@ -19,6 +19,7 @@ from controller.detector.evidence import (
     Sighting,
     alike,
     beyond_hands,
+    explains,
     is_limit_cycle,
     lasts,
     same_period,
@@ -35,10 +36,20 @@ _SMALL, _SMALL_COUNTS = 0.005, 3.0
 """The same for motion that is suspected, or as even as no hand's"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
+_LOADED = 0.24
+"""Mean torque over the limit from which a motion is not probed: the probed wall would give way"""
 STEADY = 40
 """Half-cycles in a row that no hand makes so evenly"""
 _LEAST_GAIN = -0.05
 """Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
+_THROWS, _THROWS_LOADED = 3, 6
+"""Contacts in a row that are left clearly faster than entered before they are probed; or before
+they end the run, where the wall must not be probed"""
+_BOUNCE = 0.75
+"""Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
+_UNPROBED = 20
+"""Regular half-cycles that end the run where the wall must not be probed and the servo may have the
+apparent inertia"""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -154,7 +165,7 @@ class Backstop:
         suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
             shaft: the next motion is probed. May be set at any time.
         small_cycle: The last alarm was about a steady motion below the threshold.
-        backlash: The last alarm was about a motion of a few degrees at most that neither grew nor
+        backlash: What was last answered was a motion of a few degrees at most that neither grew nor
             saturated the torque: a limit cycle of backlash, most likely.
     """
 
@@ -164,6 +175,7 @@ class Backstop:
         "_cause",
         "_count",
         "_elongation",
+        "_gaining",
         "_hands",
         "_largest",
         "_largest_before",
@@ -206,7 +218,7 @@ class Backstop:
         self._steadiness = Steadiness(settings.period, settings.position_step)
         self._time = self._since = self._begun = 0.0
         self._stiffness = self._elongation = 0.0
-        self._streak = self._count = self._step = self._whole = 0
+        self._streak = self._count = self._step = self._whole = self._gaining = 0
         self._cause = Cause.STOPPED
         self._probe = Probe(settings.threshold, contacts=settings.bounces)
         self._hands = self._stop = NEVER
@@ -246,10 +258,14 @@ class Backstop:
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation, last)
-        elif self.alarm and self._motion.elapsed > STILL * self._motion.interval:
-            self.alarm = False  # the reduced wall is at rest
+        elif self._motion.elapsed > STILL * self._motion.interval:
+            self._died()  # the reduced wall is at rest
         if ended:
             self._ended()
+        if self.phase == Phase.WATCHING and self._motion.gaining != self._gaining:
+            self._gaining = self._motion.gaining
+            if self._gaining >= _THROWS:
+                self._probe_what_throws()
 
     def _return(self, elongation: float, last: float) -> None:
         """Give the wall back if its spring is at rest.
@@ -305,6 +321,10 @@ class Backstop:
             self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
+        elif self.steady and size >= settings.threshold:
+            self._begun = self._since
+            self._probe.before = sighting(motion, self._time)
+            self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
     def _watch(self, size: float) -> None:
         """Answer a motion that is regular and does not die.
@@ -349,11 +369,18 @@ class Backstop:
         self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
+            self.failed = settings.acts and self._loaded
         elif not settings.acts:
             return
+        elif self._loaded:
+            possible = settings.light < seen.inertia < settings.heavy
+            own = self._streak >= _UNPROBED and possible
+            if (self.steady or own) and seen.amplitude >= settings.threshold:
+                self._alarm(Cause.BEYOND_HANDS)
+                self.failed = True  # a softer wall would give way
         elif self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
-                self._alarm(Cause.BEYOND_HANDS)  # a probe found a hand, but none is so even
+                self._alarm(Cause.BEYOND_HANDS)  # no hand is so even
         elif (
             self.steady
             or self._streak >= _UNLIKELY
@@ -369,7 +396,7 @@ class Backstop:
         """
         motion, settings = self._motion, self._settings
         known = min(motion.known, self._whole)
-        if not settings.acts or known < 1 or motion.amplitude < settings.small:
+        if not settings.acts or known < 1 or motion.amplitude < settings.small or self._loaded:
             return
         seen = sighting(motion, self._time)
         if known < 2:
@@ -378,13 +405,54 @@ class Backstop:
         if seen.at - hands.at < _HOLD_OFF_S and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude:
             return
         self._begun = self._time - motion.elapsed - motion.duration
-        self._settled = False
+        self._settled = is_limit_cycle(motion, settings.torque_limit)
         self._probe.before = seen
         large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
         if large and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)
+
+    def _probe_what_throws(self) -> None:
+        """Probe a wall that throws the shaft back, contact by contact, however regular it is."""
+        seen = sighting(self._motion, self._time)
+        if (
+            not self._settings.acts
+            or self._motion.amplitude < self._settings.small
+            or self._whole < 2
+            or self._held_off(seen)
+        ):
+            return
+        self._begun = self._since
+        self._settled = False
+        self._probe.before = seen
+        if not self._loaded:
+            self._ask(within=False)
+        elif self._gaining >= _THROWS_LOADED and self._bounced:
+            self._alarm(Cause.BEYOND_HANDS)
+            self.failed = True
+
+    @property
+    def _bounced(self) -> bool:
+        """Whether the last four contacts were as short as bounces."""
+        motion = self._motion
+        longest = max(motion.duration, motion.duration_2, motion.duration_3, motion.duration_4)
+        return longest < _BOUNCE * self._slowest
+
+    @property
+    def _loaded(self) -> bool:
+        """Whether the wall holds up a load that would push through the wall of a probe."""
+        return self._gives_way(0)
+
+    def _gives_way(self, steps: int) -> bool:
+        """Whether the load would push through a wall that goes down from so many steps."""
+        limit = PROBE**steps * self._settings.torque_limit
+        return abs(self._motion.load) > _LOADED * limit
+
+    @property
+    def _softest(self) -> bool:
+        """Whether the reduced wall cannot go down any further, or would give way to its load."""
+        return self._step >= _STEPS or self._gives_way(self._step)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -429,6 +497,8 @@ class Backstop:
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
+        if before.amplitude < self._settings.threshold and not self.suspected:
+            self.backlash = self._settled  # it was as even as a machine's
         self.suspected = False
         self.phase = Phase.RETURNING
 
@@ -438,9 +508,8 @@ class Backstop:
         self.alarm = True
         self.suspected = False
         self.small_cycle = self._probe.before.amplitude < self._settings.threshold
-        self.backlash = (
-            self._settled and self._probe.before.amplitude < _BACKLASH * self._settings.threshold
-        )
+        small = self._probe.before.amplitude < _BACKLASH * self._settings.threshold
+        self.backlash = small and self._settled
         if not self._settings.acts:
             return
         self._cause = cause
@@ -454,7 +523,7 @@ class Backstop:
         motion, settings = self._motion, self._settings
         size = min(motion.amplitude, motion.amplitude_2)
         if size < (settings.small if self.small_cycle else settings.threshold):
-            self.alarm = False
+            self._died()
             return
         if self._count < 2:
             return
@@ -465,13 +534,13 @@ class Backstop:
         if self.small_cycle and not (undying and self._count >= STEADY):
             return
         self.alarm = True
-        cycle = motion.duration + motion.duration_2
-        if self._hand_after_all(cycle / self._probe.before.cycle):
+        seen = sighting(motion, self._time)
+        if self._hand_after_all(seen):
             self._was_wrong()
-        elif size >= settings.threshold and self._own(cycle) and self._is_last():
+        elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = True
-        elif self._step >= _STEPS:
-            if self._count >= _GOES_ON and not self.small_cycle:
+        elif self._softest:
+            if self._count >= _GOES_ON and not (self.small_cycle or self._beyond_hands(seen)):
                 self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step
@@ -479,13 +548,14 @@ class Backstop:
             self.stiffness_scale = PROBE**self._step
             self._count = 0
 
-    def _hand_after_all(self, ratio: float) -> bool:
+    def _hand_after_all(self, seen: Sighting) -> bool:
         """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
 
         Args:
-            ratio: Of the period to that before the alarm.
+            seen: The motion now.
         """
         least, most, later = _AS_BEFORE
+        ratio = seen.cycle / self._probe.before.cycle
         if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
             return False
         if self._cause == Cause.LONGER:
@@ -497,25 +567,39 @@ class Backstop:
             and least < ratio < most
         )
 
-    def _own(self, cycle: float) -> bool:
+    def _own(self, seen: Sighting) -> bool:
         """Whether there is no doubt that the wall makes this motion.
 
         Args:
-            cycle: Its period [s].
+            seen: The motion now.
         """
+        before = self._probe.before
+        explained = explains(seen.inertia, before.inertia)
         if self._cause == Cause.LONGER:
-            return self._streak > 0 and cycle / self._probe.before.cycle > _OWN[self._step - 1]
-        return self._cause == Cause.BEYOND_HANDS or self.steady
+            longer = seen.cycle / before.cycle > _OWN[self._step - 1]
+            return explained and longer and self._streak > 0
+        if self._cause == Cause.BEYOND_HANDS:
+            return explained or self.steady or self._beyond_hands(seen)
+        return self.steady
 
     def _is_last(self) -> bool:
         """Whether there is nothing left to reduce, or no time."""
-        return self._step >= _STEPS or (not self._settings.bounces and self._late())
+        return self._softest or (not self._settings.bounces and self._late())
 
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""
+        return self._time - self._begun > _HURRY * min(CYCLES * self._slowest, LONGEST_S)
+
+    @property
+    def _slowest(self) -> float:
+        """Period of the slowest motion that K allows [s]."""
         stiffness = self._stiffness
-        cycle = math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
-        return self._time - self._begun > _HURRY * min(CYCLES * cycle, LONGEST_S)
+        return math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
+
+    def _died(self) -> None:
+        """Take notice that the reduced wall is at rest; the next motion has its own time."""
+        self.alarm = False
+        self._begun = self._time
 
     def _was_wrong(self) -> None:
         """Take the alarm back."""

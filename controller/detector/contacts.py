@@ -9,6 +9,9 @@ _GATE_COUNTS, _GATE = 8.0, 0.005
 it: in counts of the encoder; without one [rad]"""
 _SMOOTH = 0.4
 """Fraction of a new gain in the smoothed one"""
+_THROWN = 0.2
+"""Logarithm of the exit speed over the entry speed from which the wall throws the shaft back: hands
+seldom leave three contacts in a row so fast"""
 _FINEST = 1e-6
 """Depth of the least contact, where the encoder has no steps [rad]: a motion of no energy divides
 by nothing."""
@@ -29,14 +32,17 @@ class Contacts:
         pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; likewise.
         elapsed: Since the last contact ended [s].
         interval: Between the ends of the last two contacts [s].
+        load: Mean torque over that time [N·m]: what the wall holds up.
         gain: Logarithm of the exit speed over the entry speed, smoothed over some two contacts. A
             contact whose speeds are not known counts as 0: what an earlier, larger motion did says
             nothing about one that stays within the gate.
+        gaining: Contacts in a row that were left clearly faster than they were entered.
     """
 
     __slots__ = (
         "_deepest",
         "_gate",
+        "_impulse",
         "_inside",
         "_last",
         "_least",
@@ -56,10 +62,12 @@ class Contacts:
         "duration_4",
         "elapsed",
         "gain",
+        "gaining",
         "inertia",
         "inertia_2",
         "interval",
         "known",
+        "load",
         "pull",
         "pull_2",
         "pull_3",
@@ -77,9 +85,11 @@ class Contacts:
         # the last way in took; NaN: none [s].
         self._way_in = self._way_out = self._took = math.nan
         self.gain = 0.0
+        self.gaining = 0
         self._inside = False
         self._last = math.nan
-        self._deepest = self._moment = self._square = self._time = 0.0
+        self._deepest = self._moment = self._square = self._time = self._impulse = 0.0
+        self.load = 0.0
         self.known = 0
         self.duration = self.duration_2 = self.duration_3 = self.duration_4 = 0.0
         self.amplitude = self.amplitude_2 = self.amplitude_3 = self.amplitude_4 = 0.0
@@ -107,9 +117,10 @@ class Contacts:
         if depth > 0.0:
             if not self._inside:
                 self._inside = True
-                self._deepest = self._moment = self._square = self._time = 0.0
+                self._deepest = self._moment = self._square = self._time = self._impulse = 0.0
             self._deepest = max(self._deepest, depth)
             self._moment += torque * depth * span
+            self._impulse += torque * span
             self._square += moved * moved / span
             self._time += span
             return False
@@ -139,6 +150,7 @@ class Contacts:
                 self._took = self._way_in - before * slowness
                 if math.isnan(self._took):
                     self.gain -= _SMOOTH * self.gain
+                    self.gaining = 0
                 self._way_in = self._way_out = math.nan
             return
         if depth <= 0.0 < before:
@@ -146,7 +158,9 @@ class Contacts:
         if depth <= gate < before:
             took = self._way_out + (gate - before) * slowness
             if took > 0.0 and self._took > 0.0:  # also false where either is not known
-                self.gain += _SMOOTH * (math.log(self._took / took) - self.gain)
+                gain = math.log(self._took / took)
+                self.gain += _SMOOTH * (gain - self.gain)
+                self.gaining = self.gaining + 1 if gain > _THROWN else 0
             self._way_in = self._way_out = self._took = math.nan
 
     def _keep(self) -> None:
@@ -160,4 +174,5 @@ class Contacts:
         self.inertia = -self._moment / self._square if self._square > 0.0 else 0.0
         self.pull = -self._moment / (self._time * self._deepest)
         self.interval, self.elapsed = self.elapsed, 0.0
+        self.load = self._impulse / self.interval
         self.known += 1

@@ -39,6 +39,8 @@ _UNSURE, _UNSURE_INERTIA, _AS_UNSURE = (1.18, 1.45), (0.35, 0.7), 0.06
 motion from one that a hand only holds; and how well two such answers agree"""
 _LONGEST, _LARGEST = 3.2, 3.2
 """A half-cycle, and an amplitude, by which the motion has changed altogether"""
+_LONGEST_CONTACT, _DEEPEST_CONTACT, _HEAVIEST_CONTACT = 6.0, 6.0, 2.5
+"""The same of a contact, and of the apparent inertia in it: a push from outside raises all three"""
 _APPARENT = 0.5, 1.6
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
 motion. What a hand moves seems lighter by the scale of the probe."""
@@ -145,6 +147,17 @@ def may_be_a_load(cycle: float) -> bool:
     return cycle * _FADES_HZ < 1.0
 
 
+def explains(inertia: float, before: float) -> bool:
+    """Whether the torque of a softer wall explains a motion as well as before.
+
+    Args:
+        inertia: Apparent inertia now [kg·m²].
+        before: That on the whole wall [kg·m²].
+    """
+    least, most = _APPARENT
+    return least * before < inertia < most * before
+
+
 class Answer(NamedTuple):
     """What a probe shows, relative to the motion before it."""
 
@@ -167,14 +180,16 @@ def took_longer(answer: Answer, *, contacts: bool) -> bool:
     """
     first, second, inertia, amplitude = answer
     least, most = _APPARENT
+    longest, largest = _LONGEST, _LARGEST
     if contacts:
         long = min(first, second) > _CONTACT and first + second > _CONTACTS
+        longest, largest, most = _LONGEST_CONTACT, _DEEPEST_CONTACT, _HEAVIEST_CONTACT
     elif inertia > _EXPLAINED and amplitude < _GROWN:
         long = min(first, second) > _EACH and first + second > _SUM
     else:
         least_first = _FIRST if amplitude < _GROWN else _FIRST_GROWN
         long = first > least_first and second > _SECOND and first + second > _BOTH
-    return long and second < _LONGEST and amplitude < _LARGEST and least < inertia < most
+    return long and second < longest and amplitude < largest and least < inertia < most
 
 
 def as_unsure(one: Answer, other: Answer) -> bool:

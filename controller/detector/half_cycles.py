@@ -41,6 +41,8 @@ class Repeated(Protocol):
     elapsed: float
     interval: float
     gain: float
+    gaining: int
+    load: float
 
 
 class HalfCycles:
@@ -60,7 +62,8 @@ class HalfCycles:
             linear spring, and above 0.55 of the limit where the torque saturates most of the time.
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
-        gain: 0; only contacts have one.
+        gain: 0; only contacts have one. ``gaining``: likewise.
+        load: Mean torque over the last two half-cycles [N·m]: what the wall holds up.
     """
 
     __slots__ = (
@@ -68,6 +71,7 @@ class HalfCycles:
         "_extreme",
         "_hysteresis",
         "_impulse",
+        "_impulse_before",
         "_impulse_then",
         "_largest",
         "_last",
@@ -91,10 +95,12 @@ class HalfCycles:
         "duration_4",
         "elapsed",
         "gain",
+        "gaining",
         "inertia",
         "inertia_2",
         "interval",
         "known",
+        "load",
         "pull",
         "pull_2",
         "pull_3",
@@ -124,7 +130,8 @@ class HalfCycles:
         self.pull_2 = 0.0
         self.pull_3 = 0.0
         self.elapsed = 0.0
-        self.interval = self.gain = 0.0
+        self.interval = self.gain = self.load = 0.0
+        self.gaining = 0
         self._hysteresis = self._least
         self._largest = 0.0
         self._rippled = 0
@@ -138,7 +145,7 @@ class HalfCycles:
         self._impulse = 0.0
         self._square = 0.0
         self._moment_then = 0.0
-        self._impulse_then = 0.0
+        self._impulse_then = self._impulse_before = 0.0
         self._square_then = 0.0
 
     def forget(self) -> None:
@@ -216,6 +223,9 @@ class HalfCycles:
         virial = self._moment_then - half * self._impulse_then
         self.pull = -virial / (self.duration * max(self.amplitude, self._least))
         self.inertia = -virial / self._square_then if self._square_then > 0.0 else 0.0
+        both = self.duration + self.duration_2
+        self.load = (self._impulse_then + self._impulse_before) / both
+        self._impulse_before = self._impulse_then
         # Sums that began at the old start go on from the new one.
         impulse = self._impulse - self._impulse_then
         self._moment = self._moment - self._moment_then - (end - start) * impulse

@@ -115,7 +115,7 @@ class OwnMotion:
     def resume(self) -> None:
         """Begin to watch anew after a pause; what an alarm took stays taken."""
         self._half_cycles.forget()
-        self._contacts.known = 0
+        self._contacts.known = self._contacts.gaining = 0
         self._suspect(False)
         self._backstop.resume()
         if self._bounces is not None:

@@ -13,14 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from controller.experiments.motion_model import (
-    Motion,
-    Parameters,
-    Pieces,
-    pieces_of,
-    simulated,
-)
-from controller.experiments.standard_errors import Linear, standard_errors
+from controller.experiments.loads import Loads
+from controller.experiments.motion_model import Motion, Pieces, pieces_of
+from controller.experiments.output_error import OutputError, least_squares
+from controller.experiments.standard_errors import standard_errors
 from controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
@@ -31,19 +27,12 @@ _SMOOTH_S = 0.021
 """Window of the smoothing for the start [s]"""
 _LATEST_S = 0.03
 """The longest delay that the start is searched to [s]"""
-_RUN = 8
-"""A run of so many equal samples counts in full; a longer one counts no more"""
 _VISIBLE = 4.0
 """Standard errors of its own that play must be above zero to count"""
 _LEAST_PLAY = 1e-6
 """[rad]"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """No value is known better than by this share: rounding is in what the spring answers to as well"""
-_ROUNDS = 40
-_EXACT = 1e-7
-"""Residual that no encoder knows of [rad]"""
-_ENOUGH = 1e-7
-"""Share of the squares below which another round is not worth its time"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "play")
 
 
@@ -72,6 +61,8 @@ class Fit:
     pieces: Pieces
     fitted: FloatArray
     """Positions of the model [rad], shape as the pieces'"""
+    loads: Loads | None = None
+    """None: none were fitted"""
 
 
 def fit_motion(motion: Motion, step: float) -> Fit:
@@ -85,15 +76,31 @@ def fit_motion(motion: Motion, step: float) -> Fit:
         NoFitError: The motion cannot tell.
     """
     speed, acceleration = smoothed(motion)
-    cuts = _cuts(motion, speed, max(step, 1e-6))
-    start = _start(motion, speed, acceleration)
+    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    start = start_of(motion, speed, acceleration)
     pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
-    without, speeds = _fitted(pieces, start, speeds, with_play=False)
+    without, speeds = fitted(pieces, start, speeds, with_play=False)
     # Play not counted with passes for delay: half a count of it for a third of a millisecond.
+    return visible_play(without, speeds) or without
+
+
+def visible_play(without: Fit, speeds: FloatArray) -> Fit | None:
+    """The fit with play; None: it is not to be seen.
+
+    Args:
+        without: The fit without.
+        speeds: Of its pieces [rad/s].
+    """
     begun = replace(without, play=max(2.0 * without.residual, _LEAST_PLAY))
-    with_play, _ = _fitted(pieces, begun, speeds, with_play=True)
-    return with_play if with_play.play > _VISIBLE * with_play.stderr[4] + _LEAST_PLAY else without
+    found, _ = fitted(without.pieces, begun, speeds, with_play=True)
+    return found if found.play > _VISIBLE * found.stderr[4] + _LEAST_PLAY else None
+
+
+def window_of(motion: Motion) -> int:
+    """Samples of the smoothing's window."""
+    period = float(np.median(np.diff(motion.sampled)))
+    return max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
 
 
 def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +112,7 @@ def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
     if motion.sampled.size < 500:
         raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
     period = float(np.median(np.diff(motion.sampled)))
-    window = max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
+    window = window_of(motion)
     # On an even grid: losses and missed periods are bridged by a line.
     even = np.arange(motion.sampled[0], motion.sampled[-1], period)
     position = np.interp(even, motion.sampled, motion.position)
@@ -114,7 +121,7 @@ def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
     return speed, acceleration
 
 
-def _cuts(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
+def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
     """Pieces from one moment of high speed to another; those in which little moves are left out."""
     begins: list[int] = []
     sampled, fast = motion.sampled, np.abs(speed)
@@ -151,7 +158,7 @@ def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
     return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
 
 
-def _start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
+def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
     """Where the fit begins: the torques, smoothed alike, against the motion, for each delay."""
     moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
     signs = np.sign(speed[moving])
@@ -177,18 +184,39 @@ def _start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
     )
 
 
-def _fitted(
-    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool
+def fitted(
+    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool, thorough: bool = True
 ) -> tuple[Fit, FloatArray]:
-    """The fit, and the speeds at the beginnings of the pieces."""
-    model = _Model(pieces, with_play, start)
-    values, speeds = _least_squares(model, speeds)
+    """The fit that begins at another, and the speeds at the beginnings of the pieces.
+
+    Args:
+        pieces: What was recorded.
+        start: Its loads are fitted too, where it has any.
+        speeds: Of each piece, to begin with [rad/s].
+        with_play: Fit the play.
+        thorough: To the end; else as near as another round brings little.
+    """
+    count = 5 if with_play else 4
+    begin = np.array([getattr(start, name) for name in NAMES[:count]])
+    model = OutputError(pieces, begin, start.loads)
+    values, speeds = least_squares(model, speeds, thorough)
     linear = model.linear(values, speeds)
     left = linear.left[pieces.held]
-    five = [*values.tolist(), *([] if with_play else [0.0])]
+    five = [*values[:count].tolist(), *([] if with_play else [0.0])]
     inertia, damping, coulomb, delay, play = five
     period = float(np.median(np.diff(pieces.motion.sampled)))
-    errors = [*standard_errors(linear, period), *([] if with_play else [0.0])]
+    all_errors = standard_errors(linear, period)
+    errors = [*all_errors[:count], *([] if with_play else [0.0])]
+    loads = start.loads
+    if loads is not None:
+        static, fading, *weights = values[count:].tolist()
+        loads = replace(
+            loads,
+            static=static,
+            fading=fading,
+            weights=tuple(weights),
+            errors=tuple(all_errors[count:]),
+        )
     fit = Fit(
         inertia,
         damping,
@@ -202,84 +230,6 @@ def _fitted(
         residual=float(np.sqrt(np.mean(left**2))),
         pieces=pieces,
         fitted=pieces.position + linear.left,
+        loads=loads,
     )
     return fit, speeds
-
-
-class _Model:
-    """Residuals and their derivatives over the shared values and each piece's own speed."""
-
-    def __init__(self, pieces: Pieces, with_play: bool, start: Fit) -> None:
-        self.pieces = pieces
-        self.count = 5 if with_play else 4
-        self.begin = np.array([getattr(start, name) for name in NAMES[: self.count]])
-        self.low = np.array([0.05 * start.inertia, 0.0, 0.0, -0.005, 0.0])[: self.count]
-        self._weights = _weights(pieces)
-        self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
-        inertia = start.inertia
-        # Small beside what matters, large beside rounding.
-        steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5]
-        self._steps = np.array([*steps[: self.count], 1e-5])
-
-    def linear(self, values: FloatArray, speeds: FloatArray) -> Linear:
-        """All variants at once: as it is, and with each value a little larger."""
-        count = self.count
-        variants = np.tile(np.pad(values, (0, 5 - count)), (count + 2, 1))
-        variants[1 : count + 1, :count] += np.diag(self._steps[:count])
-        starts = np.tile(speeds, (count + 2, 1))
-        starts[-1] += self._steps[-1]
-        parameters = Parameters(*(variants[:, n : n + 1] for n in range(5)))
-        shown = simulated(self.pieces, parameters, starts) - self.pieces.position
-        shown -= np.sum(shown * self._means, axis=2, keepdims=True)
-        slopes = (shown[1:] - shown[0]) / self._steps[:, None, None]
-        return Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
-
-
-def _weights(pieces: Pieces) -> FloatArray:
-    """What a sample counts: one of a long run of equal ones says little that is new.
-
-    The rounding of a shaft at rest is one error, however often it is read.
-    """
-    weights = pieces.held.astype(float)
-    for position, weight, held in zip(pieces.position, weights, pieces.held, strict=True):
-        changes = np.flatnonzero(np.diff(position[held])) + 1
-        edges = np.concatenate([[0], changes, [int(held.sum())]])
-        runs = np.diff(edges)
-        weight[held] = np.repeat(np.minimum(1.0, _RUN / runs), runs)
-    return weights
-
-
-def _least_squares(model: _Model, speeds: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values and speeds of the smallest weighted squares; Levenberg's damping, values bounded.
-
-    A piece's own speed touches that piece alone, so it is eliminated piece by piece.
-    """
-    values, damped = model.begin, 1e-3
-    now = model.linear(values, speeds)
-    for _ in range(_ROUNDS):
-        if now.cost < _EXACT**2 * now.left.size:
-            break
-        weighted = now.weights * now.left
-        gradient = np.sum(now.shared * weighted, axis=(1, 2))
-        free = (values > model.low) | (gradient < 0.0)
-        rest = now.without_own()[free]
-        normal = np.einsum("psn,qsn->pq", rest * now.weights, rest)
-        right = np.sum(rest * weighted, axis=(1, 2))
-        normal[np.diag_indices_from(normal)] *= 1.0 + damped
-        step = np.zeros(values.shape)
-        step[free] = -np.linalg.lstsq(normal, right, rcond=1e-12)[0]
-        step = np.maximum(values + step, model.low) - values
-        moved = now.left + np.tensordot(step, now.shared, axes=1)
-        pull = np.sum(now.weights * now.own * moved, axis=1)
-        after = speeds - pull / (now.own_square() * (1.0 + damped))
-        tried = model.linear(values + step, after)
-        gain = now.cost - tried.cost
-        if gain > 0.0:
-            values, speeds, now, damped = values + step, after, tried, 0.1 * damped
-            if gain < _ENOUGH * now.cost:
-                break
-        elif damped > 1e3 or abs(gain) < _ENOUGH * now.cost:
-            break
-        else:
-            damped *= 10.0
-    return values, speeds

@@ -17,9 +17,9 @@ from pathlib import Path
 from controller.errors import UserError
 from controller.experiments.excitation import Bounds, Guess
 from controller.experiments.fitting import Fit
-from controller.experiments.identify_bench import Bench, UnidentifiableError
+from controller.experiments.identify_bench import Bench, UnidentifiableError, rounding_of
+from controller.experiments.misfit import misfit
 from controller.experiments.motion_model import Motion, motion_of
-from controller.experiments.outside_forces import outside_forces
 from controller.experiments.testbed import Played, Testbed
 from controller.experiments.torque_gain import torque_gain
 from controller.settings.config import Config
@@ -30,12 +30,8 @@ FULL, GENTLE = 0.5, 0.2
 """Share of the reach that the motions aim at"""
 _SPEED = 0.4
 """Share of ``safety.max_speed`` that is aimed at"""
-_ROUNDING = 1.0 / math.sqrt(12.0)
-"""Root mean square of rounding [counts]"""
-_UNQUANTISED = 1e-5
-"""Residual of a servo without an encoder's counts that is still taken for none [rad]"""
-STRUCTURED, UNLIKE = 3.0, 10.0
-"""Residual, in shares of what rounding leaves, from which it is told, and refused"""
+_ERRORS = 2.0
+"""Standard errors within which an inertia of zero is no inertia"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +123,7 @@ def identify(
         tell: Called with what a person should know meanwhile.
 
     Raises:
-        UnidentifiableError: It does not move, moves too far, or is not what the model describes.
+        UnidentifiableError: It does not move, moves too far, or by something else than its torque.
         ServoError: The servo could not be started.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
@@ -141,8 +137,7 @@ def identify(
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
     bench = Bench(bed, bounds, tell)
     guess = bench.find_moving_torque(_believed(config))
-    played, fit = bench.fitted("gentle", guess, GENTLE * reach)
-    _unlike(played, fit, bounds)
+    _, fit = bench.fitted("gentle", guess, GENTLE * reach)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     return _judged(played, fit, bounds, tuple(bench.logs))
 
@@ -162,34 +157,14 @@ def _believed(config: Config) -> Guess:
     )
 
 
-def _unlike(played: Played, fit: Fit, bounds: Bounds) -> str | None:
-    """What the model does not explain, in words; None: nothing beyond the encoder's rounding.
-
-    Raises:
-        UnidentifiableError: It does not explain the motion at all.
-    """
-    rounding = _rounding(bounds)
-    if fit.residual <= STRUCTURED * rounding:
-        return None
-    text = (
-        f"the residual is {1e3 * fit.residual:.2g} mrad where rounding leaves"
-        f" {1e3 * rounding:.2g}: this is more than an inertia with friction"
-        f" ({outside_forces(motion_of(played.rows), fit)})"
-    )
-    if fit.residual > UNLIKE * rounding:
-        raise UnidentifiableError(
-            f"{text}; take off what is attached, or expect no model of it; {played.log} holds the"
-            " motion"
-        )
-    return f"{text}; the standard errors allow for it, the model does not"
-
-
-def _rounding(bounds: Bounds) -> float:
-    return _ROUNDING * bounds.step or _UNQUANTISED
-
-
 def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) -> Identified:
-    unlike = _unlike(played, fit, bounds)
+    rounding = rounding_of(bounds)
+    warnings = tuple(misfit(fit, rounding))
+    if fit.inertia <= _ERRORS * fit.stderr[0]:
+        raise UnidentifiableError(
+            f"{'; '.join(warnings)}: no inertia can be told from the motion in {played.log}; take"
+            " off what is attached, and keep away from the shaft"
+        )
     gain = torque_gain(played.rows, fit.delay)
     scale = 1.0 if gain is None else gain.value
     values = [scale * v for v in (fit.inertia, fit.damping, fit.coulomb)]
@@ -204,8 +179,8 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
         gain_measured=gain is not None,
         backlash=Estimated(fit.play, fit.stderr[4]) if fit.play > 0.0 else None,
         residual=fit.residual,
-        rounding=_rounding(bounds),
-        warnings=() if unlike is None else (unlike,),
+        rounding=rounding,
+        warnings=warnings,
         fit=fit,
         played=played,
         logs=logs,

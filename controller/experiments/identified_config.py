@@ -27,18 +27,8 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
         identified: What was found of its servo.
         source: What ``config`` came from, for people.
     """
-    gain = identified.torque_gain.value
-    period = config.period_s
-    model = {
-        name: _bounded(getattr(identified, name), share * getattr(identified, name).value)
-        for name, share in FLOORS.items()
-    }
-    model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
-    model["delay"] = _bounded(identified.delay, DELAY_FLOOR * period)
-    # The others are in its unit: what is not certain of their ratio to it is in their bounds.
-    model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
     data = config.model_dump(mode="json", exclude_none=True)
-    data["model"] = model
+    data["model"] = identified_model(identified, config.period_s)
     unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
     floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())
     head = [
@@ -53,6 +43,25 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
     ]
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None)
     return "".join(f"# {line}\n" for line in head) + "\n" + text
+
+
+def identified_model(identified: Identified, period: float) -> dict[str, dict[str, float]]:
+    """Value and bounds of each quantity of the model section.
+
+    Args:
+        identified: What was found.
+        period: Sampling period [s].
+    """
+    gain = identified.torque_gain.value
+    model = {
+        name: _bounded(getattr(identified, name), share * getattr(identified, name).value)
+        for name, share in FLOORS.items()
+    }
+    model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
+    model["delay"] = _bounded(identified.delay, DELAY_FLOOR * period)
+    # The others are in its unit: what is not certain of their ratio to it is in their bounds.
+    model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
+    return model
 
 
 def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,8 @@ from controller.experiments.excitation import (
     pulses,
 )
 from controller.experiments.fitting import Fit, NoFitError, fit_motion
-from controller.experiments.motion_model import motion_of
+from controller.experiments.loaded_fit import fit_loaded
+from controller.experiments.motion_model import Motion, motion_of
 from controller.experiments.testbed import Played, Testbed
 from controller.program import Phase
 
@@ -32,6 +35,22 @@ _FRICTION_SHARE = 0.4
 _TRIES = 3
 _SOFTER = 0.6
 """By this a program that went too far is repeated smaller"""
+_ONE_WAY = 3
+"""Pulses, each stronger, of which both may turn the shaft the same way: a weight does that"""
+_ROUNDING = 1.0 / math.sqrt(12.0)
+"""Root mean square of rounding [counts]"""
+_UNQUANTISED = 1e-5
+"""Residual of a servo without an encoder's counts that is still taken for none [rad]"""
+_LOADED, _BETTER = 1.2, 0.9
+"""Residual, in shares of what rounding leaves, from which loads are fitted; the share of it that
+they must leave at most"""
+SPOILT = 3.0
+"""Residual in those shares from which a motion is repeated: something has touched the shaft"""
+
+
+def rounding_of(bounds: Bounds) -> float:
+    """What rounding alone leaves of a motion, root mean square [rad]."""
+    return _ROUNDING * bounds.step or _UNQUANTISED
 
 
 class UnidentifiableError(HapticWallError):
@@ -46,6 +65,8 @@ class Bench:
         self._bounds = bounds
         self._tell = tell
         self._age = 0.0
+        self._loaded: Fit | None = None
+        """Of the motion before, where loads were found"""
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
@@ -54,6 +75,7 @@ class Bench:
         least = max(_MOVED * bounds.step, _MOVED_RAD)
         torque = first_pulse(guess, bounds)
         tried: list[float] = []
+        one_way = 0
         while True:
             self._tell(f"pulses of {torque:.3g} N·m")
             phases = pulses(torque, bounds)
@@ -69,7 +91,9 @@ class Bench:
             moved = [_moved(played, pulse) for pulse in (0, 2)]
             tried.append(torque)
             if min(map(abs, moved)) >= least:
-                break
+                one_way += moved[0] * moved[1] > 0.0
+                if moved[0] * moved[1] < 0.0 or one_way > _ONE_WAY:
+                    break
             if torque >= bounds.torque:
                 raise UnidentifiableError(_unmoved(tried, moved, bounds))
             torque = min(_STRONGER * torque, bounds.torque)
@@ -86,30 +110,67 @@ class Bench:
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
 
     def fitted(self, name: str, guess: Guess, amplitude: float) -> tuple[Played, Fit]:
-        """A program and the model fitted to it, on data that stayed within the reach."""
+        """A program and the model fitted to it, on data that stayed within the reach.
+
+        A motion that is spoilt is repeated: too far, too little, or not to be explained.
+
+        Args:
+            name: Of the log.
+            guess: What the motions are scaled to.
+            amplitude: How far the shaft should come to each side [rad].
+
+        Raises:
+            UnidentifiableError: It stays too large, or cannot be fitted.
+        """
         bounds = self._bounds
-        furthest = 0.0
+        furthest, unfit = 0.0, ""
+        best: tuple[Played, Fit] | None = None
         for attempt in range(1, _TRIES + 1):
             self._tell(f"motions of about {amplitude:.2g} rad to each side")
             label = name if attempt == 1 else f"{name}-{attempt}"
             played = self._play(label, motions(guess, bounds, amplitude))
             furthest = _furthest(played)
-            motion = motion_of(played.rows)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             try:
-                fit = fit_motion(motion, bounds.step)
+                fit = self._explained(motion_of(played.rows))
             except NoFitError as error:
-                raise UnidentifiableError(
-                    f"the motion in {played.log} cannot be fitted: {error}; see that the shaft is"
-                    " free, and give it more --reach or servo.torque_limit"
-                ) from error
-            if furthest <= bounds.reach:
-                return played, fit
-            guess, amplitude = self.corrected(fit), _SOFTER * amplitude
+                unfit = f"the motion in {played.log} cannot be fitted: {error}"
+                self._tell(f"{unfit}; once more")
+                continue
+            if furthest > bounds.reach:
+                guess, amplitude = self.corrected(fit), _SOFTER * amplitude
+                continue
+            if best is not None or fit.residual <= SPOILT * rounding_of(bounds):
+                return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
+            best = (played, fit)
+            self._tell("something may have touched the shaft: its motion is not explained; again")
+        if best is not None:
+            return best
+        if unfit and furthest <= bounds.reach:
+            raise UnidentifiableError(
+                f"{unfit}, in {_TRIES} tries; see that the shaft is free, and give it more --reach"
+                " or servo.torque_limit"
+            )
         raise UnidentifiableError(
             f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries, wanted at most"
             f" {bounds.reach:.2g} rad; give it more --reach, or see what else moves it"
         )
+
+    def _explained(self, motion: Motion) -> Fit:
+        """The model's fit; with loads where it leaves much, and they explain it."""
+        step = self._bounds.step
+        before, enough = self._loaded, _LOADED * rounding_of(self._bounds)
+        plain: Fit | None = None
+        if before is None:
+            with suppress(NoFitError):  # a weight may hide that the torque moves it
+                plain = fit_motion(motion, step)
+        if plain is not None and plain.residual <= enough:
+            return plain
+        fit = fit_loaded(motion, step, before)
+        if plain is not None and fit.residual > _BETTER * plain.residual:
+            return plain
+        self._loaded = fit
+        return fit
 
     def corrected(self, fit: Fit) -> Guess:
         """Parameters that the next motions are scaled to."""

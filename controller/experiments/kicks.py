@@ -18,7 +18,7 @@ def unsaturated(walls: Walls, kick: FloatArray) -> FloatArray:
 
     A torque limit makes a wall softer to large motion, so that such motion comes down to where the
     limit hardly matters; whether it grows from there is the question. Not below four counts of the
-    encoder and the play, whatever saturates.
+    encoder and the backlash, whatever saturates.
 
     Args:
         walls: With stiffness > 0; shape (n,).

@@ -23,6 +23,8 @@ from controller.theory.response import held_response
 from hw.servo import Outcome
 
 IntArray = NDArray[np.int64]
+_NO_SPEED = 1e-6
+"""[rad/s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,12 @@ class Parameters:
     """From a torque's sending to its action [s]"""
     play: FloatArray
     """Between shaft and encoder, full width [rad]"""
+    static: FloatArray | None = None
+    """Friction at rest [N·m]; None: as in motion"""
+    fading: FloatArray | None = None
+    """Speed at which its excess has fallen to a third [rad/s]; 0 or None: none in motion"""
+    load: FloatArray | None = None
+    """Torque against the shaft from each sample to the next [N·m], (v, s, n - 1); None: none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +110,11 @@ def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
     return Pieces(motion, motion.sampled[index], motion.position[index], held)
 
 
+def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
+    """Some of the pieces, shape (s,)."""
+    return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
+
+
 def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
     """Positions that the encoder would have shown, rounding left out [rad].
 
@@ -116,13 +129,25 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         Shape (v, s, n).
     """
     lengths, torques = _schedule(pieces, parameters.delay)
+    if parameters.load is not None:
+        torques = torques - parameters.load[:, :, :, None]
     inertia, coulomb = parameters.inertia, parameters.coulomb
+    static = np.broadcast_to(
+        coulomb if parameters.static is None else np.maximum(parameters.static, coulomb),
+        speeds.shape,
+    )
+    fading = None
+    if parameters.fading is not None and np.any(parameters.fading > 0.0):
+        fading = np.broadcast_to(np.maximum(parameters.fading, _NO_SPEED), speeds.shape)
     decay = parameters.damping / inertia
     response = held_response(decay[:, :, None, None], lengths)
     phi, psi, kept = (np.moveaxis(r, (2, 3), (0, 1)) for r in response)
     held, lengths = np.moveaxis(torques, (2, 3), (0, 1)), np.moveaxis(lengths, (2, 3), (0, 1))
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
     half = np.broadcast_to(0.5 * parameters.play, speeds.shape)
+    drag, first = coulomb, coulomb
+    if fading is not None:
+        first = np.where(fading > _NO_SPEED, static, coulomb)
     x, v = np.zeros(speeds.shape), speeds.copy()
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
@@ -131,8 +156,10 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         for j in range(held.shape[1]):
             u = held[k, j]
             sign = np.sign(v)
-            sign = np.where(sign == 0.0, np.where(np.abs(u) > coulomb, np.sign(u), 0.0), sign)
-            push = np.where(sign == 0.0, 0.0, u - sign * coulomb) / inertia
+            sign = np.where(sign == 0.0, np.where(np.abs(u) > static, np.sign(u), 0.0), sign)
+            if fading is not None:
+                drag = coulomb + (first - coulomb) * np.exp(-np.abs(v) / fading)
+            push = np.where(sign == 0.0, 0.0, u - sign * drag) / inertia
             end = v * kept[k, j] + push * phi[k, j]
             moved = v * phi[k, j] + push * psi[k, j]
             turned = (end * sign < 0.0).nonzero()
@@ -142,7 +169,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
                     push[turned],
                     decay[turned],
                     lengths[k, j][turned],
-                    _breakaway(u[turned], coulomb[turned]) / inertia[turned],
+                    _breakaway(u[turned], first[turned], static[turned]) / inertia[turned],
                 )
                 at = x[turned] + rest
                 shown[turned] = np.clip(shown[turned], at - half[turned], at + half[turned])
@@ -153,9 +180,10 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     return np.moveaxis(out, 0, 2)
 
 
-def _breakaway(torque: FloatArray, coulomb: FloatArray) -> FloatArray:
+def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:
     """What is left of a torque on a body at rest when friction has taken its share [N·m]."""
-    return np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
+    left = np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
+    return np.where(np.abs(torque) > static, left, 0.0)
 
 
 def _through_rest(

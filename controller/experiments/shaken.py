@@ -75,7 +75,7 @@ def plan_shaking(
 
 
 def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
-    """Play the steps and fit them.
+    """Play the steps and fit them; once more where that was spoilt.
 
     Args:
         bed: The servo.
@@ -88,6 +88,14 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
     """
+    try:
+        return _shaken(bed, name, shaking)
+    except ExperimentFailedError as error:
+        bed.tell(f"once more: {error}")
+    return _shaken(bed, f"{name}-again", shaking)
+
+
+def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     plan, config = shaking.plan, bed.config
     phases = step_phases(plan, shaking.hold, shaking.bursts, shaking.seed)
     played = bed.play(name, phases, shaking.delay_steps)

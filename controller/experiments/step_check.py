@@ -26,6 +26,8 @@ times in a million, one with a mode below 100 Hz nearly always."""
 _BINS = 12
 _WINDOWS = (0.7, 0.5)
 """Shares of the samples about a step from which the lag is measured anew"""
+_BELOW = 2e-4
+"""How far below zero a lag may come out [s]: cogging and friction at rest may do that much"""
 _SURE = 3.0
 """Standard errors from which on a value is taken as impossible"""
 _UNKNOWN = 0.01
@@ -48,7 +50,7 @@ def fault(fit: StepFit, longest: float) -> str:
         )
     elif not error < _UNKNOWN:
         found = f"{lag}, wanted an error below {1e3 * _UNKNOWN:g} ms"
-    elif not -_SURE * error <= fit.lag <= longest + _SURE * error:
+    elif not -max(_BELOW, _SURE * error) <= fit.lag <= longest + _SURE * error:
         found = f"{lag}, wanted one from 0 to {1e3 * longest:.3g} ms"
     elif fit.acceleration <= _SURE * fit.acceleration_stderr:
         found = f"a torque would accelerate the shaft by {fit.acceleration:.3g} rad/s² per N·m"
@@ -64,12 +66,14 @@ def doubted(fit: StepFit) -> StepFit:
     """The same with an error that holds what the choice of samples changes, where residuals agree.
 
     A torque that rises slowly, or a stiff transmission, leaves residuals of the same course after
-    every step. The lag then depends on how many samples about the step it is fitted to.
+    every step. The lag then depends on how many samples about the step it is fitted to. No lag is
+    below zero: the error holds what is.
     """
-    if course(fit) <= COURSE:
-        return fit
-    lags = [fit_steps(_about(fit, share), fit.lag).lag for share in _WINDOWS]
-    return replace(fit, systematic=max(abs(lag - fit.lag) for lag in lags))
+    doubts = [max(-fit.lag - 2.0 * fit.stderr, 0.0)]
+    if course(fit) > COURSE:
+        lags = [fit_steps(_about(fit, share), fit.lag).lag for share in _WINDOWS]
+        doubts += [abs(lag - fit.lag) for lag in lags]
+    return replace(fit, systematic=max(doubts)) if max(doubts) > 0.0 else fit
 
 
 def noise(steps: tuple[Step, ...]) -> float:

@@ -37,6 +37,9 @@ _GONE = frozenset(
         Trip.SUSPENDED,
     )
 )
+_PASSING = frozenset(
+    f"trip:{trip}" for trip in (Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS)
+)
 _OF_MOTION = frozenset(f"trip:{trip}" for trip in (Trip.OVERSPEED, Trip.OSCILLATION))
 
 
@@ -106,6 +109,7 @@ class Testbed:
     Attributes:
         config: As it is run.
         folder: See above.
+        tell: See above.
 
     Raises:
         UserError: The folder cannot be made.
@@ -126,7 +130,7 @@ class Testbed:
         raw["wall"]["side"] = "both"
         self.config = Config.model_validate(raw)
         self.folder = folder
-        self._tell = tell
+        self.tell = tell
         self._start_told = ""
         self._witness = witness
         try:
@@ -140,6 +144,8 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
+        One that lost readings or missed periods have ended is run once more.
+
         Args:
             name: Of its log; one that is there is replaced as soon as there are rows.
             phases: At least one.
@@ -151,6 +157,15 @@ class Testbed:
             ExperimentTrippedError: A trip has ended it.
             UserError: The log could not be kept whole, or a file that is no log is in its place.
         """
+        try:
+            return self._played(name, phases, delay_steps)
+        except ExperimentTrippedError as error:
+            if error.stop_reason not in _PASSING:
+                raise
+            self.tell(f"{name}: {error.stop_reason}; once more")
+        return self._played(name, phases, delay_steps)
+
+    def _played(self, name: str, phases: Sequence[Phase], delay_steps: int | None) -> Played:
         config = self.config
         if delay_steps is not None:
             raw = config.model_dump(mode="json")
@@ -198,7 +213,7 @@ class Testbed:
             if text == self._start_told:
                 return
             self._start_told = text
-        self._tell(text)
+        self.tell(text)
 
 
 def recorded(log: Path) -> NDArray[np.void]:

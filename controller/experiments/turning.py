@@ -16,7 +16,7 @@ from controller.theory.checks import FloatArray, IntArray
 _LEAST_PERIODS = 1000
 _MOST_PERIODS = 200_000
 _SURE = 3.0
-"""Standard errors by which growth must differ from none where counts or play make it uneven."""
+"""Standard errors by which growth must differ from none where counts or backlash make it uneven."""
 _CHANGES = 0.05
 """Change of an amplitude's logarithm late in a run below which it is steady"""
 _SOON = 2.0
@@ -31,7 +31,7 @@ _DEAD = 1e-12
 _LATE = 0.4
 """Share of the time after which the growth without friction is fitted: what dies quickly has died.
 With friction the growth depends on the amplitude, and the kick's own is asked for; with counts or
-play the amplitude itself is compared with that at the start."""
+backlash the amplitude itself is compared with that at the start."""
 _FADING = 0.01
 """A saturating motion that loses less than this share per oscillation late in its run goes on."""
 _SETTLING = 2
@@ -98,7 +98,7 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
 
 
 def _uneven(turnings: Turnings, start: FloatArray, cycle: FloatArray, periods: int) -> FloatArray:
-    """Growth per oscillation where counts or play can keep a motion up for ever.
+    """Growth per oscillation where counts or backlash can keep a motion up for ever.
 
     Such a motion comes up from a smaller kick, and down from a larger one; either is soon over. So
     late amplitudes are compared with the kick, unless they are on their way to its other side.

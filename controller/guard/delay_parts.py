@@ -63,5 +63,5 @@ def shorter(parts: DelayParts, slow_replies: bool) -> float:
 
 
 def ms(seconds: float) -> str:
-    """A time of this size as text: three digits, in milliseconds."""
-    return f"{1e3 * seconds:.3g} ms"
+    """A time of this size as text: in milliseconds, three digits, nothing below a microsecond."""
+    return f"{round(1e3 * seconds, 3):.3g} ms"

@@ -10,6 +10,7 @@ import numpy as np
 from controller.log.file import LogWriter
 from controller.log.reader import End
 from controller.log.rows import LogRows
+from controller.telemetry import ROW
 
 
 def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) -> None:
@@ -19,7 +20,7 @@ def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) ->
 
     Args:
         path: Where to.
-        rows: At least one.
+        rows: Of the log.
         name: What the log is called that they are cut from.
         from_s: Where the first of them lies in that log [s].
         to_s: And the last [s].
@@ -31,8 +32,7 @@ def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) ->
     cut: dict[str, Any] = {"log": name, "from_s": from_s, "to_s": to_s}
     if "cut" in metadata:
         cut["earlier"] = metadata["cut"]
-    dtype = next(rows.blocks()).dtype
-    with LogWriter(path, {**metadata, "cut": cut}, dtype) as log:
+    with LogWriter(path, {**metadata, "cut": cut}, ROW) as log:
         for piece in rows.pieces():
             if isinstance(piece, np.ndarray):
                 log.append(piece)

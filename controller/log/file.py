@@ -62,6 +62,8 @@ class LogWriter:
         # FORMAT first, and what it says holds for this file, wherever the metadata come from.
         head = _json({**FORMAT, **metadata, **FORMAT})
         self._beside = beside
+        if beside is not None:
+            beside.begin()
         self._begin(path if beside is None else beside.part, dtype, "wb")
         try:
             self._write(head)
@@ -75,6 +77,7 @@ class LogWriter:
         self.found: NDArray[np.void] | None = None
         self._unsynced = True
         self._placed = False
+        self._shortened = False
         self._file = cast(BinaryIO, path.open(mode, buffering=0))
         status = os.fstat(self._file.fileno())
         self.identity = _identity(status)
@@ -123,6 +126,7 @@ class LogWriter:
         if not len(rows):
             return
         most = MOST_BYTES // self._dtype.itemsize
+        self._look_for_its_end()
         with _all_or_nothing(self._file):
             for start in range(0, len(rows), most):
                 self._write(rows[start : start + most].astype(self._dtype, copy=False))
@@ -142,8 +146,10 @@ class LogWriter:
         """Have the disk keep what was written until now; waits for it.
 
         Raises:
-            OSError: The disk has lost something; it says so once, and nobody knows what.
+            OSError: The disk has lost something, or somebody has cut off the file's end; said once,
+                and nobody knows which rows.
         """
+        self._tell_if_shortened()
         if not self._unsynced:
             return
         self._unsynced = False
@@ -156,6 +162,18 @@ class LogWriter:
             # Some file systems cannot be asked, and a device (/dev/null) has nothing to keep.
             if error.errno != errno.EINVAL and self._is_file:
                 raise
+
+    def _look_for_its_end(self) -> None:
+        """Go on at the end that the file has now, and note where that has come nearer."""
+        if self._is_file and self._file.tell() > os.fstat(self._file.fileno()).st_size:
+            self._file.seek(0, os.SEEK_END)  # a hole would be taken for what was there
+            self._shortened = True
+
+    def _tell_if_shortened(self) -> None:
+        self._look_for_its_end()
+        if self._shortened:
+            self._shortened = False
+            raise OSError(errno.EIO, "another program has cut off its end")
 
     def _place(self) -> None:
         folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -171,11 +189,13 @@ class LogWriter:
         Safe to call twice.
 
         Raises:
-            OSError: The file system has lost something written earlier.
+            OSError: The file system has lost something written earlier; or as ``sync``.
         """
         if self._beside is not None:
             self._beside.discard()
-        self._file.close()
+        if not self._file.closed:
+            with self._file:
+                self._tell_if_shortened()
 
     def __enter__(self) -> LogWriter:
         return self

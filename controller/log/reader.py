@@ -60,6 +60,7 @@ class LogReader:
         self.metadata: dict[str, Any] = {}
         with opened(path) as file:
             size = _size(file)
+            self._file, self._size = _identity(file), size
             head = block_at(file, 0, size)
             metadata = from_json(head.array) if head is not None else None
             if head is not None and metadata is not None and is_ours(metadata):
@@ -80,20 +81,35 @@ class LogReader:
         be asked for any number of times; a file that grows is read to where it ended then.
 
         Raises:
-            LogFormatError: A log of another version is joined to this one.
+            LogFormatError: A log of another version is joined to this one; or the file was replaced
+                or cut off since it was opened first.
             OSError: It cannot be read.
         """
-        with opened(self.path) as file:
+        with self._opened() as file:
             yield from in_order(_pieces(self.path, file, self._start, _size(file), self._checked))
 
     def last(self) -> Block | None:
         """The last intact block of rows, found from the end; None: there is none.
 
         Raises:
+            LogFormatError: The file was replaced or cut off since it was opened first.
             OSError: It cannot be read.
         """
-        with opened(self.path) as file:
+        with self._opened() as file:
             return last_block(file, self._start, _size(file), self._checked)
+
+    def _opened(self) -> BinaryIO:
+        """The file that was looked at first, which may have grown.
+
+        Raises:
+            LogFormatError: It is another one, or shorter.
+            OSError: It cannot be read.
+        """
+        file = opened(self.path)
+        if _identity(file) == self._file and _size(file) >= self._size:
+            return file
+        file.close()
+        raise LogFormatError(f"{self.path}: replaced or cut off while it was read; try again")
 
     @property
     def start(self) -> int:
@@ -172,6 +188,11 @@ def _refuse_later(path: Path, metadata: Mapping[str, Any]) -> None:
             f"{path} is a log of format version {in_line(str(version), 20)}, this program reads "
             f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
         )
+
+
+def _identity(file: BinaryIO) -> tuple[int, int]:
+    found = os.fstat(file.fileno())
+    return found.st_dev, found.st_ino
 
 
 def _size(file: BinaryIO) -> int:

@@ -78,7 +78,7 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
         if each.count < LEAST
     ]
     for number, blocks in groupby(_with_wall_on(rows), key=lambda found: found[0]):
-        config = configs[number]
+        config = configs[number] if number < len(configs) else None  # one joined meanwhile
         if config is None:
             continue
         # An experiment's program has walls of its own, one after the other.

@@ -92,6 +92,18 @@ def grid(ax: Axes) -> None:
     ax.grid(True, color="#e9e9e9", linewidth=0.5)
 
 
+def legend_above(ax: Axes, columns: int = 1) -> None:
+    """Name the curves above the axes, where the legend covers none of them."""
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.2,
+        ncols=columns,
+        handlelength=1.4,
+        columnspacing=1.2,
+    )
+
+
 def shades(count: int) -> Sequence[str]:
     """As many colours in order, dark to light, that differ in lightness too."""
     from matplotlib import colormaps

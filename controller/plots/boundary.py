@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
-"""Of the range that is drawn, where a curve has points: at its very ends all limits are 0."""
+"""Where a curve has points, as fractions of the range: at its very ends all limits are 0."""
 _SMALL = 0.08
 """Where the servo's own damping is a smaller share of the ceiling, the origin gets an inset."""
 _ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from controller.experiments.loop_delay import DelayPoint, LoopDelay
 from controller.experiments.step_fit import DECAY, caused, shapes
+from controller.guard.delay_parts import ms
 from controller.paper.style import GREY, INK, PAGE, grid, picture, shades, titled
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ _SPAN = 12e-3
 """How much of the motion behind the onset is drawn [s]"""
 _BEFORE = 4e-3
 _SIGMAS = 2.0
+_POINTS, _WIDTHS = 3, (2.2, 1.0)
+"""Recovered delays from which on they get axes of their own, and the widths of the two"""
 
 
 def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
@@ -33,6 +37,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
         OSError: The file cannot be written.
     """
     colours = shades(len(found.points))
+    recovered = [point for point in found.points if point.recovered is not None]
     with picture(path, PAGE, 3.2) as figure:
         figure.suptitle(
             f"{titled(name)}: delay from sample to motion {1e3 * found.total.value:.3f} ±"
@@ -41,15 +46,18 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
             ha="left",
             x=0.01,
         )
-        left, right = figure.subplots(1, 2)
+        if len(recovered) >= _POINTS:
+            left, right = figure.subplots(1, 2, width_ratios=_WIDTHS)
+            _recovered(right, recovered)
+            grid(right)
+        else:
+            left = figure.subplots()
         for point, colour in zip(found.points, colours, strict=True):
             _motion(left, point, colour)
         left.set_xlabel("since the sample the torque was computed with  [ms]")
         left.set_ylabel("motion per torque step  [mrad / (N$\\cdot$m)]")
-        left.legend(loc="upper left")
-        _recovered(right, found)
-        for ax in (left, right):
-            grid(ax)
+        grid(left)
+        figure.legend(loc="outside right upper")
 
 
 def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
@@ -66,14 +74,16 @@ def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
     ax.plot(1e3 * at, 1e3 * mean, ".", color=colour, markersize=3)
     curve = np.linspace(edges[0], edges[-1], 200)
     _, twice = shapes(float(fit.values[DECAY]), np.maximum(curve - fit.lag, 0.0))
-    label = f"{1e3 * point.inserted:.3g} ms inserted"
+    label = f"{ms(point.inserted)} inserted"
+    if point.recovered is not None:
+        back = point.recovered
+        label += f",\n{1e3 * back.value:.3f} ± {1e3 * back.stderr:.3f} ms recovered"
     ax.plot(1e3 * curve, 1e3 * fit.acceleration * twice, color=colour, linewidth=0.8, label=label)
     ax.axvline(1e3 * fit.lag, color=colour, linewidth=0.5, linestyle=":")
 
 
-def _recovered(ax: Axes, found: LoopDelay) -> None:
+def _recovered(ax: Axes, points: Sequence[DelayPoint]) -> None:
     """By how much each inserted delay was missed."""
-    points = [point for point in found.points if point.recovered is not None]
     for point in points:
         assert point.recovered is not None
         ax.errorbar(
@@ -89,4 +99,4 @@ def _recovered(ax: Axes, found: LoopDelay) -> None:
     ax.axhline(0.0, color=GREY, linewidth=0.8)
     ax.margins(x=0.3)
     ax.set_xlabel("inserted delay  [ms]")
-    ax.set_ylabel("recovered $-$ inserted  [µs], two standard errors")
+    ax.set_ylabel("recovered $-$ inserted  [µs],\ntwo standard errors")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
@@ -16,11 +19,22 @@ MOST = 400
 moments, twice over, where there is shade."""
 
 
-def in_pieces() -> AbstractContextManager[None]:
-    """While a picture is written: what a dense line covers is else held whole, 100 MB and more."""
-    from matplotlib import rc_context
+def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: Any) -> None:  # noqa: ANN401
+    """Draw a solid line in pieces that share their ends: drawn whole, it takes 100 MB and more.
 
-    return rc_context({"agg.path.chunksize": PIECE})
+    Matplotlib's own way (``agg.path.chunksize``) leaves two stretches out between pieces.
+
+    Args:
+        ax: Where to.
+        x: Shape (n,).
+        y: Shape (n,); NaN is a gap.
+        label: For the legend.
+        style: As ``ax.plot`` takes it.
+    """
+    for start in range(0, max(x.size - 1, 1), PIECE):
+        piece = slice(start, start + PIECE + 1)
+        # Each piece where it is: those that are level would else be moved to whole pixels.
+        ax.plot(x[piece], y[piece], label=None if start else label, snap=False, **style)
 
 
 def outline(time: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ from controller.detector.detection import DetectionRecord
 from controller.detector.oscillation import State
 from controller.log.recording import Part
 from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
-from controller.plots.dense_picture import in_pieces, outline
+from controller.plots.dense_picture import line, outline
 
 _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
 
@@ -27,24 +27,18 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
     Raises:
         OSError: The file cannot be written.
     """
-    with in_pieces(), picture(path, PAGE, 4.4) as figure:
+    with picture(path, PAGE, 4.4) as figure:
         motion, pace = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
         for number, (part, record) in enumerate(zip(parts, found, strict=True)):
             first = number == 0
-            motion.plot(
-                part.times, part.positions, color=INK, lw=0.7, label="position" if first else None
-            )
+            label = "position" if first else None
+            line(motion, part.times, part.positions, color=INK, lw=0.7, label=label)
             seen = record.amplitude > 0.0
             size = np.where(seen, record.amplitude, np.nan)
             middle = float(np.nanmean(part.positions))
             for sign in (1.0, -1.0):
-                motion.plot(
-                    part.times,
-                    middle + sign * size,
-                    color=ORANGE,
-                    lw=0.9,
-                    label="amplitude" if first and sign > 0 else None,
-                )
+                label = "amplitude" if first and sign > 0 else None
+                line(motion, part.times, middle + sign * size, color=ORANGE, lw=0.9, label=label)
             for state, shade in _SHADES.items():
                 times, heights = outline(part.times, record.state == state)
                 motion.fill_between(
@@ -56,7 +50,7 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
                     lw=0.0,
                     label=state.name.lower() if first else None,
                 )
-            pace.plot(part.times, record.frequency_hz, color=BLUE, lw=0.9)
+            line(pace, part.times, record.frequency_hz, color=BLUE, lw=0.9)
         alarms = [record.first_alarm_s for record in found if np.isfinite(record.first_alarm_s)]
         if alarms:
             motion.axvline(alarms[0], color=GREY, lw=0.9, ls="--", label="first alarm")

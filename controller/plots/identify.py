@@ -9,7 +9,17 @@ import numpy as np
 
 from controller.experiments.identification import Identified, whole_motion
 from controller.experiments.identify_text import row_text
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, titled
+from controller.paper.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    grid,
+    legend_above,
+    picture,
+    titled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +55,8 @@ def plot_identification(found: Identified, name: str, path: Path) -> None:
             grid(ax)
         axes[0].plot([], [], color=INK, linewidth=0.7, label="measured")
         axes[0].plot([], [], color=ORANGE, linewidth=1.0, linestyle="--", label="fitted, in pieces")
-        axes[0].legend(loc="upper right", ncols=2)
+        axes[0].plot([], [], color=GREY, linewidth=0.6, linestyle=":", label="half a count")
+        legend_above(axes[0], columns=3)
 
 
 def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:
@@ -59,14 +70,6 @@ def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:
         below.plot(t, 1e3 * (fitted - measured)[held], color=BLUE, linewidth=0.5)
     for sign in (-1.0, 1.0):
         below.axhline(sign * level, color=GREY, linewidth=0.6, linestyle=":")
-    below.annotate(
-        "dotted: half a count",
-        (0.995, 0.04),
-        xycoords="axes fraction",
-        ha="right",
-        fontsize=7,
-        color=GREY,
-    )
 
 
 def _title(found: Identified, name: str) -> str:

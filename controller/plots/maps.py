@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from controller.experiments.maps import CriticalMap
+from controller.guard.delay_parts import ms
 from controller.paper.style import (
     GREY,
     INK,
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
 
 _POINTS = 120
 _SHARE = 0.5
-"""Of the torque limit, to which the theory of unlimited motion is drawn."""
+"""Fraction of the torque limit up to which the theory of unlimited motion is drawn"""
 _MOST_DELAYS = 3
 """More are thinned out: their curves could not be told apart. The table holds them all."""
+_MANY_DAMPINGS = 6
 _LARGE = 1e3
 """A torque limit [N·m] from which on it is as good as none."""
 
@@ -48,7 +50,7 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
     """
     delays = np.unique(np.linspace(0, found.delay.size - 1, _MOST_DELAYS).round().astype(int))
     colours = dict(zip(delays.tolist(), shades(delays.size), strict=True))
-    over_kick = _kicks_differ(found)
+    over_kick = _many_kicks(found)
     with picture(path, PAGE, 3.9 if over_kick else 3.6) as figure:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
         axes = figure.subplots(1, 2 if over_kick else 1, squeeze=False, sharey=True)[0]
@@ -94,9 +96,18 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
             _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
         for k, style in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **style)
+    if not _root_scale(found):
+        ax.set_xlabel(VIRTUAL_DAMPING)
+        return
     # Near zero the limits rise steeply, and there walls are used: it gets more room.
     ax.set_xscale("function", functions=(_signed_root, _signed_square))
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
+
+
+def _root_scale(found: CriticalMap) -> bool:
+    """Whether there are enough dampings for a scale that is not even."""
+    return np.unique(found.virtual_damping).size >= _MANY_DAMPINGS
 
 
 def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **style: Any) -> None:  # noqa: ANN401
@@ -156,8 +167,9 @@ def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
     ax.set_xlabel(f"kick  [rad]   ($B$ = {damping:.3g} N$\\cdot$m$\\cdot$s/rad)")
 
 
-def _kicks_differ(found: CriticalMap) -> bool:
-    return bool(found.kick.min() < found.kick.max())
+def _many_kicks(found: CriticalMap) -> bool:
+    """Whether there are more kicks than are drawn over the damping."""
+    return np.unique(found.kick).size > len(_shown_kicks(found))
 
 
 def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
@@ -175,7 +187,7 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
 
     setting = found.setting
     handles = [
-        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {1e3 * found.delay[i]:.3g} ms")
+        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {ms(found.delay[i])}")
         for i, colour in colours.items()
     ]
     handles += [
@@ -189,7 +201,7 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
     handles.append(
         Line2D([], [], color=GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition")
     )
-    if setting.servo.coulomb > 0.0 and not setting.one_sided and _kicks_differ(found):
+    if setting.servo.coulomb > 0.0 and not setting.one_sided and _many_kicks(found):
         label = "onset amplitude $A^*$ (theory)"
         handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle="-.", label=label))
     return handles
@@ -202,7 +214,7 @@ def _title(found: CriticalMap, name: str) -> str:
     if servo.coulomb:
         device.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
     if servo.backlash:
-        device.append(f"play {servo.backlash:.3g} rad")
+        device.append(f"backlash {servo.backlash:.3g} rad")
     limits = [f"{1.0 / found.setting.period:.4g} Hz"]
     if servo.counts_per_rev:
         limits.append(f"{servo.counts_per_rev} counts/rev")
@@ -215,7 +227,7 @@ def _title(found: CriticalMap, name: str) -> str:
 
 
 def _drawn(stiffness: FloatArray) -> FloatArray:
-    """What a logarithmic axis can show."""
+    """Stiffnesses that a logarithmic axis can show; NaN for the others."""
     shown: FloatArray = np.where(np.isfinite(stiffness) & (stiffness > 0.0), stiffness, np.nan)
     return shown
 

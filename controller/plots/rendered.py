@@ -11,7 +11,17 @@ from controller.experiments.contact_transient import Contact
 from controller.experiments.drag import Drag
 from controller.experiments.rendering import Rendering
 from controller.experiments.static_stiffness import StaticStiffness
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture, titled
+from controller.paper.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    grid,
+    legend_above,
+    picture,
+    titled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +43,7 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    with picture(path, PAGE, 2.8) as figure:
+    with picture(path, PAGE, 3.2) as figure:
         figure.suptitle(
             f"{titled(name)}: commanded K = {found.stiffness:.4g} N·m/rad,"
             f" B = {found.damping:.3g} N·m·s/rad",
@@ -72,7 +82,7 @@ def _push(ax: Axes, static: StaticStiffness, commanded: float) -> None:
         )
     ends = np.array([static.position.min(), static.position.max()])
     ax.plot(ends, commanded * ends, color=INK, linewidth=0.8, label="commanded")
-    ax.legend(loc="upper left")
+    legend_above(ax, columns=2)
 
 
 def _drag(ax: Axes, drag: Drag) -> None:
@@ -83,7 +93,7 @@ def _drag(ax: Axes, drag: Drag) -> None:
         label = "Coulomb and viscous" if sign > 0 else None
         torque = sign * drag.coulomb + drag.viscous * speed
         ax.plot(speed, torque, color=INK, linewidth=0.8, label=label)
-    ax.legend(loc="lower right")
+    legend_above(ax)
 
 
 def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, ...]) -> None:
@@ -103,5 +113,5 @@ def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, .
     ax.axhline(0.0, color=INK, linewidth=0.6)
     if struck:
         deepest = max(contact.penetration for contact in struck)
-        ax.set_ylim(-deepest, 1.6 * deepest)
-        ax.legend(loc="upper right")
+        ax.set_ylim(-deepest, 1.15 * deepest)
+        legend_above(ax)

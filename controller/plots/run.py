@@ -14,7 +14,6 @@ from controller.file_kinds import SOFTWARE
 from controller.log.rows import LogRows
 from controller.paper.style import any_writing, titled
 from controller.plots import run_panels
-from controller.plots.dense_picture import in_pieces
 from controller.plots.sketch import Sketch, sketched
 from controller.settings.config import Config
 from controller.telemetry import FLAG_OFF, FLAG_WARM_UP
@@ -27,15 +26,17 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
     """Draw a log, or a stretch of it, in memory that does not grow with it.
 
     Args:
-        rows: At least one.
+        rows: Of the log.
         path: Where the picture goes.
         stop_reason: As for ``plot_run``.
 
     Raises:
-        LogFormatError: As ``plot_run``.
+        LogFormatError: As ``plot_run``; or there are no rows.
         OSError: The log cannot be read, or the picture not be written.
     """
     count = sum(len(block) for block in rows.blocks())
+    if not count:
+        raise LogFormatError(f"{rows.log.path} holds no rows")
     sketch = sketched(rows.blocks(), count, rows.origin_ns)
     plot_run(sketch, rows.metadata, path, stop_reason)
 
@@ -95,7 +96,7 @@ def plot_run(
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
     figure.align_ylabels(axes)
-    with in_pieces(), any_writing():
+    with any_writing():
         figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 

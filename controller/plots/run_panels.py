@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.plots.dense_picture import outline
+from controller.plots.dense_picture import line, outline
 from controller.plots.sketch import TIMES, Floats, Sketch
 from controller.settings.config import Config
 from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
@@ -122,7 +122,8 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
     """Commanded stiffness where the guard has changed it; else the velocity."""
     stiffness = run.rows["stiffness"][run.on]
     if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
-        ax.step(run.time[run.on], stiffness, where="post", color=_INK, label="commanded K")
+        steps = {"drawstyle": "steps-post", "color": _INK}
+        line(ax, run.time[run.on], stiffness, label="commanded K", **steps)
         ax.set_ylim(0, 1.15 * float(stiffness.max()))
         requested = run.config.wall.stiffness
         if requested <= 1.15 * float(stiffness.max()):
@@ -234,4 +235,4 @@ def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: 
 
 
 def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
-    ax.plot(time, values, color=color, linewidth=width, label=label)
+    line(ax, time, values, color=color, linewidth=width, label=label)

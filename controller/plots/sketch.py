@@ -1,4 +1,4 @@
-"""Of a long run what a picture can show, in memory that does not grow with the run.
+"""The rows of a long run that a picture can show, in memory that does not grow with the run.
 
 A picture has fewer columns than a long run has ticks. So the run is parted into slices, and of each
 those rows are kept that are extreme in something that is drawn: no peak is lost, and every point
@@ -38,7 +38,7 @@ class Sketch:
     time: Floats
     """When each was [s]"""
     medians_us: dict[str, float]
-    """Of each of ``TIMES``, while the wall was on, or of all where it never was [µs]"""
+    """Median of each of ``TIMES`` while the wall was on, or of all rows where it never was [µs]"""
     missed: tuple[int, int]
     """Ticks missed while the wall was on, and before"""
     mean_time: Floats
@@ -82,7 +82,7 @@ def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> 
 
 
 class _Counts:
-    """What the legend says of all rows."""
+    """Figures of all rows for the legend."""
 
     def __init__(self) -> None:
         self.missed_on = self.missed_before = 0

@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.experiments.sweep_device import Device
 from controller.experiments.sweep_result import PointResult
+from controller.guard.delay_parts import ms
 from controller.paper.style import (
     GREY,
     INK,
@@ -62,7 +63,7 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
 
 
 def _range(points: Sequence[PointResult]) -> tuple[float, float]:
-    """Of the virtual damping drawn: what has a figure, if anything has, and a little more."""
+    """Ends of the damping drawn: of the points with a figure, if there are any, and a margin."""
     found = [point.virtual_damping for point in points if point.measured is not None]
     found = found or [point.virtual_damping for point in points]
     low, high = min(0.0, *found), max(found)
@@ -93,7 +94,7 @@ def _one_delay(
     if device.coulomb > 0.0:
         predicted = _values([point.predicted_with_friction for point in found])
         ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
-    # What lies outside of the picture stands at its edge.
+    # A point outside of the picture is drawn at its edge.
     missing = np.clip([point.virtual_damping for point in points if point.measured is None], *ends)
     ax.plot(
         missing, np.zeros(missing.size), "x", color=colour, markersize=5, clip_on=False, zorder=5
@@ -112,7 +113,7 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
     handles = []
     for steps, colour in colours.items():
         delay = np.mean([point.delay_s for point in points if point.delay_steps == steps])
-        label = f"{1e3 * delay:.3g} ms ({steps} inserted)"
+        label = f"{ms(float(delay))} ({steps} inserted)"
         handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
     dot: dict[str, Any] = {"color": INK, "linestyle": " "}
     handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))

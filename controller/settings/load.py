@@ -113,9 +113,10 @@ def apply_set(data: dict[str, Any], change: str) -> str:
     path, equals, text = change.partition("=")
     path = path.strip()
     steps = path.split(".")
+    option = f"--set {in_line(change)}"
     if not equals or not all(steps):
-        raise UserError(f"--set {change}: wanted PATH=VALUE, e.g. --set wall.stiffness=20")
-    value = config_yaml.parse(text, f"--set {change}")
+        raise UserError(f"{option}: wanted PATH=VALUE, e.g. --set wall.stiffness=20")
+    value = config_yaml.parse(text, option)
     place = data
     for depth, step in enumerate(steps[:-1], start=1):
         inner = place.setdefault(step, {})
@@ -123,7 +124,7 @@ def apply_set(data: dict[str, Any], change: str) -> str:
             inner = place[step] = {}
         if not isinstance(inner, dict):
             raise UserError(
-                f"--set {change}: {'.'.join(steps[:depth])} is {_shown(inner)} and has no "
+                f"{option}: {'.'.join(steps[:depth])} is {_shown(inner)} and has no "
                 f"{steps[depth]}; to give bounds set {'.'.join(steps[:depth])}="
                 "{value: V, low: L, high: H}"
             )

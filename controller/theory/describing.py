@@ -53,7 +53,7 @@ def quantisation_gain(
 
 
 def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
-    """Complex gain of a play of full width ``width``; 0 where the motion does not take it up.
+    """Complex gain of a backlash of full width ``width``; 0 where the motion does not take it up.
 
     Raises:
         ValueError: An argument is not > 0; the message names it.

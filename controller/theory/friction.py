@@ -24,9 +24,9 @@ class Onset(NamedTuple):
     """The unstable limit cycle of a wall above its critical stiffness, on a body with friction."""
 
     amplitude: FloatArray
-    """Of the position: smaller motion dies, larger grows [rad]"""
+    """Position amplitude: smaller motion dies, larger grows [rad]"""
     frequency: FloatArray
-    """Of the oscillation there [Hz]"""
+    """Frequency of the oscillation there [Hz]"""
 
 
 def friction_limit(

@@ -85,7 +85,7 @@ def dips(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Floa
     value = function(grid)
     size, sign = np.abs(value), value > 0
     same = (sign[:, 1:-1] == sign[:, :-2]) & (sign[:, 1:-1] == sign[:, 2:])
-    dip = same & (size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:])
+    dip = same & (size[:, 1:-1] < size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:])
     most = int(np.max(np.count_nonzero(dip, axis=1), initial=0))
     at = 1 + np.argsort(~dip, axis=1, kind="stable")[:, :most]
     rows = np.arange(grid.shape[0])[:, None]

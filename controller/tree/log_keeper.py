@@ -61,7 +61,7 @@ class LogKeeper:
 
     @property
     def lacking(self) -> int | None:
-        """How many rows the log lacks; None: nobody knows, since the disk has lost part of it."""
+        """How many rows the log lacks; None: nobody knows, since part of it is lost."""
         return rows_lacking(self._words) if self._lost is None else None
 
     def look(self, now: float) -> None:
@@ -185,11 +185,11 @@ class LogKeeper:
             self._trouble = trouble
 
     def _hear_of_loss(self, lost: str) -> None:
-        """For good: the disk says it once, and takes the next rows as if nothing had been."""
+        """For good: it is said once, and the next rows are taken as if nothing had been."""
         if self._lost is None:
             self._lost = lost
             if not self._words[Word.FINISHED]:
-                self._tell(f"the disk has lost part of the log ({lost}); the run goes on")
+                self._tell(f"part of the log is lost ({lost}); the run goes on")
 
     def _notes(self) -> list[str]:
         head, tail = self._words[Word.HEAD], self._words[Word.TAIL]
@@ -211,7 +211,7 @@ class LogKeeper:
             )
         if self._lost is not None:
             notes.append(
-                f"the disk has lost part of the log ({self._lost}), and nobody knows which rows;"
-                " the run was not disturbed"
+                f"part of the log is lost ({self._lost}), and nobody knows which rows; the run was"
+                " not disturbed"
             )
         return notes

@@ -49,7 +49,7 @@ class Ended:
     asked: bool = False
     """A signal has asked to stop; where the loop was just over, the reason does not say so"""
     lacking: int | None = 0
-    """Rows that the log lacks; None: nobody knows, since the disk has lost part of it"""
+    """Rows that the log lacks; None: nobody knows, since part of it is lost"""
     log: LogState = LogState.NONE
 
     @property

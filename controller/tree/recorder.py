@@ -113,7 +113,7 @@ class Recorder:
         """Have the disk keep what was written; waits for it, while rows wait in the ring.
 
         Raises:
-            OSError: The disk has lost something; it says so once.
+            OSError: As ``LogWriter.sync``.
         """
         self._log.sync()
 
@@ -129,8 +129,8 @@ class Recorder:
 class _Attempts:
     """Writes whenever it can; says on standard output when it cannot, and when it can again.
 
-    Rows that could not be written wait, and trouble ends. What the disk has lost after it had taken
-    it does not come back: that is said apart, for whoever listens to remember.
+    Rows that could not be written wait, and trouble ends. What is lost after it was written does
+    not come back: that is said apart, for whoever listens to remember.
     """
 
     def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:

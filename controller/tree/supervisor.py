@@ -246,7 +246,7 @@ class Supervisor:
 
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> str:
         """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
-        starting = self._words[Word.STATE] == State.STARTING
+        served = bool(self._words[Word.HEAD])
         reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
         self._hear(loop)
         self._mourn(emulator)
@@ -254,7 +254,7 @@ class Supervisor:
             reason = str(self._result["stop_reason"])
         elif emulator is not None and emulator.ended():
             return f"trip:{Trip.SERVO_LOST}"
-        elif starting and self._words[Word.STOP]:
+        elif self._words[Word.STOP] and not served:  # a slow machine's start, which nobody wants
             reason = "interrupted"
         else:
             return reason

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from matplotlib.figure import Figure
 
 from controller.cli.main import main
 from controller.experiments.testbed import (
@@ -24,7 +25,28 @@ def run(capsys, *arguments):
     return status, captured.out, captured.err
 
 
-def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path):
+@pytest.fixture
+def figures(monkeypatch):
+    """Figures that were saved, each looked through for a legend that covers data."""
+    kept = []
+    save = Figure.savefig
+
+    def keep(figure, path, **how):
+        save(figure, path, **how)
+        kept.append(figure)
+        figure.canvas.draw()  # at its own resolution
+        legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]
+        for legend in filter(None, legends):
+            box = legend.get_window_extent()
+            assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1
+            for ax in figure.axes:
+                assert not box.overlaps(ax.get_window_extent()), ax.get_ylabel()
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return kept
+
+
+def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path, figures):
     out = tmp_path / "new"
     status, said, err = run(
         capsys, "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
@@ -38,6 +60,11 @@ def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path):
     assert (out / "delay.png").read_bytes().startswith(PNG)
     assert (out / "delay-5.hwlog").exists()
     assert "the shaft will swing" in err
+    (figure,) = figures
+    (motion,) = figure.axes  # one recovered delay is a line of the legend, and no panel
+    assert motion.get_position().width > 0.5
+    said = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert said[1].startswith("5 ms inserted,\n") and said[1].endswith("ms recovered")
 
 
 def test_delay_as_text_is_a_table(capsys, tmp_path):
@@ -49,7 +76,7 @@ def test_delay_as_text_is_a_table(capsys, tmp_path):
     assert "2.000 ± 0.000 ms" in said
 
 
-def test_rendered_reports_the_comparison(capsys, tmp_path):
+def test_rendered_reports_the_comparison(capsys, tmp_path, figures):
     status, said, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
     assert status == 0
     report = json.loads(said)
@@ -59,6 +86,8 @@ def test_rendered_reports_the_comparison(capsys, tmp_path):
     assert (tmp_path / "rendered.png").read_bytes().startswith(PNG)
     assert json.loads((tmp_path / "rendered.json").read_text()) == report
     assert "the shaft will be moved within" in err
+    assert len(figures[0].axes) == 3
+    assert min(ax.get_position().width for ax in figures[0].axes) > 0.2
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])

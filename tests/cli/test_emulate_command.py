@@ -7,6 +7,7 @@ import sys
 import pytest
 import serial
 
+from controller.claim import claimed
 from controller.cli import main as cli
 from controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
 from hw.dynamixel.codec import Instruction, Parser, encode
@@ -70,6 +71,16 @@ def test_link_never_replaces_a_file(capsys, tmp_path):
     file.write_text("data")
     assert "precious" in refused(capsys, "--link", str(file))
     assert file.read_text() == "data"
+
+
+def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(capsys, tmp_path):
+    link = tmp_path / "bus"
+    link.symlink_to("precious")
+    assert "found a link to precious, which would be lost" in refused(capsys, "--link", str(link))
+    assert str(link.readlink()) == "precious"
+    with claimed(link, follow=False):
+        assert "another run is writing" in refused(capsys, "--link", str(link), "--force")
+    assert str(link.readlink()) == "precious"
 
 
 def test_record_that_cannot_be_written_is_refused(capsys, tmp_path):

@@ -108,6 +108,18 @@ def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
+    """pydantic, which it loads, swallowed the exception once in five hundred."""
+    program = INTERRUPTING.replace('"config", "simulated"', '"bench"')
+    done = subprocess.run(
+        [sys.executable, "-c", program.format(module="controller.benchmarks.lateness")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+
+
 def test_what_is_begun_is_put_in_order(tmp_path):
     program = (
         "import os, pathlib, signal\n"
@@ -142,6 +154,32 @@ def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
     )
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
     assert "simulated" in done.stdout
+
+
+def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(tmp_path):
+    """matplotlib's fonts, which it had come through, aborted there once in a hundred."""
+    program = (
+        "import atexit, os, signal, sys\n"
+        "class Torn:\n"
+        "    def __del__(self, abort=os.abort):\n"
+        "        abort()\n"
+        "torn = Torn()\n"
+        "atexit.register(lambda: print('in order'))\n"
+        "import controller.plots.boundary\n"
+        "def plot(question, found, path):\n"
+        "    path.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "controller.plots.boundary.plot_boundary = plot\n"
+        "sys.argv = 'haptic-wall boundary --servo=MX-64 --rate=1000 --delay=0.002 --plot=b.png"
+        " --virtual-damping=0.1'.split()\n"
+        "from controller.cli.entry import main\n"
+        "sys.exit(main())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "in order\n", "")
+    assert list(tmp_path.iterdir()) == []
 
 
 # The launcher, as it is installed

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import signal
+from functools import partial
 from random import Random
 
 import numpy as np
@@ -17,6 +18,7 @@ from controller.cli.log import command
 from controller.errors import UserError
 from controller.log.file import LogWriter, append_end, read_log
 from controller.log.recordings import read_recordings
+from controller.log.summary import summarised
 from controller.settings.load import load_config
 from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 
@@ -120,6 +122,39 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path):
     assert json.loads(answer(path, "--json"))["duration_s"] is None
     with pytest.raises(UserError, match="holds no rows"):
         answer(path, "--csv", tmp_path / "run.csv")
+
+
+EXPORTS = ["--csv", "--plot", "--cut"]
+
+
+def export_after(log, tmp_path, monkeypatch, option, change):
+    """What is said of an export of a log that is changed when it has just been summarised."""
+
+    def summarise(rows):
+        summary = summarised(rows)
+        change()
+        return summary
+
+    monkeypatch.setattr("controller.cli.log.summarised", summarise)
+    with pytest.raises(UserError) as refused:
+        answer(log, option, tmp_path / "export.png", "--from", "0")
+    assert not (tmp_path / "export.png").exists()
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("option", EXPORTS)
+def test_a_log_that_is_replaced_while_it_is_read_is_refused(log, tmp_path, monkeypatch, option):
+    (tmp_path / "other").write_bytes(log.read_bytes())
+    change = partial((tmp_path / "other").rename, log)
+    said = export_after(log, tmp_path, monkeypatch, option, change)
+    assert "replaced or cut off while it was read" in said
+
+
+@pytest.mark.parametrize("option", EXPORTS)
+def test_a_log_that_is_cut_off_while_it_is_read_is_refused(log, tmp_path, monkeypatch, option):
+    change = partial(os.truncate, log, log.stat().st_size - 1)
+    said = export_after(log, tmp_path, monkeypatch, option, change)
+    assert "replaced or cut off while it was read" in said
 
 
 def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(log, tmp_path):

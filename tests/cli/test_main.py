@@ -1,5 +1,6 @@
 """Every error has its exit status and one clear message; standard output is the answer's alone."""
 
+import errno
 import json
 import os
 import shlex
@@ -211,6 +212,27 @@ def test_a_full_disk_is_told_in_a_sentence():
     )
     assert done.returncode == 4
     assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"
+
+
+def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full():
+    done = subprocess.run(
+        f"{PYTHON} -m controller.cli.main scan --port /dev/none --json > /dev/full",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 4
+    assert "Port /dev/none does not exist" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), MemoryError()])
+def test_a_limit_of_the_system_is_told_in_a_sentence(error, monkeypatch, capsys):
+    raising(monkeypatch, error)
+    status, _, said = call(capsys, "presets")
+    assert status == 4
+    assert "raise the limits of this shell" in said
 
 
 @pytest.mark.parametrize(

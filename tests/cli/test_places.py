@@ -1,5 +1,9 @@
 """No command writes over a file that is not its own, or beside another that writes there."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from controller import file_kinds
@@ -7,6 +11,7 @@ from controller.claim import claimed
 from controller.cli import main as cli
 from controller.file_kinds import PICTURE, RECORD, may_be_replaced
 from controller.log.columns import COLUMNS
+from controller.whole_file import whole
 from hw.dynamixel.emulated import witness
 
 SIMULATED = ["simulated", "--set=loop.clock=simulated"]
@@ -106,3 +111,36 @@ def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
     for arguments, option in FILES:
         said = refused(capsys, [*arguments, option, "one"])
         assert f"{option} one: its links lead in a circle; name another place" in said
+
+
+def test_what_a_killed_command_left_beside_its_file_is_removed(folder):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    stale = folder / f".b.png.{ended.pid}.part"
+    others = [
+        folder / f".b.png.{os.getppid()}.part",  # its process is there
+        folder / f".other.png.{ended.pid}.part",
+        folder / f".b.png.{ended.pid}.part.bak",
+    ]
+    for path in (stale, *others):
+        path.write_text("half")
+    assert cli.main([*BOUNDARY, "--plot", "b.png", "--virtual-damping=0.1"]) == 0
+    assert not stale.exists()
+    assert all(path.read_text() == "half" for path in others)
+
+
+def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder):
+    (folder / "mine").write_text("mine")
+    with whole(folder / "b.png", PICTURE) as part:
+        name = part.name
+    (folder / name).symlink_to("mine")
+    with whole(folder / "b.png", PICTURE, force=True) as part:
+        assert not part.is_symlink()
+        part.write_text("picture")
+    assert (folder / "b.png").read_text() == "picture"
+    assert (folder / "mine").read_text() == "mine"
+
+
+def test_a_picture_without_a_mark_may_be_an_early_one(capsys, folder):
+    (folder / "b.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    assert "early versions did not mark theirs" in refused(capsys, [*BOUNDARY, "--plot", "b.png"])

@@ -61,6 +61,14 @@ def test_a_wrong_place_or_time_is_refused_before_the_start(capsys, folder, argum
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize("option", ["--log", "--plot"])
+def test_no_file_that_the_run_writes_holds_its_wall_on(capsys, folder, option):
+    (folder / "a").touch()
+    status, _, err = run(capsys, "--set=loop.clock=monotonic", "--hold", "./a", option, "a")
+    assert status == 2
+    assert f"{option} and --hold both name a" in err
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monkeypatch, number):
     def impatient(*_):

@@ -5,7 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.identify_check import KINDS, NAMES, SEEDS, case, drawn, holds, rows
+from scripts.identify_check import (
+    FIRST,
+    HELD,
+    KINDS,
+    NAMES,
+    SEEDS,
+    Bounded,
+    case,
+    drawn,
+    holds,
+    ordinary_case,
+    rows,
+)
+from scripts.ordinary_servos import GROUPS
 
 PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
 
@@ -27,3 +40,15 @@ def test_a_seed_is_found_as_well_as_the_page_says(kind, tmp_path, thorough):
         worst, unit = row.split("|")[4].split()
         said = float(worst) * (1e-3 if unit == "ms" else 1e-2 * truth)
         assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
+
+
+def test_the_bounds_of_an_ordinary_servo_hold_it(tmp_path, thorough):
+    """The first of those that the page counts."""
+    if not thorough:
+        pytest.skip("seconds; --thorough runs it")
+    found = [ordinary_case(kind, group, FIRST, tmp_path) for kind in KINDS for group in GROUPS]
+    good = [each for each in found if isinstance(each, Bounded)]
+    held = [
+        each for each in good if all(np.less(each.low, 1.0)) and all(np.greater(each.high, 1.0))
+    ]
+    assert len(held) >= HELD * len(found)

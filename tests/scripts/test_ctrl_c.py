@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from scripts.ctrl_c import LIMIT_S, Try, row
+from controller.cli.main import COMMANDS
+from scripts.ctrl_c import CASES, LIMIT_S, Try, batches, keep, kept, row
 
 ENDED = Try("run", signal.SIGINT, 1.2, False, 130, 0.4, "run   interrupted", 0, 0, 0)
 TERMINATED = replace(ENDED, number=signal.SIGTERM)
@@ -45,3 +46,20 @@ def test_a_line_of_the_table_counts():
     tries = [ENDED, ENDED, replace(ENDED, before=True), replace(ENDED, status=-2, ended_s=0.5)]
     assert row(tries) == "| Ctrl-C | run | 4 | 1 | 130: 2, -2: 1 | 0.50 | 0 | 0 | 0 | 0 |"
     assert "| – |" in row([EMULATE])
+
+
+def test_every_command_is_tried():
+    assert {words[0] for words in CASES.values()} == set(COMMANDS)
+
+
+def test_a_later_call_goes_on_where_one_ended(tmp_path):
+    results = tmp_path / "tries"
+    assert kept(results) == []
+    keep(results, [ENDED] * 30)
+    keep(results, [replace(ENDED, status=0, said="Traceback")])
+    found = kept(results)
+    assert [each.as_wanted for each in found] == [True] * 30 + [False]
+    assert found[-1].said == "Traceback"
+    lots = list(batches({signal.SIGINT: 50}, "run", found))
+    assert lots[:2] == [("run", signal.SIGINT, 9), ("run", signal.SIGINT, 10)]
+    assert sum(tries for name, _, tries in lots if name == "run, simulated") == 50

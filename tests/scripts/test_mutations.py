@@ -50,9 +50,9 @@ def half_parted(whole, period, notes):
 @pytest.mark.parametrize(
     ("kind", "place", "wrong", "fault"),
     [
-        ("logs", "controller.log.reader.in_order", iter, "wrong"),
+        ("logs", "controller.log.reader.in_order", iter, "traceback"),
         ("logs", "controller.log.blocks.zlib.crc32", lambda _data: 0, "wrong"),
-        ("crafted", "controller.log.content.fault", lambda _rows: None, "wrong"),
+        ("crafted", "controller.log.content.fault", lambda _rows: None, "traceback"),
         ("logs", "controller.log.replayed.replayed", lambda *_: 1 / 0, "traceback"),
         ("crafted", "controller.cli.options.printable", "\x07{}".format, "terminal"),
         ("configurations", "controller.cli.config._value", lambda *_: 7.25, "wrong"),

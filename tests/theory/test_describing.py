@@ -23,9 +23,10 @@ from controller.theory.describing import (
     quantisation_gain,
     saturation_gain,
 )
-from tests.theory.oracles import Loop, held
+from controller.theory.exact import critical_point
+from scripts.nonlinear_walls import PERIOD, Motion, Walls
+from tests.theory.oracles import Loop
 
-PERIOD = 1e-3
 Array = NDArray[np.float64]
 
 
@@ -66,65 +67,28 @@ def test_friction_takes_what_the_damping_does() -> None:
     assert coulomb_damping(a, f, c) * math.pi * a * a * w == pytest.approx(work)
 
 
-class Simulated:
-    """Walls without friction run in time, all at once, with what is done to position and torque."""
+def in_motion(
+    loops: list[Loop], cycles: list[LimitCycle], effect: object, scales: list[float]
+) -> Motion:
+    """Walls without friction at a turning point, after an oscillation so many times the cycle's."""
 
-    def __init__(self, loops: list[Loop], cycles: list[LimitCycle], scales: list[float]) -> None:
-        """At a turning point, with the past of an oscillation so many times the cycle's."""
-        self.column = {
-            name: np.array([getattr(loop, name) for loop in loops])
-            for name in ("stiffness", "virtual_damping", "delay")
-        }
-        late = self.column["delay"] / PERIOD
-        self.whole = np.floor(late).astype(int)
-        parts = [
-            (held(loop, (x - n) * PERIOD), held(loop, (1 - x + n) * PERIOD))
-            for loop, x, n in zip(loops, late, self.whole, strict=True)
-        ]
-        self.motion = [np.array([p[i][0] for p in parts]) for i in (0, 1)]
-        self.push = [np.array([p[i][1] for p in parts]) for i in (0, 1)]
-        self.w = 2 * np.pi * np.array([cycle.frequency for cycle in cycles])
-        self.start = np.array(scales) * np.array([cycle.amplitude for cycle in cycles])
+    def column(name: str) -> Array:
+        return np.array([getattr(loop, name) for loop in loops])
 
-    def run(self, steps: int, effects: list[object]) -> Array:
-        limit = np.array([getattr(e, "limit", np.inf) for e in effects])
-        count = np.array([getattr(e, "step", 0.0) for e in effects])
-        edge = np.array([0.5 if getattr(e, "at_edge", False) else 0.0 for e in effects])
-        half = np.array([getattr(e, "width", 0.0) for e in effects]) / 2
-        safe = np.where(count > 0, count, 1.0)
-
-        def rounded(x: Array) -> Array:
-            return np.where(count > 0, safe * (np.rint(x / safe + edge) - edge), x)
-
-        k, damper = self.column["stiffness"], self.column["virtual_damping"] / PERIOD
-        depth = int(self.whole.max()) + 2
-        rows = np.arange(self.start.size)
-        # one turn before now, so that the play has been taken up as the oscillation does
-        turn = int(np.max(2 * np.pi / self.w) / PERIOD) + depth
-        ring = np.zeros((depth, rows.size))
-        followed = np.zeros(rows.size)
-        before = np.zeros(rows.size)
-        x, v = self.start.copy(), np.zeros(rows.size)
-        seen = np.empty((steps, rows.size))
-        for i in range(-turn, steps):
-            if i <= 0:
-                x = self.start * np.cos(self.w * PERIOD * i)
-            followed = np.clip(followed, x - half, x + half)
-            measured = rounded(followed)
-            torque = np.clip(-k * measured - damper * (measured - before), -limit, limit)
-            before = measured
-            ring[i % depth] = torque
-            if i < 0:
-                continue
-            seen[i] = x
-            for part, back in ((0, self.whole + 1), (1, self.whole)):
-                u = ring[(i - back) % depth, rows]
-                a, p = self.motion[part], self.push[part]
-                x, v = (
-                    a[:, 0, 0] * x + a[:, 0, 1] * v + p[:, 0] * u,
-                    a[:, 1, 0] * x + a[:, 1, 1] * v + p[:, 1] * u,
-                )
-        return seen
+    one = np.ones(len(loops))
+    walls = Walls(
+        inertia=column("inertia"),
+        damping=column("damping"),
+        stiffness=column("stiffness"),
+        virtual_damping=column("virtual_damping"),
+        delay=column("delay"),
+        limit=getattr(effect, "limit", math.inf) * one,
+        count=getattr(effect, "step", 0.0) * one,
+        edge=(0.5 if getattr(effect, "at_edge", False) else 0.0) * one,
+        backlash=getattr(effect, "width", 0.0) * one,
+    )
+    amplitude = np.array(scales) * np.array([cycle.amplitude for cycle in cycles])
+    return Motion(walls, amplitude, np.array([cycle.frequency for cycle in cycles]))
 
 
 def measured(seen: Array, cycle: LimitCycle) -> tuple[float, float]:
@@ -195,11 +159,66 @@ def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
             cycles.append(stable[-1])
     assert len(loops) >= 8
     loops, cycles, scales = both_ways(loops, cycles, 0.9, 1.2)
-    seen = Simulated(loops, cycles, scales).run(15_000, [effect] * len(loops))
+    seen = in_motion(loops, cycles, effect, scales).run(15_000)
     for i, cycle in enumerate(cycles):
         found = measured(seen[:, i], cycle)
         assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
         assert frequency[0] < found[1] / cycle.frequency < frequency[1]
+
+
+def test_without_a_nonlinearity_motion_on_the_boundary_neither_grows_nor_dies() -> None:
+    """The simulation itself, against the exact boundary."""
+    loops, cycles = [], []
+    for loop in walls(12, 3, (1.0, 1.0), 0.5):
+        m, b, _, big_b, period, delay, _, _ = loop
+        point = critical_point(m, b, big_b, period, delay)
+        loops.append(loop)
+        cycles.append(LimitCycle(0.1, float(point.frequency), stable=False))
+    seen = in_motion(loops, cycles, None, [1.0] * len(loops)).run(4000)
+    early, late = np.ptp(seen[1000:2000], axis=0), np.ptp(seen[-1000:], axis=0)
+    np.testing.assert_allclose(late, early, rtol=2e-3)
+    for i, cycle in enumerate(cycles):
+        assert measured(seen[:, i], cycle)[1] == pytest.approx(cycle.frequency, rel=2e-3)
+
+
+def test_cycles_of_a_play_near_the_limit_are_found() -> None:
+    """Their amplitudes by simulation, in which motion from either side comes to them."""
+    limit = float(critical_stiffness(0.01, 0.0155, 0.0, PERIOD, 0.0))
+    effect, held_up = Backlash(1e-3), {0.84: 0.130, 0.9: 0.216, 0.95: 0.445}
+    loops = [Loop(0.01, 0.0155, share * limit, 0.0, PERIOD, 0.0) for share in held_up]
+    for loop, amplitude in zip(loops, held_up.values(), strict=True):
+        (cycle,) = predicted(loop, effect)
+        assert cycle.stable
+        assert cycle.amplitude == pytest.approx(amplitude, rel=5e-3)
+    cycles = [predicted(loop, effect)[0] for loop in loops]
+    closes_in(loops, cycles, effect, 0.05)
+
+
+def closes_in(loops: list[Loop], cycles: list[LimitCycle], effect: Backlash, apart: float) -> None:
+    """Motion begun ``apart`` below a cycle grows, and above it shrinks."""
+    twice, again, scales = both_ways(loops, cycles, 1 - apart, 1 + apart)
+    turn = int(1 / min(cycle.frequency for cycle in cycles) / PERIOD)
+    seen = in_motion(twice, again, effect, scales).run(12 * turn)
+    for i, cycle in enumerate(again):
+        ended = np.ptp(seen[-int(1.2 / cycle.frequency / PERIOD) :, i]) / 2 / cycle.amplitude
+        assert (ended > scales[i]) == (scales[i] < 1), (twice[i], cycle, scales[i], ended)
+
+
+def test_every_lightly_damped_wall_below_its_limit_has_a_cycle_of_its_play(thorough: bool) -> None:
+    random = np.random.default_rng(13)
+    effect, loops, cycles = Backlash(2e-3), [], []
+    for _ in range(150 if thorough else 30):
+        m, delay = 10 ** random.uniform(-2.7, -1.5), random.uniform(0, 5) * PERIOD
+        b = m * random.uniform(1, 10)
+        damper = random.choice([0.0, 0.2 * random.random() ** 2])
+        big_b = damper * float(max_virtual_damping(m, b, PERIOD, delay))
+        share = random.choice([random.uniform(0.4, 0.9), 1 - 10 ** random.uniform(-2.3, -1)])
+        k = share * float(critical_stiffness(m, b, big_b, PERIOD, delay))
+        loops.append(Loop(m, b, k, big_b, PERIOD, delay))
+        stable = [cycle for cycle in predicted(loops[-1], effect) if cycle.stable]
+        assert len(stable) == 1, loops[-1]
+        cycles += stable
+    closes_in(loops, cycles, effect, 0.12)
 
 
 def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
@@ -208,7 +227,7 @@ def test_motion_leaves_the_unstable_cycle_both_ways() -> None:
     cycles = [predicted(loop, effect)[0] for loop in loops]
     assert not any(cycle.stable for cycle in cycles)
     loops, cycles, scales = both_ways(loops, cycles, 0.9, 1.1)
-    seen = Simulated(loops, cycles, scales).run(8_000, [effect] * len(loops))
+    seen = in_motion(loops, cycles, effect, scales).run(8_000)
     for i, cycle in enumerate(cycles):
         assert (np.max(np.abs(seen[-300:, i])) > 3 * cycle.amplitude) == (scales[i] > 1)
 

@@ -135,6 +135,7 @@ def test_the_page_is_one_file_with_its_pictures_in_it(commissioned, capsys):
         head, _, data = image["src"].partition(",")
         assert head == "data:image/png;base64" and image["alt"]
         assert base64.b64decode(data, validate=True).startswith(b"\x89PNG\r\n")
+    assert "grid-template" not in text  # pictures side by side cannot be read
     assert not re.search(r"https?://|@import|url\(", text)
     shown = " ".join(" ".join(page.words).split())
     assert f"{report['verdict']['best']['commanded']['stiffness']:.3g} N·m/rad" in shown
@@ -279,6 +280,51 @@ def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, 
     assert called == ["run_delay", "run_rendered", "run_sweep"]
 
 
+def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"run_rendered": KeyboardInterrupt()})
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 130
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("INCOMPLETE, without rendered, sweep: simulated can hold a wall of")
+    assert "INCOMPLETE, without rendered" in (tmp_path / "report.html").read_text()
+    steps_taken(monkeypatch, {"nothing": None})
+    status, report = report_of(tmp_path, capsys)
+    assert status == 0 and report["status"] == "complete"
+
+
+def test_a_servo_that_was_not_identified_is_headlined_not_measured(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 4
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("NOT MEASURED: simulated was not identified; by the belief of its")
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_where_nothing_was_measured_no_folder_is_left(tmp_path, capsys, monkeypatch, there):
+    """Of a folder that was there before, what was in it."""
+    folder = tmp_path / "new"
+    if there:
+        folder.mkdir()
+        (folder / "mine.txt").write_text("mine")
+    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    status, report = report_of(folder, capsys)
+    assert status == 130
+    assert (report["status"], report["report"]) == ("not measured", None)
+    assert [path.name for path in tmp_path.rglob("*")] == (["new", "mine.txt"] if there else [])
+    assert call("commission", *SIMULATED, "--out", folder) == 130
+    assert "nothing was measured, so nothing is left in" in capsys.readouterr().out
+
+
+def test_an_interruption_leaves_what_an_earlier_commissioning_measured(
+    tmp_path, capsys, monkeypatch
+):
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    assert report_of(tmp_path, capsys, *SIMULATED, "--set=wall.stiffness=3", "--fresh")[0] == 130
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
 def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkeypatch):
     """A delay that was measured beside a belief is measured again beside what is identified."""
     steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
@@ -336,6 +382,21 @@ def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
     assert mine.read_text() == before
 
 
+def test_a_configuration_that_was_edited_since_stays_as_it_is(tmp_path, capsys, monkeypatch):
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
+    config = tmp_path / "config.yaml"
+    written = config.read_text()
+    config.write_text("# stiffer on Tuesdays\n" + written)
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 0
+    assert "config.yaml was edited since it was written" in capsys.readouterr().err
+    assert config.read_text().startswith("# stiffer on Tuesdays\n")
+    config.unlink()
+    assert call("commission", *SIMULATED, "--out", tmp_path) == 0
+    assert "edited" not in capsys.readouterr().err
+    assert config.read_text() == written
+
+
 def test_a_folder_is_wanted(capsys):
     assert call("commission", *SIMULATED) == 2
     assert "--out" in capsys.readouterr().err
@@ -353,6 +414,7 @@ def test_a_real_servo_does_not_move_without_a_yes(tmp_path, capsys, monkeypatch)
     assert "--yes" in told
     for what in ("0.3 rad", "4.1 N·m", "about a minute", "110 s"):
         assert what in told
+    assert list(tmp_path.iterdir()) == []
 
 
 def doctor_data(name, **more):

@@ -111,7 +111,7 @@ class Motion(SimpleNamespace):
 
 
 def motion(**given):
-    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1}
+    values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1, "gaining": 0, "load": 0.0}
     for name in ("duration", "amplitude", "inertia", "pull"):
         for tail in ("", "_2", "_3", "_4"):
             values[name + tail] = {"duration": 0.05, "inertia": 0.012}.get(name, 0.0)
@@ -277,6 +277,165 @@ def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
     assert stop.stiffness_scale < 1.0, "given back only at rest"
     stop.update(1e-3, 0.0, 10.0, ended=False)
     assert stop.stiffness_scale == 1.0
+
+
+def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run():
+    """Steel springs ring at 19 Hz under a hand that knocks four times a second."""
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    for _ in range(40):
+        take(stop, seen, 0.45, 0.1, 0.002)
+        assert not stop.failed
+
+
+def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run():
+    stop, seen = probing()
+    for _ in range(12):
+        take(stop, seen, 0.1 / math.sqrt(stop.stiffness_scale), 0.1)
+    assert stop.failed
+
+
+@pytest.mark.parametrize("rests", [True, False])
+def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests):
+    """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    if rests:
+        seen.elapsed = 60.0
+        stop.update(60.0, 0.0, 10.0, ended=False)
+        seen.elapsed = 0.0
+    else:
+        for _ in range(300):
+            take(stop, seen, 0.2, 0.001)
+    for _ in range(20):
+        take(stop, seen, 0.2, 0.1, 0.012 * 4.0 * stop.stiffness_scale)
+    assert not stop.failed
+    assert stop.returned == 1
+
+
+def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way():
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for k in range(200):
+        take(stop, seen, 0.1, 0.1 + 0.005 * (k % 3))
+    assert (stop.probes, stop.alarm, stop.failed) == (0, False, False)
+
+
+def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machine():
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1)
+    assert (stop.alarm, stop.failed) == (True, True)
+
+
+@pytest.mark.parametrize(("inertia", "half_cycles"), [(0.012, 23), (0.2, 0)])
+def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(inertia, half_cycles):
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for k in range(1, 60):
+        take(stop, seen, 0.1, 0.05 * 1.03**k, inertia)
+        if stop.failed:
+            break
+    assert (k if stop.failed else 0) == half_cycles
+
+
+def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds():
+    """It grows to more than a radian; the detector, whose lag is four times too short, is quiet."""
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=1.1)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0)
+    assert trial.trip == "oscillation"
+
+
+def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone():
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.5)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.3)
+    assert trial.first_alarm_s < 5.0
+
+
+def test_a_reduced_wall_does_not_let_its_load_run_away():
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.8)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.1)
+    assert trial.first_alarm_s < 5.0
+    assert np.abs(trial.output).max() < 2.0
+
+
+def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load():
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    seen.load = 0.3
+    for _ in range(30):
+        take(stop, seen, 0.2, 0.1)
+        assert stop.stiffness_scale == 0.25
+    assert stop.failed
+
+
+def test_a_wall_that_waits_to_come_back_is_watched():
+    """A hand that leans on it keeps its spring loaded for as long as it likes."""
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    for _ in range(60):
+        take(stop, seen, 0.1, 0.1, elongation=0.2)
+    assert stop.alarm
+
+
+@pytest.mark.parametrize(("load", "probed", "failed"), [(0.1, 1, False), (1.2, 0, True)])
+def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed):
+    seen = motion(load=load)
+    stop = backstop(seen, bounces=True)
+    for k in range(6):
+        take(stop, seen, 0.1 + 0.03 * (k % 2), 0.05 + 0.01 * (k % 3), elongation=0.0)
+        seen.gaining += 1
+        stop.update(1e-3, 0.0, 10.0, ended=False)
+        assert stop.probes == probed * (k >= 2)
+    assert stop.failed == failed
+
+
+def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probed_wall():
+    """At 200 Hz a fast shaft passes surface and gate between two samples."""
+    seen = motion()
+    stop = backstop(seen, bounces=True)
+    for _ in range(3):
+        seen.gaining += 1
+        take(stop, seen, 0.1, 0.1, elongation=0.0)
+    assert stop.phase == Phase.PROBING
+    take(stop, seen, 0.2, 0.15)
+    take(stop, seen, 0.2, 0.15)
+    assert stop.alarm
+
+
+def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run():
+    """Its spring throws the shaft back, faster than the hand has pressed it in."""
+    limit = 0.5
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
+    press = np.concatenate([np.linspace(-0.1, 0.2, 170), np.full(200, 0.2), np.full(300, -0.1)])
+    free = np.concatenate([np.zeros(370), np.full(100, 1.0), np.full(200, 0.25)])
+    grip = np.where(free > 0.0, 2.0 * (free < 1.0), 8.0)
+    finger = operator_of(np.tile(grip, 9), 0.025 * np.tile(grip, 9), np.tile(press, 9))
+    sets = (*BENCH.sets, f"servo.torque_limit={limit}")
+    wall = WallAsked(10.0, 0.04, "above")
+    trial = run_trial(truth, sets, wall, finger, duration_s=6.0, position=-0.1)
+    assert trial.trip is None
+
+
+def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts():
+    """It is pushed against steadily; the lag is twice what is believed."""
+    truth = Truth(0.017927, 0.005846, 0.045195, torque_gain=1.35, delay=0.00385)
+    push = operator_of(0.0, 0.0, np.zeros(5000), push=0.161)
+    wall = WallAsked(98.3, 0.2, "above")
+    trial = run_trial(truth, BENCH.sets, wall, push, duration_s=5.0, position=-0.09)
+    assert trial.first_alarm_s < 2.0
+    assert np.ptp(trial.output[-1000:]) < 0.02
 
 
 def test_where_it_may_not_act_it_neither_probes_nor_reduces():

@@ -166,3 +166,17 @@ def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it():
 def test_the_least_positive_depth_is_no_contact_without_an_encoder():
     seen = watched([(-1e-300, 0.0), (5e-324, -1.0), (-5e-324, 0.0), (-0.1, 0.0)])
     assert seen.known == 0
+
+
+@pytest.mark.parametrize(("lag", "damping", "gaining"), [(8, 0.0, 4), (0, 0.02, 0)])
+def test_contacts_left_clearly_faster_than_entered_are_counted(lag, damping, gaining):
+    samples = bounces(30.0, 1.5, 5, lag=lag, damping=damping, gravity=20.0)
+    assert watched(samples).gaining >= gaining
+    if not gaining:
+        assert watched(samples).gaining == 0
+
+
+def test_the_mean_torque_of_a_bounce_is_the_push_that_it_holds_up():
+    gravity = 20.0
+    seen = watched(bounces(30.0, 1.0, 4, gravity=gravity))
+    assert seen.load == pytest.approx(-INERTIA * gravity, rel=0.05)

@@ -12,6 +12,8 @@ from controller.experiments.many_walls import Loops, Walls, split_delay
 from controller.experiments.onset import simulated_critical_stiffness
 from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from controller.theory.friction import onset_amplitude
+from scripts.nonlinear_walls import Motion
+from scripts.nonlinear_walls import Walls as AloneWalls
 
 COUNT = 2 * np.pi / 4096
 SMALL = (0.011951, 0.011692)
@@ -133,6 +135,17 @@ def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth():
     assert found[1] == pytest.approx(5.57, rel=0.02)
     assert np.all(after_long(loop, 0.96 * found, kick, 0.0, play) < 1.0)
     assert np.all(after_long(loop, 1.04 * found, kick, 0.0, play) > 1.0)
+    # A simulation that shares nothing with the program's.
+    stiffness, one = np.array([0.96 * found[1], 1.04 * found[1], 5.9]), np.ones(3)
+    m, b, virtual, _, delay = (value * one for value in loop)
+    walls = AloneWalls(
+        *(m, b, stiffness, virtual, delay, np.inf * one, COUNT * one, 0.0 * one, play * one)
+    )
+    motion = Motion(walls, kick[1] * one, np.sqrt(stiffness / m) / (2 * np.pi))
+    motion.run(8000)
+    late = 0.5 * np.ptp(motion.run(1000), axis=0)
+    assert late[0] < kick[1] < late[1]
+    assert late[2] == pytest.approx(0.0265, rel=0.02)
 
 
 def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(thorough):

@@ -79,7 +79,7 @@ def test_it_ends_with_its_last_phase(tmp_path):
 CUT_SHORT = [
     (3, "the log is incomplete (more rows waited to be written than memory holds): it lacks 3"),
     (1, "the log is incomplete (no recorder came to write its end): it lacks 1 of 90 rows"),
-    (None, "the disk has lost part of the log (it.hwlog: Input/output error)"),
+    (None, "part of the log is lost (it.hwlog: Input/output error)"),
 ]
 
 

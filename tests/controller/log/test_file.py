@@ -310,6 +310,21 @@ def test_what_the_disk_has_lost_is_an_error_once(tmp_path, monkeypatch):
         log.sync()
 
 
+@pytest.mark.parametrize("tell", [LogWriter.sync, LogWriter.close])
+@pytest.mark.parametrize("left", [0, 1000])
+def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(tmp_path, tell, left):
+    path = tmp_path / "run.hwlog"
+    log = LogWriter(path, METADATA, ROW)
+    log.append(rows(1000))
+    os.truncate(path, left)
+    log.append(rows(100, 1000))
+    with pytest.raises(OSError, match="another program has cut off its end"):
+        tell(log)
+    log.close()
+    assert path.stat().st_size < len(rows(300).tobytes()), "it has no hole"
+    np.testing.assert_array_equal(read_log(path)[1], rows(100, 1000))
+
+
 def test_a_disk_that_cannot_be_asked_has_lost_nothing(tmp_path, monkeypatch):
     def cannot(_):
         raise OSError(errno.EINVAL, "Invalid argument")

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from controller.experiments.maps import Setting, critical_map
+from controller.guard.delay_parts import ms
 from controller.plots import maps as map_plot
 from controller.settings.load import load_config
 
@@ -48,3 +49,19 @@ def test_over_one_damping_the_theory_is_a_level_line(monkeypatch: pytest.MonkeyP
     for line in (linear, exact):
         np.testing.assert_allclose(line.get_ydata(), 133.3, rtol=1e-3)
         assert np.asarray(line.get_xdata()).tolist() == [0, 1]  # of the picture's width
+
+
+def test_few_dampings_stand_on_an_even_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = drawn(monkeypatch, [0.0, 100.0])
+    assert few.get_xscale() == "linear"
+    assert "scale" not in few.get_xlabel()
+    many = drawn(monkeypatch, [0.0, 1.0, 4.0, 9.0, 16.0, 25.0])
+    assert many.get_xlabel().endswith("square-root scale")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(1.45e-7, "0 ms"), (0.0, "0 ms"), (2.5e-4, "0.25 ms"), (0.0012, "1.2 ms"), (0.01, "10 ms")],
+)
+def test_a_delay_that_is_none_is_labelled_none(seconds: float, said: str) -> None:
+    assert ms(seconds) == said

@@ -126,6 +126,15 @@ def test_off_is_a_word():
     assert (config.guard.mode, config.realtime.profile) == ("off", "off")
 
 
+@pytest.mark.parametrize(
+    "change", ["wall.stiffness=" + "[" * 20_000, "x" * 20_000, "wall.side.x=" + "x" * 20_000]
+)
+def test_a_long_set_is_not_said_whole(change):
+    with pytest.raises(ConfigError) as error:
+        load_config("simulated", [change])
+    assert len(str(error.value)) < 500
+
+
 def test_the_last_set_wins_and_bounds_can_be_set_one_by_one():
     config = load_config(
         HARDWARE, ["wall.stiffness=1", "wall.stiffness=2", "model.damping.low=0.001"]

@@ -294,7 +294,7 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talk
         once.setattr(os, "fdatasync", failing)
         talking.go(0.25)
     (told,) = talking.told
-    assert "the disk has lost part of the log" in told
+    assert "part of the log is lost" in told
     assert "run.hwlog: Input/output error" in told
     talking.go(1.0)
     notes, rows = talking.end()

@@ -185,13 +185,32 @@ def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage
 
 def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
     monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
-    stage.words[Word.STOP] = 1
+    stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: stage.words.__setitem__(
         Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10
     )
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:loop_hung"
     assert "being asked to" in explanation(ended, stage.plan.config.servo)
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.RUNNING, State.STOPPING])
+def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
+    stage, state, monkeypatch
+):
+    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
+    stage.words[Word.STOP] = 1
+
+    def start(_loop):
+        stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns() + 10**10
+        stage.words[Word.STATE] = state
+
+    stage.loop_acts = start
+    ended, report = stage.run()
+    assert ended.stop_reason == "interrupted"
+    assert stage.cuts == SILENT_AND_MARKED
+    assert report["torque_off"] is True
+    assert "being asked to" in "".join(ended.warnings)
 
 
 @pytest.fixture
@@ -226,6 +245,7 @@ def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock):
 
 
 def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock):
+    stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: setattr(clock, "suspended_ns", 3_000_000_000)
     ended, report = stage.run()
     assert stage.cuts == SILENT_AND_MARKED

@@ -1,0 +1,78 @@
+"""What an ordinary servo has besides: a weight or a spring, cogging, more friction at rest.
+
+The loads depend on the position, which is measured, so they are torques known but for their sizes:
+a weight's go with the sine and cosine of the angle, those of cogging with a multiple of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controller.theory.checks import FloatArray
+
+_AWAY = 0.3
+"""Scale of the positions [rad]"""
+_FURTHEST = 4.0
+"""Periods in a turn by which one step corrects them at most"""
+
+
+@dataclass(frozen=True, slots=True)
+class Loads:
+    """Torques against the shaft, and the friction at rest."""
+
+    static: float
+    """Friction at rest [N·m]; no more than that in motion: no more friction at rest"""
+    fading: float
+    """Speed at which its excess has fallen to a third [rad/s]; 0: there is none in motion"""
+    center: float
+    """Where the cogging's phase is given [rad]"""
+    periods: float = 0.0
+    """Of the cogging in a turn; 0: there is none"""
+    weights: tuple[float, ...] = (0.0, 0.0)
+    """Of each of ``waves`` [N·m]"""
+    errors: tuple[float, ...] = ()
+    """Standard errors of the friction at rest [N·m], its fading [rad/s] and the weights [N·m]"""
+
+    @property
+    def gravity(self) -> float:
+        """Amplitude of what goes with the angle [N·m]."""
+        return math.hypot(*self.weights[:2])
+
+    @property
+    def hanging(self) -> float:
+        """Angle at which a weight would hang [rad]."""
+        return math.atan2(-self.weights[1], self.weights[0])
+
+    @property
+    def cogging(self) -> float:
+        """Amplitude of the cogging [N·m]."""
+        return math.hypot(*self.weights[2:4]) if self.periods else 0.0
+
+    def waves(self, position: FloatArray) -> FloatArray:
+        """Torques per weight: sine and cosine of the angle, and of the cogging's.
+
+        With a cogging of some size the last one is what more periods in a turn would add.
+
+        Returns:
+            Shape (2, 4 or 5, *position.shape).
+        """
+        found = [np.sin(position), np.cos(position)]
+        if self.periods:
+            away = position - self.center
+            sine, cosine = np.sin(self.periods * away), np.cos(self.periods * away)
+            found += [sine, cosine]
+            if self.cogging > 0.0:
+                one, other = self.weights[2:4]
+                found.append(away * (one * cosine - other * sine) / (_AWAY * self.cogging))
+        return np.stack(found)
+
+    def settled(self) -> Loads:
+        """The same, what the last of the weights said of the periods in a turn followed."""
+        if len(self.weights) < 5 or self.cogging == 0.0:
+            return self
+        away = self.weights[4] / (_AWAY * self.cogging)
+        periods = self.periods + min(max(away, -_FURTHEST), _FURTHEST)
+        return replace(self, periods=max(periods, 1.0), weights=(*self.weights[:4], 0.0))
