@@ -47,6 +47,9 @@ _THROWS, _THROWS_LOADED = 3, 6
 they end the run, where the wall must not be probed"""
 _BOUNCE = 0.75
 """Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
+_UNPROBED = 20
+"""Regular half-cycles that end the run where the wall must not be probed and the servo may have the
+apparent inertia"""
 _CYCLES_EVEN = 2
 """Ends of half-cycles in a row at which the motion is regular before it is probed"""
 _UNLIKELY = 10
@@ -366,12 +369,18 @@ class Backstop:
         self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
+            self.failed = settings.acts and self._loaded
         elif not settings.acts:
             return
-        elif self._loaded or self._held_off(seen):
+        elif self._loaded:
+            possible = settings.light < seen.inertia < settings.heavy
+            own = self._streak >= _UNPROBED and possible
+            if (self.steady or own) and seen.amplitude >= settings.threshold:
+                self._alarm(Cause.BEYOND_HANDS)
+                self.failed = True  # a softer wall would give way
+        elif self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)  # no hand is so even
-                self.failed = self._loaded  # a softer wall would give way
         elif (
             self.steady
             or self._streak >= _UNLIKELY
@@ -433,7 +442,17 @@ class Backstop:
     @property
     def _loaded(self) -> bool:
         """Whether the wall holds up a load that would push through the wall of a probe."""
-        return abs(self._motion.load) > _LOADED * self._settings.torque_limit
+        return self._gives_way(0)
+
+    def _gives_way(self, steps: int) -> bool:
+        """Whether the load would push through a wall that goes down from so many steps."""
+        limit = PROBE**steps * self._settings.torque_limit
+        return abs(self._motion.load) > _LOADED * limit
+
+    @property
+    def _softest(self) -> bool:
+        """Whether the reduced wall cannot go down any further, or would give way to its load."""
+        return self._step >= _STEPS or self._gives_way(self._step)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
@@ -520,7 +539,7 @@ class Backstop:
             self._was_wrong()
         elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = True
-        elif self._step >= _STEPS:
+        elif self._softest:
             if self._count >= _GOES_ON and not (self.small_cycle or self._beyond_hands(seen)):
                 self._was_wrong()
         else:
@@ -565,7 +584,7 @@ class Backstop:
 
     def _is_last(self) -> bool:
         """Whether there is nothing left to reduce, or no time."""
-        return self._step >= _STEPS or (not self._settings.bounces and self._late())
+        return self._softest or (not self._settings.bounces and self._late())
 
     def _late(self) -> bool:
         """Whether the time within which the motion must die is running out."""

@@ -26,9 +26,10 @@ _FADE_SIZE = 2.5
 larger ones may be a load that swings on its transmission."""
 _FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
 """Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
-_COLLAPSED, _QUICKER = 0.6, 0.8
-"""Ratio of amplitudes below which a motion has stopped in the probe, and of durations below which
-it is another one: the wall makes no motion quicker by giving way."""
+_COLLAPSED, _QUICKER, _SLOWER = 0.6, 0.8, 3.2
+"""Ratio of amplitudes below which a motion has stopped in the probe, and of durations below and
+above which it is another one: the wall makes no motion quicker by giving way; under a load that all
+but pushes through the probed wall it becomes so slow, a hand's does not."""
 
 
 class Verdict(IntEnum):
@@ -112,6 +113,8 @@ class Probe:
             return Verdict.WALL
         if answer.amplitude < _COLLAPSED:
             return Verdict.STOPPED if answer.first > _QUICKER else Verdict.CHANGED
+        if answer.second >= _SLOWER and not self._contacts:
+            return Verdict.CHANGED
         if self._contacts or not may_be_a_load(self.before.cycle):
             return Verdict.HAND
         if self.before.amplitude <= _FADE_SIZE * self._threshold:

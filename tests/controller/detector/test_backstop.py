@@ -333,6 +333,52 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machi
     assert (stop.alarm, stop.failed) == (True, True)
 
 
+@pytest.mark.parametrize(("inertia", "half_cycles"), [(0.012, 23), (0.2, 0)])
+def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(inertia, half_cycles):
+    seen = motion(load=1.2)
+    stop = backstop(seen)
+    for k in range(1, 60):
+        take(stop, seen, 0.1, 0.05 * 1.03**k, inertia)
+        if stop.failed:
+            break
+    assert (k if stop.failed else 0) == half_cycles
+
+
+def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds():
+    """It grows to more than a radian; the detector, whose lag is four times too short, is quiet."""
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=1.1)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0)
+    assert trial.trip == "oscillation"
+
+
+def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone():
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.5)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.3)
+    assert trial.first_alarm_s < 5.0
+
+
+def test_a_reduced_wall_does_not_let_its_load_run_away():
+    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.8)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.1)
+    assert trial.first_alarm_s < 5.0
+    assert np.abs(trial.output).max() < 2.0
+
+
+def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load():
+    stop, seen = probing()
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    seen.load = 0.3
+    for _ in range(30):
+        take(stop, seen, 0.2, 0.1)
+        assert stop.stiffness_scale == 0.25
+    assert stop.failed
+
+
 def test_a_wall_that_waits_to_come_back_is_watched():
     """A hand that leans on it keeps its spring loaded for as long as it likes."""
     stop, seen = probing()
