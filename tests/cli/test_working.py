@@ -87,6 +87,7 @@ def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly():
     code = """
 import builtins, os, signal, sys
 from controller.cli import interrupt
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests ignore it
 interrupt.leave_at_once()
 def trip(frame, event, _):
     if frame.f_globals.get("__name__") == "controller.cli.working":
