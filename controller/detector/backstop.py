@@ -42,7 +42,7 @@ STEADY = 40
 """Half-cycles in a row that no hand makes so evenly"""
 _LEAST_GAIN = -0.05
 """Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
-_THROWS, _THROWS_LOADED = 3, 6
+_THROWS, _THROWS_LOADED = 3, 12
 """Contacts in a row that are left clearly faster than entered before they are probed; or before
 they end the run, where the wall must not be probed"""
 _BOUNCE = 0.75
@@ -538,7 +538,7 @@ class Backstop:
         if self._hand_after_all(seen):
             self._was_wrong()
         elif size >= settings.threshold and self._own(seen) and self._is_last():
-            self.failed = True
+            self.failed = not settings.bounces or motion.gain > 0.0
         elif self._softest:
             if self._count >= _GOES_ON and not (self.small_cycle or self._beyond_hands(seen)):
                 self._was_wrong()

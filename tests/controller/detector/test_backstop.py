@@ -144,10 +144,10 @@ def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2):
     stop.update(duration, elongation, 10.0, ended=True)
 
 
-def probing():
+def probing(**given):
     """A backstop that has just begun to probe a regular motion."""
     seen = motion()
-    stop = backstop(seen)
+    stop = backstop(seen, **given)
     for _ in range(12):
         if stop.phase == Phase.PROBING:
             break
@@ -379,6 +379,19 @@ def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load():
     assert stop.failed
 
 
+@pytest.mark.parametrize(("gain", "fails"), [(-0.02, False), (0.1, True)])
+def test_contacts_left_slower_than_entered_end_no_run(gain, fails):
+    """A hand that trembles at a reduced wall puts its load there, contact after contact."""
+    stop, seen = probing(bounces=True)
+    take(stop, seen, 0.2, 0.1)
+    take(stop, seen, 0.2, 0.1)
+    assert stop.alarm
+    seen.load, seen.gain = 0.3, gain
+    for _ in range(30):
+        take(stop, seen, 0.2, 0.1)
+    assert stop.failed == fails
+
+
 def test_a_wall_that_waits_to_come_back_is_watched():
     """A hand that leans on it keeps its spring loaded for as long as it likes."""
     stop, seen = probing()
@@ -393,7 +406,8 @@ def test_a_wall_that_waits_to_come_back_is_watched():
 def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed):
     seen = motion(load=load)
     stop = backstop(seen, bounces=True)
-    for k in range(6):
+    for k in range(12):
+        assert not stop.failed, "a hand that taps the wall while it leans on it throws as often"
         take(stop, seen, 0.1 + 0.03 * (k % 2), 0.05 + 0.01 * (k % 3), elongation=0.0)
         seen.gaining += 1
         stop.update(1e-3, 0.0, 10.0, ended=False)
