@@ -12,6 +12,7 @@ import numpy as np
 from controller.delay import DelayRing
 from controller.detector.watch import Watch
 from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
+from controller.gains import Gains
 from controller.guard.guard import Decision, GuardSettings, Situation, decide
 from controller.guard.plants import Plants, is_heavy
 from controller.guard.schedule import (
@@ -24,11 +25,13 @@ from controller.guard.schedule import (
     interval_bins_ns,
 )
 from controller.missed import MissedPeriods
+from controller.motion_watch import MotionWatch
 from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from controller.passivity_control import PassivityControl
 from controller.program import Phase, Program
 from controller.rehearsal import Rehearsal, StandInClock
 from controller.safety import Safety, SafetyLimits
+from controller.sampler import Sampler
 from controller.settings.config import Config
 from controller.telemetry import Telemetry
 from controller.theory import peak
@@ -210,13 +213,19 @@ def tick_parts(
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
         driven = math.inf  # a program drives the shaft on purpose, and nothing can be hurt
+    gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
     return TickParts(
         clock=clock,
         servo=servo,
-        wall=law,
-        velocity=velocity_estimator(period, wall.velocity_samples),
+        law=law,
+        sampler=Sampler(
+            servo,
+            velocity_estimator(period, wall.velocity_samples),
+            period_ns,
+            pipelined=config.servo.schedule == "pipelined",
+        ),
+        gains=gains,
         ring=DelayRing(config.delay.steps),
-        schedule=schedule,
         safety=Safety(
             SafetyLimits(
                 max_speed=fastest,
@@ -228,20 +237,21 @@ def tick_parts(
                 travel_from_start=wall.reference == "start",
             )
         ),
-        driven=DrivenSpeed(_driven_limits(config, servo, driven)),
         missed=MissedPeriods(period_ns, safety.max_missed),
         trips_on_missed=config.realtime.profile == "strict",
-        watch=Watch(watch_settings(config, servo.facts, law)),
-        passivity=(
-            PassivityControl(period, SLOWEST)
-            if law.guarded and config.wall.passivity_control
-            else None
+        motion=MotionWatch(
+            law,
+            gains,
+            Watch(watch_settings(config, servo.facts, law)),
+            DrivenSpeed(_driven_limits(config, servo, driven)),
+            (
+                PassivityControl(period, SLOWEST)
+                if law.guarded and config.wall.passivity_control
+                else None
+            ),
+            injected,
         ),
-        most_injected=injected,
         telemetry=telemetry,
-        period_ns=period_ns,
-        ramp_ticks=max(1, round(RAMP_S / period)),
-        pipelined=config.servo.schedule == "pipelined",
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(

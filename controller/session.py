@@ -149,7 +149,7 @@ def run_session(
             tell(f"{servo.facts.name}: torque is on{passed}")
         law = rendered(config, servo, program)
         parts = tick_parts(config, clock, servo, telemetry, schedule, law, injected)
-        watch = parts.watch
+        watch = parts.motion.watch
         tick = Tick(parts)
         grid = Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
         telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()

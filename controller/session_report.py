@@ -35,7 +35,7 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 
 def trip_figures(trip: Trip | None, parts: TickParts) -> str:
     """Value that ended the run, and the limit it exceeded; empty where the limit is no number."""
-    safety, driven, missed = parts.safety.found, parts.driven.found, parts.missed
+    safety, driven, missed = parts.safety.found, parts.motion.driven.found, parts.missed
     match trip:
         case Trip.OVERSPEED if safety:
             return f"{safety[0]:.3g} rad/s between two readings; at most {safety[1]:.3g} is allowed"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -57,6 +58,51 @@ FLAG_OFF = 8
 """The wall is off in the middle of a run: the dead man was let go, or the spring is loaded."""
 FLAG_RAISED = 16
 """It was asked to go back to the full wall."""
+
+
+@dataclass(slots=True)
+class Row:
+    """One tick, as the loop writes it; ``seq`` is the memory's. Reused from tick to tick."""
+
+    deadline_ns: int = 0
+    """The deadline served [ns]"""
+    lateness_ns: int = 0
+    """From it to when the loop woke [ns]"""
+    work_ns: int = 0
+    """Work of the tick before, the writing of its row included [ns]"""
+    bus_ns: int = 0
+    """Waiting for the bus in the tick before [ns]"""
+    sampled_ns: int = 0
+    """When the position was sampled [ns]; 0: none is known yet"""
+    age_ns: int = 0
+    """Age of the sample when its torque was sent [ns]"""
+    outcome: int = 0
+    """An ``hw.servo.Outcome``"""
+    missed: int = 0
+    """Whole periods skipped before this tick [1]"""
+    flags: int = 0
+    """``FLAG_...``, added"""
+    phase: int = 0
+    """Of a program; 0 without one"""
+    oscillation: int = 0
+    """State of the detector"""
+    position: float = 0.0
+    """[rad]"""
+    velocity: float = 0.0
+    """Estimated [rad/s]"""
+    wall_torque: float = 0.0
+    """Of the law, before the delay [N·m]"""
+    torque: float = 0.0
+    """Sent [N·m]"""
+    stiffness: float = 0.0
+    """Commanded [N·m/rad]"""
+    damping: float = 0.0
+    """Commanded, with what is injected [N·m·s/rad]"""
+    delay_s: float = 0.0
+    """The total delay that the guard counts with [s]"""
+    measured_torque: float = 0.0
+    """[N·m]; NaN: the servo measures none"""
+
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
 _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size
@@ -152,10 +198,33 @@ class Telemetry:
         self.words[Word.HELD_NS] = NO_DEAD_MAN
         return self
 
-    def write(self, *row: float) -> None:
-        """Append one row: the fields of ``ROW`` after ``seq``, in order. The loop's only."""
+    def write(self, row: Row) -> None:
+        """Append one row; only the loop does."""
         head = self._head
-        _PACK(self._map, _PAGE + head % self._capacity * _ROW_BYTES, head, *row)
+        _PACK(
+            self._map,
+            _PAGE + head % self._capacity * _ROW_BYTES,
+            head,
+            row.deadline_ns,
+            row.lateness_ns,
+            row.work_ns,
+            row.bus_ns,
+            row.sampled_ns,
+            row.age_ns,
+            row.outcome,
+            row.missed,
+            row.flags,
+            row.phase,
+            row.oscillation,
+            row.position,
+            row.velocity,
+            row.wall_torque,
+            row.torque,
+            row.stiffness,
+            row.damping,
+            row.delay_s,
+            row.measured_torque,
+        )
         self._head = self.words[_HEAD] = head + 1
 
     def read(self, tail: int, most: int = CAPACITY) -> tuple[NDArray[np.void], int]:

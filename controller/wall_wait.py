@@ -74,7 +74,7 @@ class WallWait:
 
     def _tell_start(self) -> bool:
         """Say where the wall and the shaft are; whether that is known."""
-        config, law = self._config, self._parts.wall
+        config, law = self._config, self._parts.law
         position = self._grid.tick.position
         if (
             math.isnan(position)
@@ -95,10 +95,10 @@ class WallWait:
             return "reading", "the wall waits for the first reading"
         if not tick.held():
             return "dead man", "the dead man is not held; the wall goes on when it is"
-        stiffness = parts.schedule.decision.stiffness
+        stiffness = parts.gains.decision.stiffness
         room = parts.engagement.limits.room(stiffness)
         text = waiting_text(
-            parts.wall,
+            parts.law,
             self._config.wall.side,
             tick.position,
             stiffness,

@@ -226,7 +226,7 @@ def _play(config: Config, case: Case) -> Outcome:
     servo.close()
     rows = telemetry.read(0)[0]
     away = np.abs(rows["position"])
-    alarm_s = parts.watch.first_alarm_s
+    alarm_s = parts.motion.watch.first_alarm_s
     alarm = len(away) if math.isnan(alarm_s) else max(1, round(alarm_s / PERIOD))
     five = round(5 * cycle)
     return Outcome(

@@ -23,7 +23,7 @@ from controller.benchmarks.bus_clients import rustypot
 from controller.benchmarks.loops import BAUD, emulated_bus, ours
 from controller.benchmarks.rows import Histogram, Row, Section
 from controller.errors import PlatformError
-from controller.tick import COLLECT_SHARE
+from controller.sampler import COLLECT_SHARE
 from hw.clock import MonotonicClock
 from hw.dynamixel.codec import Instruction
 from hw.dynamixel.link import Link

@@ -13,10 +13,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from controller.benchmarks.rows import Row, Section
 from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry
+from controller.telemetry import Row as TickRow
 
 _HOT, _ROUNDS = 200, 20
 """Rows in a row, and how often"""
@@ -117,7 +118,7 @@ def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
     """Ours, and the usual ones as one would write them."""
     telemetry = Telemetry.create()
     stack.callback(telemetry.close)
-    own = _VALUES[1:]  # it numbers rows itself
+    own: tuple[Any, ...] = _VALUES[1:]  # the memory numbers rows itself
     table = stack.enter_context((folder / "rows.csv").open("w", newline="", encoding="utf-8"))
     lines = stack.enter_context((folder / "rows.json").open("w", encoding="utf-8"))
     columns = csv.writer(table)
@@ -132,7 +133,7 @@ def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
     address = hears.getsockname()
     sends = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     return {
-        _OURS: lambda: telemetry.write(*own),
+        _OURS: lambda: telemetry.write(TickRow(*own)),
         "csv.writer to a file": lambda: columns.writerow(_VALUES),
         "json.dumps to a file": lambda: lines.write(
             json.dumps(dict(zip(_NAMES, _VALUES, strict=True))) + "\n"

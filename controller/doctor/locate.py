@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 from controller.doctor.report import Consent, Report, Tell
-from controller.tick import COLLECT_SHARE
+from controller.sampler import COLLECT_SHARE
 from hw.clock import Clock
 from hw.dynamixel.examine.adapter import examine_latency_timer
 from hw.dynamixel.examine.finding import Change, Finding

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from controller.doctor.timing_process import Orders
 from controller.realtime import pick_cores
+from controller.sampler import COLLECT_SHARE, LONGER_SHARE
 from controller.settings.config import Config
-from controller.tick import COLLECT_SHARE, LONGER_SHARE
 from controller.tree.children import Child, first_line
 from hw.errors import ServoError
 

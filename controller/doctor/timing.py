@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from controller.tick import COLLECT_SHARE
+from controller.sampler import COLLECT_SHARE
 from hw.dynamixel.examine.cycles import Series
 from hw.dynamixel.examine.finding import Finding
 from hw.dynamixel.examine.replies import Replies, percentile

@@ -9,11 +9,14 @@ from controller.delay import DelayRing
 from controller.detector.oscillation import DetectorSettings
 from controller.detector.watch import Watch, WatchSettings
 from controller.engagement import EngageLimits, Engagement
+from controller.gains import Gains
 from controller.guard.schedule import GainSchedule
 from controller.loop import next_deadline
 from controller.missed import MissedPeriods
+from controller.motion_watch import MotionWatch
 from controller.overspeed import DrivenLimits, DrivenSpeed
 from controller.safety import Safety, SafetyLimits, Trip
+from controller.sampler import Sampler
 from controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
@@ -91,25 +94,30 @@ class Rig:
         rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
         self.schedule = GainSchedule([rungs], list(ages), [PERIOD_NS], 90.0, 100)
         self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
+        gains = Gains(self.schedule, self.wall, 50, ScriptedServo.facts.torque_limit)
+        pipelined = wall.get("pipelined", False)
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
                 servo=self.servo,
-                wall=self.wall,
-                velocity=BackwardDifference(1e-3),
+                law=self.wall,
+                sampler=Sampler(
+                    self.servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined
+                ),
+                gains=gains,
                 ring=DelayRing(steps),
-                schedule=self.schedule,
                 safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
-                driven=DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
                 missed=MissedPeriods(PERIOD_NS, 0.2),
                 trips_on_missed=wall.get("strict", False),
-                watch=ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
-                passivity=None,
-                most_injected=[0.0] * len(rungs),
+                motion=MotionWatch(
+                    self.wall,
+                    gains,
+                    ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
+                    DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
+                    None,
+                    [0.0] * len(rungs),
+                ),
                 telemetry=self.telemetry,
-                period_ns=PERIOD_NS,
-                ramp_ticks=50,
-                pipelined=wall.get("pipelined", False),
                 wall_from_start=wall.get("from_start", False),
                 engagement=Engagement(
                     EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
@@ -319,7 +327,7 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
 
 def reduced(rig, scale, damping_scale):
     """The watch scales the wall from now on."""
-    watch = rig.tick._parts.watch
+    watch = rig.tick._parts.motion.watch
     watch.scale, watch.damping_scale = scale, damping_scale
     return rig
 
@@ -363,7 +371,7 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
-    assert rig.tick._parts.watch.asked == 1
+    assert rig.tick._parts.motion.watch.asked == 1
     assert set(rig.rows["stiffness"]) == {5.0}
     assert set(rig.rows["damping"]) == {0.01}
 

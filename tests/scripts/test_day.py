@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.telemetry import ROW
+from controller.telemetry import ROW, Row
 from hw.servo import Outcome
 from scripts.day import PERIOD_NS, WatchedTelemetry, long_run, turning
 
@@ -22,7 +22,7 @@ def passed(rows):
     telemetry = WatchedTelemetry.create()
     for start in range(0, TICKS, 4096):
         for row in rows[start : start + 4096].tolist():
-            telemetry.write(*row[1:])
+            telemetry.write(Row(*row[1:]))
         telemetry.read(start)
     return telemetry.passed
 

@@ -158,7 +158,7 @@ def run_trial(
         rows, tail = telemetry.read(tail)
         blocks.append(rows)
     rows = np.concatenate(blocks)
-    own = parts.watch.own
+    own = parts.motion.watch.own
     return Trial(
         period=config.period_s,
         output=np.array(servo.outputs[: rows.size]),
@@ -168,10 +168,10 @@ def run_trial(
         damping=rows["damping"],
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
-        first_alarm_s=parts.watch.first_alarm_s,
+        first_alarm_s=parts.motion.watch.first_alarm_s,
         trip=None if tick.trip is None else Trip(tick.trip).value,
-        oscillation=oscillation_report(parts.watch),
-        taken_back=parts.watch.taken_back,
+        oscillation=oscillation_report(parts.motion.watch),
+        taken_back=parts.motion.watch.taken_back,
         counts=(0, 0, 0, 0) if own is None else own.counts,
         gave_up=own is not None and own.failed,
     )

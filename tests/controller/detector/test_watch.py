@@ -111,8 +111,8 @@ def test_the_full_wall_comes_back_only_on_request(tmp_path, reduced):
     class Asking(Telemetry):
         """Asks once, when the wall has been reduced for a while."""
 
-        def write(self, *row):
-            super().write(*row)
+        def write(self, row):
+            super().write(row)
             if self.words[Word.HEAD] == 6000:
                 self.words[Word.RAISE] = 1
 

@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 
 from controller.log.file import LogWriter, read_log
-from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry, Word
+from controller.telemetry import CAPACITY, ROW, Row, Telemetry, Word
 from controller.tree import log_keeper, recorder
 from controller.tree.log_keeper import STUCK_S, LogKeeper
 from controller.tree.recorder import Recorder, _Attempts, may_stand_back
 
-VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 TICKS = itertools.count()
 
 
 def row():
     """A row of the next period."""
-    values = list(VALUES)
-    values[INT_FIELDS.index("deadline_ns") - 1] = next(TICKS) * 1_000_000
-    return values
+    return Row(deadline_ns=next(TICKS) * 1_000_000)
 
 
 class Child:
@@ -129,7 +126,7 @@ class Run:
         for _ in range(round(seconds / step)):
             self.now += step
             for _ in range(round(rows_per_s * step)):
-                self.telemetry.write(*row())
+                self.telemetry.write(row())
             self.recorders[-1].turn()
             self.keeper.look(self.now)
 
@@ -242,7 +239,7 @@ def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run):
 def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run):
     run.go(2.0)
     told = run.words[Word.TAIL]
-    run.telemetry.write(*row())
+    run.telemetry.write(row())
     run.recorders[-1].turn()
     run.words[Word.TAIL] = told  # the block is in the log, but nobody knows
     run.recorders[-1].end(-9)
@@ -310,7 +307,7 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talk
 def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when):
     talking.go(1.0)
     if when == "sync":
-        talking.telemetry.write(*row())
+        talking.telemetry.write(row())
         monkeypatch.setattr(os, "fdatasync", failing)
     else:
         close = LogWriter.close
@@ -337,7 +334,7 @@ def test_the_last_rows_are_written_by_another_recorder(run, how):
         run.recorders[-1].end(-9)
     else:
         run.recorders[-1].writes = False
-    run.telemetry.write(*row())
+    run.telemetry.write(row())
     notes, rows = run.end()
     assert len(run.recorders) == 2
     assert "no row is missing" in notes[0]
@@ -347,7 +344,7 @@ def test_the_last_rows_are_written_by_another_recorder(run, how):
 def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run):
     run.go(2.0)
     run.recorders[-1].end(-9)
-    run.telemetry.write(*row())
+    run.telemetry.write(row())
     run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
     notes, rows = run.end()
     assert any("lacks 1 of 2001 rows" in note for note in notes)

@@ -12,20 +12,17 @@ import pytest
 from controller.log.file import read_log
 from controller.run import run
 from controller.settings.load import load_config
-from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, Telemetry, Word
+from controller.telemetry import Row, Telemetry, Word
 from controller.tree.children import Child
 from controller.tree.log_keeper import LogKeeper
 from controller.tree.plan import Plan
 
-VALUES = [0] * (len(INT_FIELDS) - 1 + len(FLOAT_FIELDS))
 TICKS = itertools.count()
 
 
 def row():
     """A row of the next period."""
-    values = list(VALUES)
-    values[INT_FIELDS.index("deadline_ns") - 1] = next(TICKS) * 1_000_000
-    return values
+    return Row(deadline_ns=next(TICKS) * 1_000_000)
 
 
 pytestmark = pytest.mark.realtime
@@ -62,7 +59,7 @@ class Recording:
         while not condition():
             assert time.monotonic() < end, self.told
             for _ in range(rows):
-                self.telemetry.write(*row())
+                self.telemetry.write(row())
             self.keeper.look(time.monotonic())
             time.sleep(0.01)
 
@@ -81,7 +78,7 @@ def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path):
     recording.recorders[0].send(signal.SIGKILL)
     recording.until(lambda: recording.recorded() > before)
     assert "was killed by SIGKILL; another one goes on" in recording.told[1]
-    recording.telemetry.write(*row())
+    recording.telemetry.write(row())
     (note,) = recording.keeper.end()
     recording.keeper.close()
     assert "no row is missing" in note
@@ -95,7 +92,7 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     (recorder,) = recording.recorders
     recording.until(lambda: recording.recorded() > 0)
     for _ in range(100):
-        recording.telemetry.write(*row())
+        recording.telemetry.write(row())
     recorder.send(signal.SIGUSR1)  # as the kernel does
     assert recorder.wait(10.0)
     assert recorder.well()

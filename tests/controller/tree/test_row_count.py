@@ -5,7 +5,7 @@ import pytest
 
 from controller.detector.oscillation import State
 from controller.settings.load import load_config
-from controller.telemetry import ROW, Telemetry
+from controller.telemetry import Row, Telemetry
 from controller.tree.plan import Plan
 from controller.tree.row_count import BATCH, RowCount
 
@@ -18,9 +18,8 @@ class Run:
         self.count = RowCount(self.telemetry, plan, self.told.append)
 
     def write(self, rows, **values):
-        row = dict.fromkeys(ROW.names[1:], 0) | values
         for _ in range(rows):
-            self.telemetry.write(*row.values())
+            self.telemetry.write(Row(**values))
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from controller.cli.run import command
 from controller.errors import UserError
 from controller.log.columns import COLUMNS
-from controller.telemetry import ROW, Telemetry
+from controller.telemetry import ROW, Row, Telemetry
 from controller.tree.stream import Sender, Stream, stream_to
 
 
@@ -43,7 +43,7 @@ def write(telemetry, count, start=0):
         row["deadline_ns"] = 8_000_000_000 + 1_000_000 * k
         row["position"] = math.nan if k == 0 else 0.1 * k
         row["lateness_ns"], row["measured_torque"] = 2_500, math.nan
-        telemetry.write(*row.tolist()[1:])
+        telemetry.write(Row(*row.tolist()[1:]))
 
 
 @pytest.fixture
