@@ -85,17 +85,30 @@ class Result:
     """What the loop itself warns of"""
 
 
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a session gets from the process that runs it."""
+
+    port: int | None = None
+    """Descriptor of the open serial port, where there is one"""
+    tell: Callable[[str], None] = lambda _text: None
+    """Called with what a person should know before the wall is on"""
+    on_block: Callable[[], None] = lambda: None
+    """Called now and then between ticks, where the same process must also record"""
+    take_real_time: Callable[[], LateTicks | None] = lambda: None
+    """Called when all that takes long is done and the servo is about to be started: real-time
+    scheduling must not be held through long computations. What it returns is told of late ticks"""
+    open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
+    """Opens the servo; replaced where something is done to an emulated one"""
+
+
 def run_session(
     config: Config,
     clock: Clock,
     telemetry: Telemetry,
     duration_s: float | None,
-    port: int | None = None,
     program: Sequence[Phase] = (),
-    on_block: Callable[[], None] = lambda: None,
-    tell: Callable[[str], None] = lambda _text: None,
-    prepare: Callable[[], LateTicks | None] = lambda: None,
-    opener: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo,
+    surroundings: Surroundings | None = None,
 ) -> Result:
     """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
 
@@ -108,100 +121,165 @@ def run_session(
         clock: What the loop runs on.
         telemetry: Where rows go, and where a stop is asked for.
         duration_s: How long the wall is on [s]; None: until stopped.
-        port: Descriptor of the open serial port, where there is one.
         program: What is rendered in place of the wall; the run ends with it.
-        on_block: Called now and then between ticks, where the same process must also record.
-        tell: Called with what a person should know before the wall is on.
-        prepare: Called when all that takes long is done and the servo is about to be started: the
-            place to take real-time scheduling, which must not be held through long computations.
-            Who it returns is told of late ticks.
-        opener: Opens the servo; for rehearsals that have a hand on what is emulated.
+        surroundings: What the process gives; None: nothing.
 
     Raises:
         ServoError: The servo could not be started.
-        PlatformError: ``prepare`` refused.
+        PlatformError: ``take_real_time`` refused.
     """
-    servo = opener(config.servo_settings(), clock, port)
-    started = False
+    session = _Session(config, clock, telemetry, program, surroundings or Surroundings())
     try:
-        # All that takes long comes before the start: a started servo wants to hear something
-        # within every period of its Bus Watchdog.
-        limit = servo.facts.torque_limit
-        simulated = isinstance(clock, SimulatedClock)
-        schedule = guard_schedule(config, servo, simulated)
-        injected = most_injected(config, servo, schedule)
-        rehearsed = None
-        if config.realtime.rehearse and not simulated:
-            rehearsed = rehearsal(config, servo, schedule, injected, program)
-        freeze_garbage()
-        reserve_memory()
-        late = prepare()
-        waiter = waiter_for(clock, _spin_ns(config), config.period_ns, rehearsed)
-        checks: list[Check] = []
-        if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
-            started = True
-            checks = servo.start()
-            # The servo's own Current Limit is another, or replies come later than was thought.
-            if servo.facts.torque_limit != limit or servo.facts.reply_s:
-                schedule = guard_schedule(config, servo, simulated)
-                injected = most_injected(config, servo, schedule)
-            passed = f", {len(checks)} start-up checks passed" if checks else ""
-            tell(f"{servo.facts.name}: torque is on{passed}")
-        law = rendered(config, servo, program)
-        parts = tick_parts(config, clock, servo, telemetry, schedule, law, injected)
-        watch = parts.motion.watch
-        tick = Tick(parts)
-        grid = Grid(tick, waiter, clock, telemetry, servo, config.period_ns, on_block, late)
-        telemetry.words[Word.HEARTBEAT_NS] = clock.now_ns()
-        telemetry.words[Word.STATE] = State.RUNNING
-        began_s = time.monotonic()
-        waiting = WallWait(grid, config, parts, tell)
-        reason, message = _run(grid, config, servo, duration_s, waiting)
-        real_s = time.monotonic() - began_s
-        torque_off = _stop(servo, clock, telemetry)
+        session.prepare()
+        session.start()
+        session.run(duration_s)
     except BaseException as error:
-        # What never answered, or is nothing we know, was never driven.
-        if started and not isinstance(error, (ServoMissingError, StrangeServoError)):
-            _stop(servo, clock, telemetry)
+        session.abandon(error)
         raise
     finally:
-        servo.close()
-    result = Result(
-        stop_reason=reason,
-        message=message or trip_figures(tick.trip, parts) or servo.trouble,
-        ticks=tick.ticks,
-        missed=grid.missed,
-        elapsed_s=grid.elapsed_s,
-        real_s=real_s,
-        grid_hz=1e9 / grid.period_ns,
-        guard=None,
-        oscillation=None,
-        delay=None,
-        bus=asdict(servo.counts) if servo.facts.has_bus else None,
-        timing=None,
-        torque_off=torque_off,
-        checks=checks,
-        facts=_facts(servo),
-        wall_came_on=tick.came_on,
-        waited_for=waiting.lacking(),
-    )
-    try:
-        on_block()
-        if rehearsed is not None and rehearsed.fault:
-            tell(f"the tick's rehearsal failed, so ticks took longer: {rehearsed.fault}")
-        decision = decision_in_force(config, servo, schedule, tick.commanded[0])
+        session.servo.close()
+    return session.finish()
+
+
+class _Session:
+    """A servo and what is rendered on it, from opening to the report."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        telemetry: Telemetry,
+        program: Sequence[Phase],
+        surroundings: Surroundings,
+    ) -> None:
+        self._config = config
+        self._clock = clock
+        self._telemetry = telemetry
+        self._program = program
+        self._around = surroundings
+        self._simulated = isinstance(clock, SimulatedClock)
+        self._started = False
+        self._checks: list[Check] = []
+        self.servo = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
+
+    def prepare(self) -> None:
+        """Do all that takes long: a started servo wants a frame in every period of its watchdog."""
+        self._decide()
+        self._rehearsed = None
+        if self._config.realtime.rehearse and not self._simulated:
+            self._rehearsed = rehearsal(
+                self._config, self.servo, self._schedule, self._injected, self._program
+            )
+        freeze_garbage()
+        reserve_memory()
+        self._late = self._around.take_real_time()
+        self._waiter = waiter_for(
+            self._clock, _spin_ns(self._config), self._config.period_ns, self._rehearsed
+        )
+
+    def _decide(self) -> None:
+        """Compute the guard's decisions for what is known of the servo."""
+        self._schedule = guard_schedule(self._config, self.servo, self._simulated)
+        self._injected = most_injected(self._config, self.servo, self._schedule)
+
+    def start(self) -> None:
+        """Check the servo, switch its torque on, and build the tick; then the loop is running."""
+        config, servo, telemetry = self._config, self.servo, self._telemetry
+        limit = servo.facts.torque_limit
+        if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
+            self._started = True
+            self._checks = servo.start()
+            # The servo's own Current Limit is another, or replies come later than was thought.
+            if servo.facts.torque_limit != limit or servo.facts.reply_s:
+                self._decide()
+            passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
+            self._around.tell(f"{servo.facts.name}: torque is on{passed}")
+        self._law = rendered(config, servo, self._program)
+        self._parts = tick_parts(
+            config, self._clock, servo, telemetry, self._schedule, self._law, self._injected
+        )
+        self._tick = Tick(self._parts)
+        self._grid = Grid(
+            self._tick,
+            self._waiter,
+            self._clock,
+            telemetry,
+            servo,
+            config.period_ns,
+            self._around.on_block,
+            self._late,
+        )
+        telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
+        telemetry.words[Word.STATE] = State.RUNNING
+
+    def run(self, duration_s: float | None) -> None:
+        """Serve the grid until the end, and switch the torque off."""
+        began_s = time.monotonic()
+        self._waiting = WallWait(self._grid, self._config, self._parts, self._around.tell)
+        self._reason, self._message = _run(
+            self._grid, self._config, self.servo, duration_s, self._waiting
+        )
+        self._real_s = time.monotonic() - began_s
+        self._torque_off = _stop(self.servo, self._clock, self._telemetry)
+
+    def abandon(self, error: BaseException) -> None:
+        """Switch the torque off after an error; a servo that never answered was never driven."""
+        if self._started and not isinstance(error, (ServoMissingError, StrangeServoError)):
+            _stop(self.servo, self._clock, self._telemetry)
+
+    def finish(self) -> Result:
+        """Report how the run ended; the servo is closed."""
+        servo, parts, tick = self.servo, self._parts, self._tick
+        result = Result(
+            stop_reason=self._reason,
+            message=self._message or trip_figures(tick.trip, parts) or servo.trouble,
+            ticks=tick.ticks,
+            missed=self._grid.missed,
+            elapsed_s=self._grid.elapsed_s,
+            real_s=self._real_s,
+            grid_hz=1e9 / self._grid.period_ns,
+            guard=None,
+            oscillation=None,
+            delay=None,
+            bus=asdict(servo.counts) if servo.facts.has_bus else None,
+            timing=None,
+            torque_off=self._torque_off,
+            checks=self._checks,
+            facts=_facts(servo),
+            wall_came_on=tick.came_on,
+            waited_for=self._waiting.lacking(),
+        )
+        try:
+            return self._reported(result)
+        except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
+            return _with_defect(result, error)
+
+    def _reported(self, result: Result) -> Result:
+        """Add what is computed from the run to a result."""
+        config, servo, schedule = self._config, self.servo, self._schedule
+        watch = self._parts.motion.watch
+        self._around.on_block()
+        if self._rehearsed is not None and self._rehearsed.fault:
+            self._around.tell(
+                f"the tick's rehearsal failed, so ticks took longer: {self._rehearsed.fault}"
+            )
+        decision = decision_in_force(config, servo, schedule, self._tick.commanded[0])
         return replace(
             result,
             guard=guard_report(
-                config, decision, tick, law, watch, situation_of(config, servo), servo.counts
+                config,
+                decision,
+                self._tick,
+                self._law,
+                watch,
+                situation_of(config, servo),
+                servo.counts,
             ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
-            timing=None if late is None else late.report(),
-            warnings=missed_warnings(config, parts.missed),
+            timing=None if self._late is None else self._late.report(),
+            warnings=missed_warnings(config, self._parts.missed),
         )
-    except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
-        return _with_defect(result, error)
 
 
 def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.session import Result, run_session
+from controller.session import Result, Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import ROW, Telemetry
 from hw.clock import Clock, SimulatedClock
@@ -118,9 +118,8 @@ def rehearse(
         rows, read = telemetry.read(read)
         blocks.append(rows)
 
-    result = run_session(
-        config, clock, telemetry, duration_s, on_block=on_block, tell=tell, opener=opener
-    )
+    around = Surroundings(on_block=on_block, tell=tell, open_servo=opener)
+    result = run_session(config, clock, telemetry, duration_s, surroundings=around)
     buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
     ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)
     return Rehearsed(result, ticks, notes.rows, given_ns[0])

@@ -16,7 +16,7 @@ import numpy as np
 from controller import realtime
 from controller.benchmarks.stage_times import StageTimes
 from controller.orders import read_orders
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.config import Config
 from controller.telemetry import Telemetry
 from hw.clock import Clock, MonotonicClock
@@ -55,8 +55,9 @@ def main() -> None:
 
     with times.listening(type(servo)):
         try:
+            around = Surroundings(take_real_time=prepare, open_servo=opener)
             result = run_session(
-                config, clock, Telemetry.create(), orders.seconds, prepare=prepare, opener=opener
+                config, clock, Telemetry.create(), orders.seconds, surroundings=around
             )
         except ServoError as error:
             _tell({"refused": str(error)})

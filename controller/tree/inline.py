@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.statistics import RunStatistics
 from controller.telemetry import Telemetry
 from controller.tree.plan import Ended, Plan, Tell
@@ -50,9 +50,8 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
             clock,
             telemetry,
             plan.duration_s,
-            program=plan.program,
-            on_block=on_block,
-            tell=tell,
+            plan.program,
+            Surroundings(on_block=on_block, tell=tell),
         )
     finally:
         if recorder is not None:

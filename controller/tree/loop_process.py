@@ -23,7 +23,7 @@ from controller.lateness.thread_counters import CounterReader
 from controller.lateness.ticks import LateTicks
 from controller.orders import read_orders
 from controller.program import Phase
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.config import Config
 from controller.telemetry import Telemetry, Word
 from hw.clock import MonotonicClock
@@ -76,10 +76,12 @@ def main() -> None:
                 MonotonicClock(),
                 telemetry,
                 orders.duration_s,
-                orders.port,
                 [Phase(**phase) for phase in orders.program],
-                tell=lambda text: _tell("tell", text=text),
-                prepare=lambda: _prepare(config, orders.core, single, scope),
+                Surroundings(
+                    port=orders.port,
+                    tell=lambda text: _tell("tell", text=text),
+                    take_real_time=lambda: _prepare(config, orders.core, single, scope),
+                ),
             )
     except (ServoError, PlatformError) as error:
         _tell("refused", message=str(error))

@@ -7,7 +7,7 @@ from controller.assembly import guard_schedule, most_injected
 from controller.assembly import rehearsal as rehearsal_of
 from controller.loop import SpinWaiter, waiter_for
 from controller.rehearsal import Rehearsal, StandInClock
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import Telemetry
 from hw.clock import MonotonicClock, SimulatedClock
@@ -67,7 +67,9 @@ def rows_of(preset, *sets, rehearsed):
         return Rehearsed(servo, made)
 
     telemetry = Telemetry.create()
-    result = run_session(config, SimulatedClock(), telemetry, 1.0, opener=opener)
+    result = run_session(
+        config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(open_servo=opener)
+    )
     assert len(ran) >= 1000 * rehearsed, "it did take place"
     return telemetry.read(0)[0].tobytes(), result.stop_reason, result.oscillation, result.bus
 
@@ -226,8 +228,7 @@ def test_a_run_whose_rehearsal_fails_says_so_and_goes_on():
         MonotonicClock(),
         Telemetry.create(),
         0.05,
-        opener=lambda *how: Mute(open_servo(*how)),
-        tell=said.append,
+        surroundings=Surroundings(open_servo=lambda *how: Mute(open_servo(*how)), tell=said.append),
     )
     assert result.stop_reason == "duration"
     assert any("LookupError: no stand-in today" in text for text in said)

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import (
     FLAG_OFF,
@@ -183,7 +183,9 @@ def test_an_end_in_the_warm_up_counts_no_ticks():
         telemetry.words[Word.STOP] = 1
 
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
-    result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=stop)
+    result = run_session(
+        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=stop)
+    )
     assert (result.stop_reason, result.ticks, result.elapsed_s) == ("interrupted", 0, 0.0)
     assert telemetry.words[Word.TICKS] == 0
 
@@ -231,7 +233,9 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
 
     sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
     config = load_config("emulated-xm430", sets).config
-    result = run_session(config, SimulatedClock(), telemetry, 2.0, tell=tell)
+    result = run_session(
+        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
+    )
     assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     rows, _ = telemetry.read(0)
@@ -247,7 +251,9 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
     config = load_config(preset, [*sets, "servo.hand=none"]).config
     telemetry = Telemetry.create()
-    result = run_session(config, SimulatedClock(), telemetry, 1.0, tell=told.append)
+    result = run_session(
+        config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(tell=told.append)
+    )
     rows, _ = telemetry.read(0)
     assert len(rows) >= 1000
     assert not np.any(rows["torque"])
@@ -262,7 +268,9 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
     config = load_config(preset, sets).config
     telemetry = Telemetry.create()
-    result = run_session(config, SimulatedClock(), telemetry, 5.0, tell=told.append)
+    result = run_session(
+        config, SimulatedClock(), telemetry, 5.0, surroundings=Surroundings(tell=told.append)
+    )
     rows, _ = telemetry.read(0)
     assert result.wall_came_on
     surface = rows["position"][0] + 0.3

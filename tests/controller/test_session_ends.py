@@ -8,7 +8,7 @@ from controller import session
 from controller.log.reader import LogReader
 from controller.run import run
 from controller.safety import Trip
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import State, Telemetry, Word
 from controller.tree.plan import Plan
@@ -45,7 +45,13 @@ class Scene:
         self.line.read = lambda: self._read()[:0]
 
     def run(self):
-        return run_session(CONFIG, SimulatedClock(), self.telemetry, 0.1, opener=self.opener)
+        return run_session(
+            CONFIG,
+            SimulatedClock(),
+            self.telemetry,
+            0.1,
+            surroundings=Surroundings(open_servo=self.opener),
+        )
 
 
 @pytest.fixture

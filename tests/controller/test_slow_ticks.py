@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controller.missed import MissedPeriods
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import FLAG_WARM_UP, Telemetry
 from controller.theory import critical_stiffness
@@ -56,7 +56,9 @@ def run(costs, *sets, duration=4.0):
     def opener(settings, clock, port):
         return SlowServo(open_servo(settings, clock, port), clock, costs)
 
-    result = run_session(config, clock, telemetry, duration, opener=opener)
+    result = run_session(
+        config, clock, telemetry, duration, surroundings=Surroundings(open_servo=opener)
+    )
     rows, _ = telemetry.read(0)
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
 

@@ -20,7 +20,7 @@ from controller.lateness.causes import Cause, Machine
 from controller.lateness.thread_counters import CounterReader, Counters
 from controller.lateness.ticks import WORST, LateTicks
 from controller.loop import SpinWaiter, next_deadline
-from controller.session import run_session
+from controller.session import Surroundings, run_session
 from controller.settings.load import load_config
 from controller.telemetry import Telemetry
 from hw.clock import SimulatedClock
@@ -162,7 +162,11 @@ def test_ticks_whose_replies_are_lost_count_as_late():
     config = load_config("emulated-xm430", sets).config
     with LateTicks(PLAIN, Readings(), config.period_ns) as late:
         result = run_session(
-            config, SimulatedClock(), Telemetry.create(), 1.0, prepare=lambda: late
+            config,
+            SimulatedClock(),
+            Telemetry.create(),
+            1.0,
+            surroundings=Surroundings(take_real_time=lambda: late),
         )
     assert result.timing["causes"] == {Cause.LOST: result.timing["late_ticks"]}
     assert result.timing["late_ticks"] >= 5
@@ -220,7 +224,13 @@ def test_a_run_tells_when_and_how_long(error, monkeypatch):
     Stall(monkeypatch, clock, 700, error)
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
     with LateTicks(PLAIN, Readings(), config.period_ns) as late:
-        result = run_session(config, clock, Telemetry.create(), 2.0, prepare=lambda: late)
+        result = run_session(
+            config,
+            clock,
+            Telemetry.create(),
+            2.0,
+            surroundings=Surroundings(take_real_time=lambda: late),
+        )
     assert result.stop_reason == ("duration" if error is None else "trip:torque_lost")
     (worst,) = result.timing["worst"]
     assert worst["time_s"] == pytest.approx(0.699)
