@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from controller.lateness.ticks import LateTicks
 from controller.loop import Waiter, first_deadline, next_deadline
+from controller.safety import End, StopReason
 from controller.telemetry import Telemetry, Word
 from controller.tick import Tick
 from hw.clock import Clock
@@ -75,7 +76,7 @@ class Grid:
         if self._late is not None:
             self._late.begin(self._deadline)
 
-    def serve(self, duration_s: float | None) -> str | None:
+    def serve(self, duration_s: float | None) -> StopReason | None:
         """Serve deadlines for a while; why it ended before, or None.
 
         Raises:
@@ -96,15 +97,15 @@ class Grid:
                 woke = wait(deadline)
                 if words[stop] or words[cut]:
                     ended = woke
-                    return "interrupted"
+                    return End.INTERRUPTED
                 served = deadline
                 run(deadline, woke, missed)
                 if tick.trip is not None:
                     deadline += period_ns
-                    return f"trip:{tick.trip}"
+                    return tick.trip
                 if tick.done:
                     deadline += period_ns
-                    return "duration"
+                    return End.DURATION
                 ended = now()
                 deadline, missed = next_deadline(deadline, ended, period_ns)
                 waited = servo.waited_ns

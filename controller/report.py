@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from controller.safety import EMULATOR_LATE, EXPLANATIONS, Trip
+from controller.safety import EMULATOR_LATE, EXPLANATIONS, End, Trip
 from controller.settings.config import Config
 from controller.settings.servo import Servo
 from controller.tree.plan import Ended, LogState
@@ -61,10 +61,9 @@ def explanation(ended: Ended, servo: Servo) -> str | None:
         ended: What is known of the run.
         servo: Of its configuration: behind a pseudo-terminal there is no cable.
     """
-    kind, _, name = ended.stop_reason.partition(":")
-    if kind != "trip":
+    trip = Trip.of(ended.stop_reason)
+    if trip is None:
         return None
-    trip = Trip(name)
     means = EXPLANATIONS[trip]
     if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
         means = EMULATOR_LATE[trip]
@@ -95,12 +94,12 @@ def exit_status(
             before it could.
         log: What there is of its log.
     """
-    if stop_reason == f"trip:{Trip.SERVO_LOST}":
+    if stop_reason == Trip.SERVO_LOST:
         return 4
     if waited_for:
         return 3
     planned = 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
-    return {"duration": planned, "interrupted": 130}.get(stop_reason, 3)
+    return {End.DURATION.value: planned, End.INTERRUPTED.value: 130}.get(stop_reason, 3)
 
 
 def _speed(config: Config, result: dict[str, Any]) -> float | None:

@@ -10,40 +10,73 @@ from hw.servo import Reading
 
 
 class Trip(StrEnum):
-    """Why a run was ended."""
+    """Why a run was ended for safety; the values are those of reports and logs."""
 
-    NOT_A_NUMBER = "not_a_number"
+    NOT_A_NUMBER = "trip:not_a_number"
     """A position, velocity or torque was NaN or infinite."""
-    OVERSPEED = "overspeed"
+    OVERSPEED = "trip:overspeed"
     """The position moved further than the speed limit allows, or the torque drove it too fast."""
-    TRAVEL = "travel"
+    TRAVEL = "trip:travel"
     """The shaft left the range of positions that it may have."""
-    OSCILLATION = "oscillation"
+    OSCILLATION = "trip:oscillation"
     """The wall oscillates by itself."""
-    LOSSES_IN_ROW = "losses_in_row"
+    LOSSES_IN_ROW = "trip:losses_in_row"
     """No reading was good for too long; older versions counted the readings, hence the name."""
-    LOSS_RATE = "loss_rate"
+    LOSS_RATE = "trip:loss_rate"
     """Too large a share of the readings in the window failed."""
-    MISSED_PERIODS = "missed_periods"
+    MISSED_PERIODS = "trip:missed_periods"
     """Too large a fraction of the periods had no tick."""
-    HARDWARE_ERROR = "hardware_error"
+    HARDWARE_ERROR = "trip:hardware_error"
     """The servo has latched a hardware error."""
-    TORQUE_LOST = "torque_lost"
+    TORQUE_LOST = "trip:torque_lost"
     """The servo's torque is gone: its Bus Watchdog, a restart, or another program."""
-    SERVO_HEALTH = "servo_health"
+    SERVO_HEALTH = "trip:servo_health"
     """The servo's supply or temperature is out of its limits."""
-    SERVO_LOST = "servo_lost"
+    SERVO_LOST = "trip:servo_lost"
     """The port vanished."""
-    PORT_SHARED = "port_shared"
+    PORT_SHARED = "trip:port_shared"
     """Another program has opened the port."""
-    SUSPENDED = "suspended"
+    SUSPENDED = "trip:suspended"
     """The computer was suspended."""
-    LOOP_HUNG = "loop_hung"
+    LOOP_HUNG = "trip:loop_hung"
     """The loop's process gave no sign of life."""
-    LOOP_DIED = "loop_died"
+    LOOP_DIED = "trip:loop_died"
     """The loop's process ended without saying so."""
-    INTERNAL_ERROR = "internal_error"
+    INTERNAL_ERROR = "trip:internal_error"
     """The program raised an error it should not have."""
+
+    @property
+    def label(self) -> str:
+        """The name without ``trip:``, for people."""
+        return self.value.partition(":")[2]
+
+    @classmethod
+    def of(cls, reason: str | None) -> Trip | None:
+        """The trip that a report or a log names; None: it names none that is known."""
+        return cls(reason) if reason is not None and reason in cls._value2member_map_ else None
+
+
+class End(StrEnum):
+    """Other reasons why a run ended; the values are those of reports and logs."""
+
+    DURATION = "duration"
+    """As planned: the time or the program is over."""
+    INTERRUPTED = "interrupted"
+    """A person, or a signal, asked for it."""
+    REFUSED = "refused"
+    """The servo could not be started."""
+
+
+StopReason = End | Trip
+
+
+def stop_reason(text: str) -> StopReason:
+    """The reason that another process of the same run names.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return Trip.of(text) or End(text)
 
 
 EXPLANATIONS = {

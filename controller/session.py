@@ -25,7 +25,7 @@ from controller.lateness.ticks import LateTicks
 from controller.loop import waiter_for
 from controller.program import Phase
 from controller.realtime import freeze_garbage, reserve_memory
-from controller.safety import Trip
+from controller.safety import End, StopReason, Trip
 from controller.session_report import (
     delay_report,
     guard_report,
@@ -56,7 +56,7 @@ _REPLIES = 3.0
 class Result:
     """How a run ended; everything in it can be sent as JSON."""
 
-    stop_reason: str
+    stop_reason: StopReason
     message: str
     """What the program itself wants to add; empty mostly"""
     ticks: int
@@ -303,10 +303,10 @@ def _facts(servo: Servo) -> dict[str, float | None]:
 
 def _with_defect(result: Result, error: Exception) -> Result:
     """A run whose report met an error that nobody foresaw; a trip before it stays the reason."""
-    tripped = result.stop_reason.startswith("trip:")
+    tripped = isinstance(result.stop_reason, Trip)
     return replace(
         result,
-        stop_reason=result.stop_reason if tripped else f"trip:{Trip.INTERNAL_ERROR}",
+        stop_reason=result.stop_reason if tripped else Trip.INTERNAL_ERROR,
         message="; ".join(filter(None, (result.message, f"after the run: {defect_text(error)}"))),
     )
 
@@ -322,7 +322,7 @@ def _run(
     servo: Servo,
     duration_s: float | None,
     waiting: WallWait,
-) -> tuple[str, str]:
+) -> tuple[StopReason, str]:
     """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
     try:
         reason = None
@@ -333,12 +333,12 @@ def _run(
             reason = waiting(duration_s)
         grid.tick.wall_on()
         grid.begin()
-        return reason or grid.serve(duration_s) or "duration", ""
+        return reason or grid.serve(duration_s) or End.DURATION, ""
     except ServoHealthError as error:
-        return f"trip:{Trip.SERVO_HEALTH}", str(error)
+        return Trip.SERVO_HEALTH, str(error)
     except TorqueLostError as error:
-        return f"trip:{Trip.TORQUE_LOST}", str(error)
+        return Trip.TORQUE_LOST, str(error)
     except ServoLostError as error:
-        return f"trip:{Trip.SERVO_LOST}", str(error)
+        return Trip.SERVO_LOST, str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
-        return f"trip:{Trip.INTERNAL_ERROR}", defect_text(error)
+        return Trip.INTERNAL_ERROR, defect_text(error)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from controller.engagement import REST_S, start_text, waiting_text
 from controller.grid import Grid
+from controller.safety import End, StopReason
 from controller.settings.config import Config
 from controller.tick import TickParts
 
@@ -38,7 +39,7 @@ class WallWait:
         self.waited_for = ""
         self.over = False
 
-    def __call__(self, most_s: float | None) -> str | None:
+    def __call__(self, most_s: float | None) -> StopReason | None:
         """Serve deadlines until the wall may come on; why that did not happen, or None.
 
         Args:
@@ -55,7 +56,7 @@ class WallWait:
                 self._tell(self.waited_for)
                 told.add(kind)
             if most_s is not None and looks * LOOK_S >= most_s:
-                return "duration"
+                return End.DURATION
             looks += 1
             if reason := self._grid.serve(LOOK_S):
                 return reason

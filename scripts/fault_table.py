@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controller.safety import Trip
 from hw.servo import Outcome
 from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
 from scripts.whole_program import measured_on, page_options, say_time
@@ -90,12 +91,12 @@ def line(name: str, spec: str, found: Rehearsed, calm: dict[int, float]) -> Line
         f"{key} {counts[key]}" for key in ("lost", "corrupt", "late", "refused") if counts.get(key)
     )
     ticks = found.ticks
-    if reason == "duration":
+    if not isinstance(reason, Trip):
         after = ticks[ticks["deadline_ns"] >= struck_ns - PERIOD_NS]
         failed = int(np.count_nonzero(after["outcome"] != Outcome.OK))
         did = f"goes on; {counted}" if counted else "goes on; nothing is counted"
         return Line(name, spec, did, f"{failed} without a sample", difference(found, calm))
-    trip = reason.removeprefix("trip:")
+    trip = reason.label
     ended_ns = int(ticks["deadline_ns"][-1]) + (0 if trip in IN_TICK else PERIOD_NS)
     periods = -((struck_ns - ended_ns) // PERIOD_NS)
     read_back = "torque off read back" if found.result.torque_off else "torque off not read back"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.benchmarks.machine import machine, versions
+from controller.safety import Trip
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "controller.cli.main"]
@@ -69,7 +70,7 @@ def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict:
         [*PROGRAM, "run", *options, *places], check=False, capture_output=True, text=True
     )
     report = json.loads(done.stdout) if done.stdout else {}
-    oscillated = may_oscillate and report.get("stop_reason") == "trip:oscillation"
+    oscillated = may_oscillate and report.get("stop_reason") == Trip.OSCILLATION
     if done.returncode and not oscillated:
         sys.exit(f"a run ended with {done.returncode}: {done.stdout or done.stderr}")
     return report

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from controller.printable import in_line
+from controller.safety import Trip
 
 
 def config_line(config: object) -> str:
@@ -153,8 +154,8 @@ def _ended(summary: Mapping[str, Any], log: str) -> str:
     if reason is None:
         return f"not told in {log}: the run goes on, was killed, or this is a part of it"
     how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, in_line(reason))
-    if reason.startswith("trip:"):
-        how = f"BY A SAFETY TRIP: {in_line(reason.removeprefix('trip:'))}"
+    if trip := Trip.of(reason):
+        how = f"BY A SAFETY TRIP: {trip.label}"
     return f"{how} ({in_line(summary['message'], 1000)})" if summary["message"] else how
 
 

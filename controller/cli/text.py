@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from controller.cli.wrapping import wrapped
+from controller.safety import Trip
 
 _WORST = 3
 """How many of the worst ticks the text names"""
@@ -40,8 +41,8 @@ def ending(report: Mapping[str, Any]) -> Iterator[str]:
     """How the run ended, and of a trip what it means."""
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
-    if reason.startswith("trip:"):
-        how = f"ENDED BY A SAFETY TRIP: {reason.removeprefix('trip:')}"
+    if trip := Trip.of(reason):
+        how = f"ENDED BY A SAFETY TRIP: {trip.label}"
     log = str(report.get("log_state"))
     flaw = f", AND ITS LOG IS {log.upper()}" if log in ("incomplete", "missing") else ""
     off = report.get("torque_off")

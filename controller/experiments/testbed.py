@@ -21,14 +21,13 @@ from controller.log.file import SUFFIX, read_log
 from controller.program import Phase
 from controller.report import explanation
 from controller.run import run
-from controller.safety import Trip
+from controller.safety import End, StopReason, Trip
 from controller.settings.config import Config
 from controller.telemetry import FLAG_WARM_UP
 from controller.tree.plan import Ended, LogState, Plan
 
 _GONE = frozenset(
-    f"trip:{trip}"
-    for trip in (
+    (
         Trip.SERVO_LOST,
         Trip.HARDWARE_ERROR,
         Trip.TORQUE_LOST,
@@ -37,10 +36,8 @@ _GONE = frozenset(
         Trip.SUSPENDED,
     )
 )
-_PASSING = frozenset(
-    f"trip:{trip}" for trip in (Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS)
-)
-_OF_MOTION = frozenset(f"trip:{trip}" for trip in (Trip.OVERSPEED, Trip.OSCILLATION))
+_PASSING = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS))
+_OF_MOTION = frozenset((Trip.OVERSPEED, Trip.OSCILLATION))
 
 
 class ExperimentInterruptedError(Exception):
@@ -51,12 +48,12 @@ class ExperimentTrippedError(Exception):
     """A trip ended the run; the message says which, and what to do.
 
     Attributes:
-        stop_reason: ``trip:<name>``
+        stop_reason: A ``Trip``, or ``End.REFUSED``
         fault: Why nothing may be measured from what was recorded until then; empty: no row is
             missing.
     """
 
-    def __init__(self, stop_reason: str, message: str, fault: str = "") -> None:
+    def __init__(self, stop_reason: StopReason, message: str, fault: str = "") -> None:
         super().__init__(message)
         self.stop_reason = stop_reason
         self.fault = fault
@@ -71,7 +68,7 @@ class ExperimentTrippedError(Exception):
         """Whether a wall that is too stiff can be the cause; else it says nothing of stiffness."""
         return self.stop_reason in _OF_MOTION
 
-    def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[str, str, str]]:
+    def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[StopReason, str, str]]:
         """It comes whole out of a process of its own."""
         return type(self), (self.stop_reason, str(self), self.fault)
 
@@ -192,11 +189,11 @@ class Testbed:
             program=tuple(phases),
         )
         ended = run(plan, self._tell_new)
-        if ended.stop_reason == "interrupted" or ended.asked:
+        if ended.stop_reason == End.INTERRUPTED or ended.asked:
             raise ExperimentInterruptedError(
                 f"interrupted; {log} holds what was recorded" if ended.logged else "interrupted"
             )
-        if ended.stop_reason != "duration":
+        if ended.stop_reason != End.DURATION:
             raise ExperimentTrippedError(
                 ended.stop_reason, explanation(ended, config.servo) or "", _fault(log, ended)
             )

@@ -15,6 +15,7 @@ from controller.log.rows import LogRows
 from controller.paper.style import any_writing, titled
 from controller.plots import run_panels
 from controller.plots.sketch import Sketch, sketched
+from controller.safety import Trip
 from controller.settings.config import Config
 from controller.telemetry import FLAG_OFF, FLAG_WARM_UP
 
@@ -137,8 +138,8 @@ def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
         parts.append("simulated clock")
     if not run.on.any():
         parts = ["the wall was never on"]
-    trip = stop_reason.removeprefix("trip:") if stop_reason.startswith("trip:") else ""
-    ended = f", ENDED BY A SAFETY TRIP: {titled(trip)}" if trip else ""
+    trip = Trip.of(stop_reason)
+    ended = "" if trip is None else f", ENDED BY A SAFETY TRIP: {titled(trip.label)}"
     return f"{titled(name)}: {what}{where}{ended}\n" + "   ".join(parts)
 
 

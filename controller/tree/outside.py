@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from controller.safety import Trip
+from controller.safety import End, StopReason, Trip
 from hw.clock import Clock, Suspension
 
 _LOOKS_LIKE = frozenset(
-    f"trip:{trip}"
-    for trip in (
+    (
         Trip.LOSSES_IN_ROW,
         Trip.LOSS_RATE,
         Trip.OVERSPEED,
@@ -62,25 +61,25 @@ class Outside:
             self._found = self._suspended() or self._shared(everywhere=False)
         return self._found is not None
 
-    def verdict(self, reason: str) -> tuple[str, str]:
+    def verdict(self, reason: StopReason) -> tuple[StopReason, str]:
         """Why the run ended, when all is known, and what is behind it; empty: nothing of this.
 
         Args:
             reason: As far as loop and supervisor know.
         """
-        if reason in _LOOKS_LIKE or reason == "refused":
+        if reason in _LOOKS_LIKE or reason == End.REFUSED:
             # A computer that was suspended says more than what was opened when it came back.
             found = self._suspended() or self._found or self._shared(everywhere=True)
         else:
-            found = self._found if reason == "interrupted" else None
+            found = self._found if reason == End.INTERRUPTED else None
         if found is None:
             return reason, ""
         trip, text = found
-        if reason == "refused":
+        if reason == End.REFUSED:
             return reason, text
-        if reason in _LOOKS_LIKE:
-            text += f"; the run had ended by {reason.removeprefix('trip:')}"
-        return f"trip:{trip}", text
+        if before := Trip.of(reason):
+            text += f"; the run had ended by {before.label}"
+        return trip, text
 
     def notes(self) -> list[str]:
         """Events that did not end the run, and should be known."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.program import Phase
+from controller.safety import StopReason
 from controller.settings.config import Config
 from controller.statistics import RunStatistics
 from controller.tree.hold import Hold
@@ -34,7 +35,7 @@ class LogState(StrEnum):
 class Ended:
     """What is known when a run is over."""
 
-    stop_reason: str
+    stop_reason: StopReason
     statistics: RunStatistics
     ticks: int
     missed: int

@@ -18,7 +18,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from controller.realtime import pick_cores
-from controller.safety import Trip
+from controller.safety import End, StopReason, Trip, stop_reason
 from controller.telemetry import State, Telemetry, Word
 from controller.tree.children import Child, first_line
 from controller.tree.emulator import emulator_arguments
@@ -111,7 +111,7 @@ class Supervisor:
 
     def _stopped_before_the_start(self) -> Ended:
         """Ended by a person while there was no bus yet, and so no torque."""
-        return Ended("interrupted", self._rows.statistics, 0, 0, cut=True)
+        return Ended(End.INTERRUPTED, self._rows.statistics, 0, 0, cut=True)
 
     @contextlib.contextmanager
     def _away_from_the_loop(self) -> Iterator[None]:
@@ -200,7 +200,7 @@ class Supervisor:
 
     def _watch(
         self, loop: Child, emulator: Child | None, log: LogKeeper, hold: HoldKeeper | None
-    ) -> str:
+    ) -> StopReason:
         """Until the loop has ended, by itself or by force; why."""
         looked = time.monotonic()
         watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
@@ -231,11 +231,11 @@ class Supervisor:
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._cut_unconfirmed()
-            return str(self._result["stop_reason"])
+            return stop_reason(self._result["stop_reason"])
         if self._refused is not None:
             if self._words[Word.STATE] not in (State.STARTING, State.TORQUE_OFF):
                 self._cut_unconfirmed()
-            return "refused"
+            return End.REFUSED
         return self._cut(loop, Trip.LOOP_DIED, "")
 
     def _wait_for(self, descriptors: Sequence[int]) -> bool:
@@ -244,18 +244,18 @@ class Supervisor:
         # Not poll(): its whole milliseconds would miss the lull.
         return bool(select.select(descriptors, (), (), pause_s)[0])
 
-    def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> str:
+    def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
         """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
         served = bool(self._words[Word.HEAD])
         reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
         self._hear(loop)
         self._mourn(emulator)
         if self._result is not None:  # only its process would not end
-            reason = str(self._result["stop_reason"])
+            reason = stop_reason(self._result["stop_reason"])
         elif emulator is not None and emulator.ended():
-            return f"trip:{Trip.SERVO_LOST}"
+            return Trip.SERVO_LOST
         elif self._words[Word.STOP] and not served:  # a slow machine's start, which nobody wants
-            reason = "interrupted"
+            reason = End.INTERRUPTED
         else:
             return reason
         self._warnings.append(self._cause)
@@ -266,7 +266,7 @@ class Supervisor:
         if emulator is not None and emulator.ended():
             self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
 
-    def _cut(self, loop: Child, trip: Trip, overdue: str) -> str:
+    def _cut(self, loop: Child, trip: Trip, overdue: str) -> StopReason:
         """Take the bus from a loop that is dead or hung; from here on it says nothing on it.
 
         Args:
@@ -281,7 +281,7 @@ class Supervisor:
         loop.wait(END_S)
         what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
         self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
-        return f"trip:{trip}"
+        return trip
 
     def _cut_unconfirmed(self) -> None:
         """Try again what the loop, which has ended, could not read back; note what came of it."""

@@ -154,7 +154,7 @@ def broken_report(*_):
 def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(scene, part, monkeypatch):
     monkeypatch.setattr(session, part, broken_report)
     result = scene.run()
-    assert result.stop_reason == f"trip:{Trip.INTERNAL_ERROR}"
+    assert result.stop_reason == Trip.INTERNAL_ERROR
     assert "ZeroDivisionError: boom (in broken_report, test_session_ends.py line" in result.message
     assert result.torque_off
     assert (result.ticks, result.missed) == (100, 0)
@@ -169,7 +169,7 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
     monkeypatch.setattr("controller.tick.Tick._follow_guard", gone)
     monkeypatch.setattr(session, "guard_report", broken_report)
     result = scene.run()
-    assert result.stop_reason == f"trip:{Trip.SERVO_LOST}"
+    assert result.stop_reason == Trip.SERVO_LOST
     assert "port is gone" in result.message
     assert "ZeroDivisionError" in result.message
 
@@ -177,7 +177,7 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
 def test_a_log_tells_of_a_defect_after_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(session, "guard_report", broken_report)
     ended = run(Plan(CONFIG, 0.1, tmp_path / "a.hwlog", {}, None), lambda _text: None)
-    assert ended.stop_reason == f"trip:{Trip.INTERNAL_ERROR}"
+    assert ended.stop_reason == Trip.INTERNAL_ERROR
     *_, end = LogReader(tmp_path / "a.hwlog").pieces()
     assert end.ended["stop_reason"] == ended.stop_reason
     assert "broken_report" in end.ended["message"]

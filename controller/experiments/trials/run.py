@@ -17,7 +17,6 @@ from controller.experiments.trials.servo import TrialServo
 from controller.experiments.trials.truth import Truth
 from controller.guard.schedule import GainSchedule
 from controller.guard.types import Decision
-from controller.safety import Trip
 from controller.settings.config import Config
 from controller.settings.load import load_config
 from controller.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
@@ -169,7 +168,7 @@ def run_trial(
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
         first_alarm_s=parts.motion.watch.first_alarm_s,
-        trip=None if tick.trip is None else Trip(tick.trip).value,
+        trip=None if tick.trip is None else tick.trip.label,
         oscillation=oscillation_report(parts.motion.watch),
         taken_back=parts.motion.watch.taken_back,
         counts=(0, 0, 0, 0) if own is None else own.counts,
