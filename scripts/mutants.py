@@ -42,6 +42,8 @@ WORKER = Path(__file__).with_name("mutant_worker.py")
 OUT = ROOT / "runs" / "mutants.json"
 OUTCOMES = ("killed", "timeout", "survived", "untested")
 NOTICED = ("killed", "timeout")
+LEAST_S = 10.0
+"""Processor time that any mutant may take, beyond three times what its tests take [s]"""
 FILE_S = 100.0
 """Processor time that a test file may take [s]; longer ones are left out"""
 _LEFT_OUT = (".git", ".venv", "runs", "*cache*", "*.egg-info", "*.png")
@@ -56,7 +58,7 @@ def sample(found: Iterable[Mutant], count: int, seed: int) -> list[Mutant]:
 
     The rank of a mutant depends on the seed and its own id alone.
     """
-    queues: dict[str, list[Mutant]] = defaultdict(list)
+    queues: dict[str, list[Mutant]] = {role: [] for role in ROLES}
     for one in found:
         queues[one.role].append(one)
     for waiting in queues.values():
@@ -85,15 +87,25 @@ def _imported(path: Path, root: Path) -> set[str]:
     return found
 
 
-def test_files(root: Path, role: str) -> list[str]:
-    """Test files that import a module of a role, directly or through a helper of the tests."""
+def imports_of_tests(root: Path) -> dict[str, set[str]]:
+    """Files of the project that each file of the tests imports."""
+    files = sorted(root.glob("tests/**/*.py"))
+    return {str(path.relative_to(root)): _imported(path, root) for path in files}
+
+
+def files_for(role: str, root: Path, imports: Mapping[str, set[str]]) -> list[str]:
+    """Test files that import a module of a role, directly or through a helper of the tests.
+
+    Args:
+        role: The role.
+        root: The folder of the project.
+        imports: As from ``imports_of_tests``.
+    """
     wanted = {str(path.relative_to(root)) for path in modules_of(root, role)}
-    files = {str(path.relative_to(root)): path for path in sorted(root.glob("tests/**/*.py"))}
-    imports = {name: _imported(path, root) for name, path in files.items()}
-    reach = {name for name in files if imports[name] & wanted}
-    while more := {name for name in files if imports[name] & reach} - reach:
+    reach = {name for name, own in imports.items() if own & wanted}
+    while more := {name for name, own in imports.items() if own & reach} - reach:
         reach |= more
-    return [name for name in files if name in reach and Path(name).name.startswith("test_")]
+    return [name for name in imports if name in reach and Path(name).name.startswith("test_")]
 
 
 class Workers:
@@ -204,7 +216,8 @@ def reached(
         for role in roles
         for path in modules_of(root, role)
     }
-    files = sorted({name for role in roles for name in test_files(root, role)})
+    imports = imports_of_tests(root)
+    files = sorted({name for role in roles for name in files_for(role, root, imports)})
     lock, left = threading.Lock(), len(files)
 
     def job_for(name: str) -> Callable[[Path, Callable[..., Result]], None]:
@@ -238,7 +251,7 @@ def reached(
     return dict(found)
 
 
-def tests_for(
+def chosen(
     mutant: Mutant, found: Mapping[str, Mapping[str, float]], budget_s: float
 ) -> dict[str, float]:
     """Tests that run a mutant's statement, quickest first, as far as the budget goes.
@@ -249,13 +262,13 @@ def tests_for(
         budget_s: Processor time of the tests in all, without a mutant [s].
     """
     place = mutant.path if mutant.statement < 0 else f"{mutant.path}#{mutant.statement}"
-    chosen, total = {}, 0.0
+    picked, total = {}, 0.0
     for test, seconds in sorted(found.get(place, {}).items(), key=lambda pair: (pair[1], pair[0])):
         total += seconds
-        if chosen and total > budget_s:
+        if picked and total > budget_s:
             break
-        chosen[test] = seconds
-    return chosen
+        picked[test] = seconds
+    return picked
 
 
 def tried(
@@ -267,7 +280,7 @@ def tried(
     if not tests:
         return result | {"outcome": "untested", "seconds": 0.0}
     with _Changed(tree / mutant.path, text):
-        answer = run(list(tests), 10.0 + 3.0 * sum(tests.values()))
+        answer = run(list(tests), LEAST_S + 3.0 * sum(tests.values()))
     outcome = {"passed": "survived", "failed": "killed"}.get(answer["outcome"], "timeout")
     killer = answer["failed"][0] if answer["failed"] else ""
     return result | {"outcome": outcome, "killer": killer, "seconds": answer["seconds"]}
@@ -339,8 +352,7 @@ def save(path: Path, results: Mapping[str, Result], facts: Mapping[str, object])
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     lines = ",\n".join(json.dumps(one) for one in results.values())
-    head = json.dumps(facts)[1:-1]
-    part.write_text(f'{{{head}, "results": [\n{lines}\n]}}\n', "utf-8")
+    part.write_text(f'{{"about": {json.dumps(facts)}, "results": [\n{lines}\n]}}\n', "utf-8")
     part.replace(path)
 
 
@@ -465,7 +477,7 @@ def _try(
             nonlocal count
             if time.monotonic() > until:
                 return
-            one = tried(mutant, ROOT, tree, tests_for(mutant, found, options.budget), run)
+            one = tried(mutant, ROOT, tree, chosen(mutant, found, options.budget), run)
             with lock:
                 count += 1
                 results[mutant.id] = one
