@@ -184,7 +184,7 @@ def rounded(text: str) -> str:
 
 def machine() -> str:
     """What exact digests depend on, as one line."""
-    found = {}
+    found: dict[str, str] = {}
     with contextlib.suppress(OSError):
         for text in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
             key, _, value = text.partition(":")

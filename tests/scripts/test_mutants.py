@@ -1,0 +1,242 @@
+"""Small defects are put where they should be, have names that last, and are noticed or not."""
+
+import ast
+import json
+import sys
+from dataclasses import asdict
+
+import pytest
+
+from scripts import mutants
+from scripts.mutant_kinds import ROLES, all_mutants, modules_of, mutants_of, mutated, watched
+from scripts.mutants import (
+    ROOT,
+    Workers,
+    chosen,
+    compared,
+    files_for,
+    imports_of_tests,
+    load,
+    reached,
+    sample,
+    save,
+    table,
+    tried,
+)
+
+SOURCE = '''"""A module."""
+
+from __future__ import annotations
+
+LIMIT: int = 3
+
+
+class Counter:
+    """Counts."""
+
+    __slots__ = ("count",)
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def add(self, more: float) -> bool:
+        """Add."""
+        if not more > 0.5 and more != -1:
+            raise ValueError("at least 0")
+        self.count += min(more, LIMIT)
+        return self.count >= LIMIT
+'''
+KINDS = [
+    ("Counter.add:not:1", "if more > 0.5 and more != -1:"),
+    ("Counter.add:boundary:1", "if not more >= 0.5 and more != -1:"),
+    ("Counter.add:comparison:2", "if not more <= 0.5 and more != -1:"),
+    ("Counter.add:comparison:1", "if not more > 0.5 and more == -1:"),
+    ("Counter.add:and-or:1", "if not more > 0.5 or more != -1:"),
+    ("Counter.add:number:1", "if not more > 1.0 and more != -1:"),
+    ("Counter.add:minus:1", "if not more > 0.5 and more != +1:"),
+    ("Counter.add:extreme:1", "self.count += max(more, LIMIT)"),
+    ("Counter.add:sign:1", "self.count -= min(more, LIMIT)"),
+    ("Counter.add:drop:1", "pass"),
+    ("Counter.__init__:drop:1", "pass"),
+    ("<module>:one-less:1", "LIMIT: int = 2"),
+]
+
+
+def by_name(source=SOURCE, path="a.py"):
+    return {one.id.removeprefix("guard:"): one for one in mutants_of("guard", path, source)}
+
+
+@pytest.mark.parametrize(("name", "line"), KINDS)
+def test_a_mutant_changes_one_line(name, line):
+    text, becomes = mutated(SOURCE, by_name()[name].number)
+    assert becomes == line
+    before = ast.unparse(ast.parse(SOURCE)).splitlines()
+    assert sum(old != new for old, new in zip(before, text.splitlines(), strict=True)) == 1
+
+
+def test_texts_messages_and_annotations_are_left_alone():
+    parts = {one.before for one in by_name().values()}
+    assert not {part for part in parts if "at least" in part or "count'" in part or "bool" in part}
+
+
+def test_a_function_may_return_before_its_last_statements():
+    text, _ = mutated(SOURCE, by_name()["Counter.add:return:1"].number)
+    assert "        return\n        return self.count" not in text
+    assert '"""Add."""\n        return\n' in text
+
+
+def test_every_mutant_of_the_program_compiles_and_differs(thorough):
+    for role in ROLES:
+        for path in modules_of(ROOT, role):
+            source = path.read_text("utf-8")
+            plain = ast.unparse(ast.parse(source)).strip()
+            found = mutants_of(role, path.name, source)
+            for one in found if thorough else found[len(found) // 2 :][:1]:
+                text, _ = mutated(source, one.number)
+                compile(text, path.name, "exec")
+                assert text.strip() != plain, one.id
+
+
+def test_names_are_unique_and_last_where_a_module_moves():
+    found = all_mutants(ROOT)
+    assert len({one.id for one in found}) == len(found) > 5000
+    moved = by_name(f"{SOURCE}\n\ndef more():\n    return 1 + 2\n", "somewhere/else.py")
+    assert set(by_name()) < set(moved)
+    assert {one.role for one in found} == set(ROLES)
+
+
+def test_a_smaller_sample_is_the_beginning_of_a_larger_one():
+    found = all_mutants(ROOT)
+    few, many = sample(found, 12, 1), sample(found, 60, 1)
+    assert few == many[:12] != sample(found, 12, 2)
+    assert {one.role for one in few} == set(ROLES)
+    assert sample(reversed(found), 12, 1) == few
+
+
+def test_the_tests_of_a_role_are_those_that_import_it():
+    imports = imports_of_tests(ROOT)
+    found = {role: files_for(role, ROOT, imports) for role in ROLES}
+    assert "tests/controller/test_tick.py" in found["tick"]
+    assert "tests/hw/dynamixel/test_link.py" in found["link"]
+    assert "tests/hw/dynamixel/test_driver.py" in found["codec"], "through a helper"
+    assert "tests/hw/dynamixel/test_codec.py" not in found["safety"]
+
+
+def test_a_watched_module_tells_which_statements_run(monkeypatch):
+    hits = set()
+    monkeypatch.setattr("builtins.mutant_hits", hits.add, raising=False)
+    names = {}
+    exec(compile(watched("a.py", SOURCE), "a.py", "exec"), names)
+    assert not hits
+    counter = names["Counter"]()
+    assert counter.add.__doc__ == "Add."
+    assert not counter.add(1.0)
+    places = {name: f"a.py#{one.statement}" for name, one in by_name().items()}
+    assert places["Counter.add:sign:1"] in hits
+    with pytest.raises(ValueError, match="at least"):
+        counter.add(0.1)
+
+
+def test_the_quickest_tests_come_first_and_one_at_least():
+    one = by_name()["Counter.add:sign:1"]
+    found = {f"a.py#{one.statement}": {"slow": 9.0, "quick": 0.1, "other": 0.2}}
+    assert list(chosen(one, found, 1.0)) == ["quick", "other"]
+    assert list(chosen(one, found, 0.01)) == ["quick"]
+    assert chosen(one, {}, 1.0) == {}
+    outside = by_name()["<module>:one-less:1"]
+    assert list(chosen(outside, {"a.py": {"any": 0.1}}, 1.0)) == ["any"]
+
+
+def results(source, outcome="killed", path="a.py"):
+    return [
+        {**asdict(one), "becomes": "", "outcome": outcome} for one in by_name(source, path).values()
+    ]
+
+
+def test_mutants_are_compared_by_name_and_by_text():
+    before = results(SOURCE)
+    assert list(compared(before, results(SOURCE, "timeout"))) == []
+    assert list(compared(results(SOURCE, "survived"), [])) == []
+    renamed = SOURCE.replace("Counter", "Tally")
+    assert list(compared(before, results(renamed))) == []
+    lost = list(compared(before, results(renamed, "survived")))
+    assert len(lost) == len(before)
+    assert lost[0].startswith("survived after: guard:")
+    gone = list(compared(before, results(SOURCE.replace("min(", "abs("))))
+    assert any("not tried after: guard:Counter.add:extreme:1" in told for told in gone)
+
+
+def test_results_are_kept_and_counted(tmp_path):
+    path = tmp_path / "deep" / "found.json"
+    assert load(path) == {}
+    found = {one["id"]: one for one in results(SOURCE)}
+    save(path, found, {"seed": 1})
+    assert load(path) == found
+    assert json.loads(path.read_text())["about"]["seed"] == 1
+    lines = list(table(found.values()))
+    assert lines[2].split(" | ")[:3] == ["| guard", str(len(found)), str(len(found))]
+    assert lines[-1].endswith("100% |")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A small project with one module, of which one test checks something and one nothing."""
+    root = tmp_path / "project"
+    (root / "controller").mkdir(parents=True)
+    (root / "tests").mkdir()
+    (root / "controller" / "__init__.py").write_text("")
+    (root / "controller" / "safety.py").write_text(
+        "def far(position):\n"
+        "    while position > 9:\n"
+        "        position -= 1\n"
+        "    return position > 2.0 or position == 7\n"
+    )
+    (root / "tests" / "test_far.py").write_text(
+        "from controller.safety import far\n\n"
+        "def test_far():\n    assert far(3.0) and not far(1.0) and far(10)\n\n"
+        "def test_fails():\n    assert not far(3.0)\n"
+    )
+    (root / "pyproject.toml").write_text('[tool.hatch.build]\ndev-mode-dirs = ["."]\n')
+    monkeypatch.setattr(mutants, "LEAST_S", 2.0)
+    return root
+
+
+def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
+    source = (project / "controller" / "safety.py").read_text()
+    wanted = {
+        "safety:far:boundary:2": "survived",
+        "safety:far:comparison:2": "killed",
+    }
+    if thorough:  # takes as long as a mutant may
+        wanted["safety:far:sign:1"] = "timeout"
+    said, outcomes = [], {}
+    workers = Workers(1, project, tmp_path)
+    try:
+        found = reached(workers, project, ["safety"], said.append)
+
+        def job(tree, run):
+            for one in all_mutants(project):
+                if one.id in wanted:
+                    tests = chosen(one, found, 9.0)
+                    assert list(tests) == ["tests/test_far.py::test_far"]
+                    outcomes[one.id] = tried(one, project, tree, tests, run)["outcome"]
+
+        workers.do([job])
+    finally:
+        workers.close()
+    assert outcomes == wanted
+    assert any("fails without a mutant: tests/test_far.py::test_fails" in text for text in said)
+    assert (project / "controller" / "safety.py").read_text() == source
+
+
+def test_comparing_ends_with_1_where_a_mutant_got_lost(tmp_path, monkeypatch, capsys):
+    for name, outcome in (("before", "killed"), ("after", "survived")):
+        found = {one["id"]: one for one in results(SOURCE, outcome)}
+        save(tmp_path / f"{name}.json", found, {})
+    for names, status in ((("before", "before"), 0), (("before", "after"), 1)):
+        words = ["mutants", "--compare", *(str(tmp_path / f"{name}.json") for name in names)]
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as ended:
+            mutants.main()
+        assert ended.value.code == status
+    assert f"{len(found)} noticed before are not noticed after" in capsys.readouterr().out
