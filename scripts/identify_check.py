@@ -16,10 +16,11 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from controller.experiments.identification import (
     identify,
 )
 from controller.experiments.identified_config import identified_model
+from controller.experiments.processes import cores, not_from_the_terminal, processes
 from controller.settings.config import Config
 from controller.settings.load import load_config
 from scripts.ordinary_servos import (
@@ -46,10 +48,12 @@ from scripts.ordinary_servos import (
 )
 from scripts.whole_program import page_options, say_time
 
+Found = TypeVar("Found")
+
 SEEDS, ORDINARY, QUICK = 50, 25, 5
 SERVO_S, ORDINARY_S = 3.5, 15.0
 """What one servo takes"""
-FIRST = 5000
+FIRST = 7000
 """Seed of the first ordinary servo"""
 SPREAD = 0.2
 LONGEST_S = 5e-3
@@ -110,9 +114,10 @@ def drawn(kind: Kind, seed: int) -> Config:
     return load_config("simulated", sets).config
 
 
-def case(config: Config, folder: Path) -> Case:
+def case(kind: Kind, seed: int, folder: Path) -> Case:
     """Identify one servo."""
-    found: Identified = identify(config, folder)
+    config = drawn(kind, seed)
+    found: Identified = identify(config, Path(tempfile.mkdtemp(dir=folder)))
     estimates = [getattr(found, name) for name in NAMES]
     return Case(
         tuple(getattr(config.servo, name) for name in NAMES),
@@ -137,7 +142,7 @@ def ordinary_case(kind: Kind, group: str, seed: int, folder: Path) -> Bounded | 
     config = drawn(kind, seed)
     with ordinary(drawn_effects(group, kind.coulomb, seed)):
         try:
-            found = identify(config, folder)
+            found = identify(config, Path(tempfile.mkdtemp(dir=folder)))
         except UnidentifiableError as error:
             return str(error)
     truth = {name: getattr(config.servo, name) for name in NAMES}
@@ -285,6 +290,14 @@ def page(
     return "\n".join(lines) + "\n"
 
 
+def _told(what: str, asked: list[Future[Found]]) -> Iterator[Found]:
+    """Yield the results in order, and print a line about each."""
+    for done, one in enumerate(asked, 1):
+        result = one.result()
+        print(f"{what} {done}/{len(asked)}", file=sys.stderr)
+        yield result
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Identify them all, and write the page."""
     parser = page_options("identify_check", __doc__, "identify-check.md")
@@ -296,24 +309,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     seeds, count = (QUICK, 1) if options.quick else (options.seeds, options.ordinary)
     say_time(SERVO_S * seeds * len(KINDS) + ORDINARY_S * count * len(KINDS) * len(GROUPS))
-    found = []
-    began = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
-        for kind in KINDS:
-            cases = []
-            for seed in range(seeds):
-                cases.append(case(drawn(kind, seed), Path(folder)))
-                print(f"{kind.name} {seed + 1}/{seeds}", file=sys.stderr)
-            found.append((kind, cases))
+    with tempfile.TemporaryDirectory() as name, not_from_the_terminal(), processes(cores()) as pool:
+        folder = Path(name)
+        began = time.monotonic()
+        ideal = {
+            kind: [pool.submit(case, kind, seed, folder) for seed in range(seeds)] for kind in KINDS
+        }
+        ordinary = {
+            (kind, group): [
+                pool.submit(ordinary_case, kind, group, FIRST + n, folder) for n in range(count)
+            ]
+            for kind in KINDS
+            for group in GROUPS
+        }
+        found = [(kind, list(_told(kind.name, ideal[kind]))) for kind in KINDS]
         seconds = time.monotonic() - began
-        others = []
-        for kind in KINDS:
-            for group in GROUPS:
-                bounded = []
-                for n in range(count):
-                    bounded.append(ordinary_case(kind, group, FIRST + n, Path(folder)))
-                    print(f"{kind.name} {group} {n + 1}/{count}", file=sys.stderr)
-                others.append((kind, group, bounded))
+        others = [
+            (kind, group, list(_told(f"{kind.name} {group}", asked)))
+            for (kind, group), asked in ordinary.items()
+        ]
     text = page(found, seconds, others)
     options.out.write_text(text, encoding="utf-8")
     print(text)

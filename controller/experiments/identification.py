@@ -26,6 +26,8 @@ from controller.settings.config import Config
 
 REACH = 0.6
 """How far from its beginning the shaft may come unless told otherwise [rad]"""
+SECONDS = 60.0
+"""Duration of all motions in real time, about [s]"""
 FULL, GENTLE = 0.5, 0.2
 """Share of the reach that the motions aim at"""
 _SPEED = 0.4

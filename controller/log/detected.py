@@ -239,9 +239,6 @@ def _taken(
     part: Part, record: DetectionRecord, places: NDArray[np.intp]
 ) -> tuple[Part, DetectionRecord]:
     """Only some of the samples, and what is worst of those."""
-    state, alarm = record.state[places], record.alarm[places]
-    amplitude = record.amplitude[places]
-    worst = State(int(state.max()))
     times = part.times[places]
     return (
         Part(
@@ -250,15 +247,13 @@ def _taken(
             None if part.torques is None else part.torques[places],
             None if part.stiffness is None else part.stiffness[places],
         ),
-        DetectionRecord(
-            state,
+        DetectionRecord.of(
+            times,
+            record.state[places],
             record.frequency_hz[places],
-            amplitude,
+            record.amplitude[places],
             record.growth[places],
-            alarm,
-            worst,
-            int(np.argmax(np.where(state == worst, amplitude, -1.0))),
-            float(times[np.argmax(alarm)]) if alarm.any() else math.nan,
+            record.alarm[places],
         ),
     )
 

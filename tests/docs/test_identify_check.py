@@ -13,7 +13,6 @@ from scripts.identify_check import (
     SEEDS,
     Bounded,
     case,
-    drawn,
     holds,
     ordinary_case,
     rows,
@@ -27,7 +26,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
 def test_a_seed_is_found_as_well_as_the_page_says(kind, tmp_path, thorough):
     if kind is not KINDS[0] and not thorough:
         pytest.skip("seconds; --thorough runs it")
-    cases = [case(drawn(kind, seed), tmp_path) for seed in range(SEEDS if thorough else 1)]
+    cases = [case(kind, seed, tmp_path) for seed in range(SEEDS if thorough else 1)]
     text = PAGE.read_text()
     if thorough:
         assert [row for row in rows(kind, cases) if row not in text] == []
