@@ -26,7 +26,7 @@ SPREAD = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """What makes a servo an ordinary one."""
+    """Effects that an ordinary servo has and an ideal one has not."""
 
     stiction: float = 1.0
     """Static over kinetic friction"""

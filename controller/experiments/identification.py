@@ -65,7 +65,7 @@ class Identified:
     residual: float
     """Root mean square of measured less fitted position [rad]"""
     rounding: float
-    """What rounding alone would leave of it [rad]"""
+    """Part of it that rounding alone would leave [rad]"""
     warnings: tuple[str, ...]
     fit: Fit
     played: Played

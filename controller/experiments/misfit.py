@@ -1,4 +1,4 @@
-"""What a servo does that an inertia with friction does not, in words."""
+"""Names the behaviour of a servo that the model, an inertia with friction, does not have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run of torque steps on a servo, and what fits them; refused where the servo did not play."""
+"""Plays torque steps on a servo and fits them; raises if the servo did not respond."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Shaken:
     """Of all samples when their torque was sent [s]"""
     played: Played
     note: str
-    """What a person should know; empty: all is well"""
+    """Remark for a person; empty: all is well"""
 
 
 def plan_shaking(

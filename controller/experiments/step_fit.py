@@ -312,7 +312,7 @@ def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArr
 
 
 def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
-    """What the motions on both sides of each turn miss each other by [rad]."""
+    """Distances by which the motions on both sides of each turn miss each other [rad]."""
     gaps = []
     for first, second in pairwise(steps):
         if first.burst != second.burst or first.direction == second.direction:
