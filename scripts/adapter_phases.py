@@ -32,14 +32,14 @@ SETTINGS = tuple(
 )
 """Timer [ms] and block, rate, schedule of each row"""
 START_S, SIMULATED = 0.2, 0.1
-"""What a run takes to compute, and a second of it"""
+"""Time to compute a run, and to compute a second of it [s]"""
 MS_NS = 1_000_000
 REPLY_CHECK = "adapter reply"
 
 
 @dataclass(slots=True)
 class Found:
-    """What was found over all phases."""
+    """Findings over all phases."""
 
     ends: Counter[str] = field(default_factory=Counter)
     age_p50: list[float] = field(default_factory=list)
@@ -52,7 +52,7 @@ class Found:
     stiffness: list[float] = field(default_factory=list)
     reasons: str = ""
     start: str = ""
-    """What the start found of the adapter"""
+    """Adapter as the start found it"""
     refused: str = ""
 
 

@@ -50,7 +50,7 @@ def renewed(text: str, report: Mapping[str, Any]) -> str:
 
 
 def on_machine(report: Mapping[str, Any]) -> str:
-    """What the figures were measured on."""
+    """List the machine that the figures were measured on."""
     lines = [words.hardware(report), words.installed(report), words.meanwhile(report)]
     return "\n".join(["", *(f"- {line}" for line in (*lines, *words.rights(report))), "", ""])
 

@@ -25,7 +25,7 @@ from scripts.soak import (
 from scripts.whole_program import measured_on, page_options, say_time
 
 CYCLE_S, FRAME_S, START_S = 3e-4, 1e-5, 5.0
-"""What a cycle in memory, a random frame and the start of the program take"""
+"""Duration of a cycle in memory, of a random frame and of the program's start [s]"""
 
 
 def in_memory_page(found: Soaked, frames: int, passed: int, seed: int) -> list[str]:

@@ -8,28 +8,33 @@ too. Needs the rights that ``realtime.profile=strict`` needs. Exit status 1 if a
 """
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from controller.benchmarks.machine import machine, versions
-from scripts.whole_program import ROOT, page_options, say_time
+from scripts.whole_program import (
+    measured_on,
+    middle_and_most,
+    missed_share,
+    page_options,
+    run_report,
+    say_time,
+)
 
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
 CONFIGS = ("simulated", "emulated-xm430")
 AROUND_S = 3.5
-"""What a run takes beside its duration, with busy cores"""
+"""Duration of a run beside its own, with busy cores [s]"""
 _BUSY = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile True:\n    pass\n"
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one run's report says."""
+    """Figures of one run's report."""
 
     stop_reason: str
     missed: float
@@ -52,35 +57,22 @@ def busy_cores() -> Iterator[list[int]]:
             each.wait()
 
 
-def run(config: str, seconds: float, folder: str) -> Run:
-    """One run in ``strict``.
+def run(config: str, seconds: float, folder: Path) -> Run:
+    """Run the wall once in ``strict``, and return the figures.
 
     Raises:
-        RuntimeError: It did not start.
+        RuntimeError: The run did not start.
     """
-    words = [*PROGRAM, "run", config, "--set", "realtime.profile=strict"]
-    words += ["--duration", str(seconds), "--json"]
-    done = subprocess.run(
-        words,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    try:
-        return of_report(json.loads(done.stdout))
-    except (ValueError, KeyError) as error:
-        raise RuntimeError(f"{config} did not run: {done.stdout}{done.stderr}") from error
+    strict = ("--set", "realtime.profile=strict")
+    return of_report(run_report(folder, config, *strict, "--duration", str(seconds)))
 
 
 def of_report(report: dict[str, Any]) -> Run:
-    """What counts of a report."""
-    ticks, missed = report["ticks"], report["missed_ticks"]
+    """Take the figures of a run from its report."""
     interval = (report["guard"] or {}).get("interval_s")
     return Run(
         stop_reason=report["stop_reason"],
-        missed=missed / (ticks + missed) if ticks else 0.0,
+        missed=missed_share(report),
         interval_ms=None if interval is None else 1e3 * interval,
         warned=any("safety.max_missed" in warning for warning in report["warnings"]),
     )
@@ -89,12 +81,12 @@ def of_report(report: dict[str, Any]) -> Run:
 def row(config: str, runs: Sequence[Run]) -> str:
     """One line of the table."""
     trips = [each.stop_reason for each in runs if each.stop_reason != "duration"]
-    missed = sorted(each.missed for each in runs)
-    intervals = sorted(each.interval_ms for each in runs if each.interval_ms is not None)
-    counted = f"{intervals[len(intervals) // 2]:g}, {intervals[-1]:g}" if intervals else "–"
+    missed = middle_and_most([each.missed for each in runs], ".2%")
+    intervals = [each.interval_ms for each in runs if each.interval_ms is not None]
+    counted = middle_and_most(intervals, "g") if intervals else "–"
     return (
         f"| `{config}` | {len(runs)} | {len(trips)} | {', '.join(sorted(set(trips))) or '–'} "
-        f"| {missed[len(missed) // 2]:.2%}, {missed[-1]:.2%} | {counted} |"
+        f"| {missed} | {counted} |"
     )
 
 
@@ -110,11 +102,10 @@ def main() -> int:
         for config in CONFIGS:
             runs = []
             for _ in range(wanted.runs):
-                runs.append(run(config, wanted.seconds, folder))
+                runs.append(run(config, wanted.seconds, Path(folder)))
                 print(config, runs[-1], file=sys.stderr, flush=True)
             failed |= any(each.stop_reason != "duration" for each in runs)
             rows.append(row(config, runs))
-    here, made = machine(), versions()
     lines = [
         "# Ordinary busy processes beside a run",
         "",
@@ -124,8 +115,7 @@ def main() -> int:
         " [trips](trips.md#missed_periods) when more than `safety.max_missed` of the periods are"
         " missed in half a second.",
         "",
-        f"Measured on {here['processor']}, {here['cores']} cores, {here['system']}, Python"
-        f" {made['python']}.",
+        measured_on(),
         "",
         "| configuration | runs | tripped | by | periods missed: median, most "
         "| interval counted [ms]: median, most |",
@@ -133,7 +123,7 @@ def main() -> int:
         *rows,
         "",
     ]
-    wanted.out.write_text("\n".join(lines))
+    wanted.out.write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
     return int(failed)
 

@@ -37,7 +37,7 @@ LONG_SHARE, LONG_RUNS = 0.4, 2
 SHORTEST_S, LONGEST_S = 10.0, 40.0
 """Of the other runs, unless something ends them"""
 STARTING_S = 8.0
-"""What a run takes to begin and to be judged"""
+"""Time for a run to begin and to be judged [s]"""
 ROOM = "256m"
 """Size of the file system that the log lies on: 25 minutes"""
 
@@ -97,7 +97,7 @@ def observers(folder: Path, cores: Sequence[int]) -> Iterator[tuple[list[Path], 
 
 
 def stalls_in(files: Sequence[Path], from_s: float) -> list[Stall]:
-    """What the observers have seen since an instant [s]."""
+    """Read the observers' findings since an instant [s]."""
     lines = [line.split() for file in files for line in file.read_text().splitlines()]
     stalls = [Stall(float(line[0]), float(line[1])) for line in lines if len(line) == 2]
     return [stall for stall in stalls if stall.until_s >= from_s]

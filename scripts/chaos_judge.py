@@ -142,7 +142,7 @@ def _goal(row: BusRow) -> int | None:
 
 
 def _written(row: BusRow, address: int) -> bytes | None:
-    """What a plain write puts at an address; None: it is none there."""
+    """Value that a plain write puts at an address; None: it writes nothing there."""
     if row.instruction != Instruction.WRITE or row.error not in (None, 0):
         return None
     if int.from_bytes(row.params[:2], "little") != address or len(row.params) < 3:
@@ -193,7 +193,7 @@ REFUSED = "refused to start, and said why"
 STALLED = frozenset(
     f"trip:{name}" for name in ("losses_in_row", "loss_rate", "torque_lost", "loop_hung")
 )
-"""What a loop or a bus that does not get to run may end in"""
+"""Stop reasons of a loop or a bus that does not get to run"""
 
 
 def gaps(seq: NDArray[np.int64]) -> list[tuple[int, int]]:

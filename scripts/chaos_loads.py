@@ -1,4 +1,4 @@
-"""What chaos runs beside a run, each in a process of its own that dies with its parent.
+"""Loads that chaos starts beside a run, each in a process of its own that dies with its parent.
 
 busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; watch CORE; strangers
 """
@@ -24,7 +24,7 @@ WATCH_S = 0.005
 STRANGERS_S = 1.0
 """How often others' real-time programs are looked for [s]"""
 RAN_MS = 10
-"""What a real-time program of others must have had of the processor between two looks [ms]"""
+"""Least processor time of another real-time program between two looks [ms]"""
 _PARENT, _USER, _SYSTEM, _START, _VIRTUAL_SIZE, _POLICY = 1, 11, 12, 19, 20, 38
 """Places in /proc/PID/stat, counted from the state on"""
 _REAL_TIME = (str(os.SCHED_FIFO), str(os.SCHED_RR))
@@ -119,7 +119,7 @@ class Other:
     real_time: bool
     """It may run ahead of ordinary ones, which most of these hardly ever do"""
     ran_ms: int
-    """What it has had of the processor since it began [ms]"""
+    """Processor time since it began [ms]"""
 
 
 def others(ours: int, proc: Path = Path("/proc")) -> dict[tuple[int, str], Other]:

@@ -41,7 +41,7 @@ PROMPT_PRIORITY = 60
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What is to happen in one run."""
+    """Plan of one run."""
 
     seconds: float
     shots: Iterator[Shot]
@@ -50,7 +50,7 @@ class Course:
 
     @property
     def watchdog_s(self) -> float:
-        """What the Bus Watchdog is set to [s]."""
+        """Time of the Bus Watchdog [s]."""
         return PATIENT_WATCHDOG_S if self.patient else WATCHDOG_S
 
 
@@ -59,7 +59,7 @@ NAME, DID_NOT_START = "haptic-wall", "did not start"
 
 @dataclass(slots=True)
 class Run:
-    """What was done to a run and what became of it."""
+    """Shots at a run and their result."""
 
     reason: str = DID_NOT_START
     thrown: list[Thrown] = field(default_factory=list)
@@ -76,7 +76,7 @@ class Run:
     strangers: int = 0
     """How often programs of others were seen at real-time priority"""
     cause: str | None = None
-    """What explains the reason; None: nothing does"""
+    """Event that explains the reason; None: none does"""
     off_s: float | None = None
     """From the shot that ended it to the last torque [s]"""
     witnessed: bool = True

@@ -1,4 +1,4 @@
-"""What chaos throws at a run, and what each shot may end it with."""
+"""Shots that chaos fires at a run, and the stop reasons that each may cause."""
 
 import contextlib
 import os
@@ -31,9 +31,9 @@ def trips(*names: str) -> frozenset[str]:
 
 
 SILENT = trips("losses_in_row", "loss_rate", "servo_lost", "torque_lost")
-"""What a bus that is silent for long may end in"""
+"""Stop reasons of a bus that is silent for long"""
 STOPPED = trips("loop_hung", "torque_lost")
-"""What a loop that does not run may end in"""
+"""Stop reasons of a loop that does not run"""
 NO_REPORT: Final = "killed"
 """The stop reason of a run whose supervisor was killed: nobody is left to say one"""
 

@@ -1,4 +1,4 @@
-"""What a run under fire says of itself, set against its witness, its log and the observers."""
+"""Compares the report of a run under fire with its witness, its log and the observers."""
 
 import re
 from collections.abc import Sequence

@@ -18,7 +18,7 @@ ODD: tuple[Any, ...] = (
     "\x1b]0;owned\x07\x1b[2J\x9b31m", "\u202egnp.exe", "\ud800", "a\nended as planned", "$\\frac{$",
     "x" * 5000, [[]] * 1000, {"\x1b[31m": "\x07"}, "../../etc/passwd", "中 é",
 )  # fmt: skip
-"""What may stand anywhere in JSON"""
+"""Values that may stand anywhere in JSON"""
 ODD_WHOLE = (-1, 1, 99, 2**31, 2**53, 2**62, 2**63 - 1, -(2**63), 1 << 61, 1 << 50)
 ODD_REAL = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e18, 5e-324, -0.0, 1e15)
 Recipe = Callable[[Random], Log]

@@ -99,12 +99,12 @@ SIGNALS = {
     signal.SIGTERM: "SIGTERM",
 }
 TRACES = ("Traceback", "Exception ignored", "KeyboardInterrupt", "leaked", "Fatal Python error")
-"""What nobody should have to read"""
+"""Texts that no user should have to read"""
 
 
 @dataclass(frozen=True, slots=True)
 class Try:
-    """What one signal did."""
+    """Result of one signal."""
 
     name: str
     number: signal.Signals
@@ -149,7 +149,7 @@ class Try:
 
 
 def torque_enable(port: str) -> int | None:
-    """What the servo's register says, once nobody uses the bus any more."""
+    """Read the servo's register, once nobody uses the bus any more."""
     line = FdLine(open_port(port, BAUD), MonotonicClock())
     try:
         link = Link(line, 1)
@@ -380,7 +380,7 @@ def keep(results: Path | None, tries: Sequence[Try]) -> None:
 def batches(
     wanted: dict[signal.Signals, int], only: str, made: Sequence[Try]
 ) -> Iterator[tuple[str, signal.Signals, int]]:
-    """What is tried, and how often: the commands that matter most first, the others by turns.
+    """List the trials: the commands that matter most first, the others by turns.
 
     Args:
         wanted: How many tries of each command, by signal.

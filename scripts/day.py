@@ -50,7 +50,7 @@ TICKS_PER_S, BUS_TICKS_PER_S = 50_000, 6_000
 
 @dataclass(slots=True)
 class Passed:
-    """What was seen of the rows that passed."""
+    """Findings in the rows that passed."""
 
     rows: int = 0
     first_ns: int = 0
@@ -132,7 +132,7 @@ class Found:
     title: str
     what: str
     rows: list[tuple[str, str, bool | None]]
-    """What was looked at, what was found, whether it holds; None: nothing was promised"""
+    """Subject, finding, and whether the promise holds; None: nothing was promised"""
 
 
 def resident_mb() -> float:

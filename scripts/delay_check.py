@@ -7,10 +7,8 @@ in memory; the emulated bus in a process of its own, in real time, behind adapte
 a latency timer. Takes about ten minutes, with --quick one.
 """
 
-import argparse
 import math
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -20,14 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from controller.benchmarks.machine import machine, versions
 from controller.experiments.loop_delay import BURSTS, measure_delay
 from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
 from controller.experiments.testbed import ExperimentTrippedError, Testbed
 from controller.settings.load import load_config
+from scripts.whole_program import emulated_bus, measured_on, page_options
 
-HERE = Path(__file__).resolve().parent
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
 LONGEST = 0.006
 SERVOS = {
     "XM430-like (MX-64's figures)": (),
@@ -92,35 +88,28 @@ def simulated(name: str, sets: tuple[str, ...], runs: int, preset: str, bursts: 
 
 def in_real_time(timer_ms: int | None, schedule: str, inserted: int, bursts: int, seed: int) -> str:
     """One line of the table: the driver in a process of its own, against the bus in another."""
-    words = [*PROGRAM, "emulate", "--servo", "XM430-W350", "--set", f"servo.delay={LAG}"]
+    words = ["--servo", "XM430-W350", "--set", f"servo.delay={LAG}"]
     if timer_ms is not None:
         words += ["--latency-timer", str(timer_ms)]
     adapter = "no adapter" if timer_ms is None else f"latency timer {timer_ms} ms"
     adapter += f", {schedule}"
     for _ in range(ATTEMPTS):
-        emulator = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
-        )
         try:
-            port = emulator.stdout.readline().strip()
-            config = load_config(
-                "xm430-w350",
-                (
-                    *PATIENT,
-                    f"servo.port={port}",
-                    f"servo.schedule={schedule}",
-                    f"delay.steps={inserted}",
-                    "wall.position=10",
-                ),
-            ).config
-            with tempfile.TemporaryDirectory() as folder:
+            with emulated_bus(*words) as bus, tempfile.TemporaryDirectory() as folder:
+                config = load_config(
+                    "xm430-w350",
+                    (
+                        *PATIENT,
+                        f"servo.port={bus.port}",
+                        f"servo.schedule={schedule}",
+                        f"delay.steps={inserted}",
+                        "wall.position=10",
+                    ),
+                ).config
                 found = measure_delay(config, Path(folder), [0], bursts, seed)
         except (ExperimentTrippedError, ExperimentFailedError) as error:
             print(f"{adapter}: {error}; again", file=sys.stderr)
             continue
-        finally:
-            emulator.terminate()
-            emulator.wait()
         recovered = found.points[-1].recovered
         assert recovered is not None
         device = found.device
@@ -140,7 +129,6 @@ def page(
     runs: int, memory_runs: int, bursts: int, adapters: Sequence[tuple[int | None, str]]
 ) -> list[str]:
     """The whole page."""
-    here, made = machine(), versions()
     lines = [
         "# How good the measured delay is",
         "",
@@ -148,8 +136,7 @@ def page(
         " compared is the lag of the [measurement](loop-delay.md) and that of the servo, which is"
         " known because the servo is simulated or emulated.",
         "",
-        f"Measured on {here['processor']}, {here['cores']} cores, {here['system']}, Python"
-        f" {made['python']}, NumPy {made['numpy']}; {bursts} bursts of torque steps in each run.",
+        f"{measured_on()} {bursts} bursts of torque steps in each run.",
         "",
         "## On the simulated clock",
         "",
@@ -183,11 +170,10 @@ def page(
 
 def main() -> None:
     """Measure, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = page_options("delay_check", __doc__, "delay-check.md")
     parser.add_argument("--runs", type=int, default=60, help="of each simulated servo")
     parser.add_argument("--bursts", type=int, default=BURSTS, help="in each run")
     parser.add_argument("--quick", action="store_true", help="few runs, one adapter")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "delay-check.md")
     wanted = parser.parse_args()
     runs = 4 if wanted.quick else wanted.runs
     adapters = ADAPTERS[:1] if wanted.quick else ADAPTERS

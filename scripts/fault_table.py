@@ -23,7 +23,7 @@ AT_S = 0.9005
 period away"""
 DURATION_S = 1.05
 ROW_S = 0.3
-"""What one row takes to rehearse"""
+"""Time to rehearse one row [s]"""
 PERIOD_NS = 1_000_000
 IN_TICK = ("overspeed", "losses_in_row", "loss_rate", "hardware_error", "not_a_number")
 """Trips whose own tick has a row"""
@@ -83,7 +83,7 @@ def lines(faults: Sequence[tuple[str, str]] = FAULTS) -> list[Line]:
 
 
 def line(name: str, spec: str, found: Rehearsed, calm: dict[int, float]) -> Line:
-    """What one fault did, beside a run without any."""
+    """Describe the effect of one fault, beside a run without any."""
     struck_ns = found.given_ns + round(AT_S * 1e9)
     reason = found.result.stop_reason
     counts = found.result.bus or {}

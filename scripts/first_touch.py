@@ -48,7 +48,7 @@ QUIET_COUNTS = 4
 SWING_S, SPAN_S = 10.0, 0.5
 """How long a kicked wall is watched, and the pieces in which that is judged [s]"""
 DIES = 0.98
-"""What two pieces leave of a motion that dies, at most"""
+"""Largest part of a dying motion that two pieces leave"""
 
 
 @dataclass(frozen=True, slots=True)

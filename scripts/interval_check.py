@@ -85,7 +85,7 @@ class Rule:
 
 
 def rules(intervals: Sequence[float], weights: Sequence[float]) -> dict[str, Rule]:
-    """What might be counted with, for intervals [periods] and their frequencies."""
+    """Periods that might be counted with, for intervals [periods] and their frequencies."""
     each, weight = np.array(intervals) * PERIOD, np.array(weights)
     mean, square = float(weight @ each), float(weight @ each**2)
     weighted = square / mean
@@ -147,7 +147,7 @@ def slow_tick() -> Iterator[str]:
 
 
 def counted_by_schedule(intervals: Sequence[float], weights: Sequence[float]) -> float:
-    """What the guard's schedule counts as the period for such intervals, the median [s]."""
+    """Median period that the guard's schedule counts with for such intervals [s]."""
     random = np.random.default_rng(3)
     found = []
     for _ in range(9):

@@ -54,7 +54,7 @@ ENDED_BY: dict[int | None, str] = {
     Instruction.WRITE: "Torque Enable 0",
 }
 TORQUE_OFF = bytes((64, 0, 0))
-"""What is written: 0 at address 64, Torque Enable"""
+"""Write that ends the torque: 0 at address 64, Torque Enable"""
 LEANING_ROWS = 2500
 """When so many rows are recorded the warm-up is over and the hand leans on the wall"""
 AFTER_S = 1.5
@@ -69,12 +69,12 @@ ATTEMPTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """What one shot did."""
+    """Result of one shot."""
 
     time_ms: float | None
     """To zero torque [ms]; None: the run went on"""
     by: str
-    """What ended the torque"""
+    """Process or watchdog that ended the torque"""
     status: int | None
     """Of the program's exit; None: it did not end by itself"""
     said: str
@@ -124,7 +124,7 @@ def one_shot(shot: Shot, folder: Path) -> Hit | None:
 def torque_of(
     shot: Shot, report: dict[str, Any] | None, ending: tuple[float, str], *, lived: bool
 ) -> tuple[float | None, str]:
-    """What became of the torque: how long it lasted [ms], and what ended it.
+    """Find how long the torque lasted [ms], and who ended it.
 
     Of a run that goes on, nothing did, and only its report can say so: one that a trip has ended
     is still there while its report and its picture are made.
@@ -175,7 +175,7 @@ def spoke_after_the_cut(rows: list[BusRow], fired: float) -> bool:
 
 
 def said(shot: Shot, report: dict[str, Any] | None, folder: Path) -> str:
-    """What the program said, for the table; that a run went on until it was asked is no news."""
+    """Shorten the messages for the table; that a run went on until it was asked is left out."""
     told = [line for line in (folder / "said").read_text().splitlines() if "log" in line]
     if report is None:
         return "nothing: it was killed"
@@ -239,7 +239,7 @@ def row(shot: Shot, hits: list[Hit]) -> str:
 
 
 def most_said(hits: list[Hit]) -> str:
-    """What was said most often, and with which words else it began."""
+    """Return the most frequent message, and the beginnings of the others."""
     (most, _), *rest = Counter(hit.said for hit in hits).most_common()
     begins = most.partition(";")[0]
     others = {text.partition(";")[0] for text, _ in rest} - {begins}

@@ -22,7 +22,7 @@ from scripts.whole_program import PROGRAM, measured_on, page_options, say_time, 
 from scripts.witnessed import witnessed
 
 START_S, SIMULATED_S, STOPPED_S = 4, 3, 8
-"""What a run takes beside its length; one on the simulated clock; one that is stopped"""
+"""Duration of a run beside its length, of one on the simulated clock, of one that is stopped [s]"""
 
 
 def simulated_speed(folder: Path, rounds: int) -> list[str]:

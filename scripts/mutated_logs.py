@@ -32,7 +32,7 @@ class Log:
 
     content: bytes
     written: list[list[Key]]
-    """What a CSV shows of the rows of each log that it was made of, but the time; of the first all
+    """Rows of a CSV, without the time, for each log that it was made of; of the first log all
     are expected"""
     even: bool
     """Rows are a millisecond apart"""
@@ -56,7 +56,7 @@ def rows(count: int, start: int = 0, hand: float = 0.0) -> NDArray[np.void]:
 
 
 def metadata(preset: str = "simulated", **changed: object) -> dict[str, object]:
-    """What a log begins with."""
+    """Metadata that a log begins with."""
     config = load_config(preset).config.model_dump(mode="json")
     head = {**FORMAT, "program": "haptic-wall", "name": preset, "config": config}
     return {**head, **changed}
@@ -71,7 +71,7 @@ def block(content: object) -> bytes:
 
 
 def keys(made: NDArray[np.void]) -> list[Key]:
-    """What a CSV shows of each row but the time."""
+    """Rows of a CSV without the time."""
     columns = [values(made, name, 0).tolist() for name in COLUMNS if name != "time_s"]
     table = zip(*columns, strict=True)
     return [tuple(None if math.isnan(x) else float(x) for x in row) for row in table]
@@ -138,7 +138,7 @@ BYTES: Sequence[Callable[[Random, bytes], bytes]] = (
     _grown,
     _exchanged,
 )
-"""What a failing disk, a power cut or a slip of the hand does to bytes"""
+"""Damage to bytes by a failing disk, a power cut or a slip of the hand"""
 
 
 def _moved(random: Random, parts: list[bytes], _other: list[bytes]) -> None:
@@ -187,7 +187,7 @@ BLOCKS: Sequence[Callable[[Random, list[bytes], list[bytes]], None]] = (
     _joined_to_itself,
     _foreign,
 )
-"""What happens to whole blocks, whose checksums stay right"""
+"""Changes of whole blocks, whose checksums stay right"""
 
 
 def mutated(random: Random) -> tuple[str, Log]:

@@ -142,7 +142,7 @@ def configuration(random: Random, path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What a CSV holds."""
+    """Content of a CSV."""
 
     rows: int
     """That have a time and a position, each with a time of its own"""

@@ -1,4 +1,4 @@
-"""Whether what was read of a file is what is in it, or what is not was told."""
+"""Judges whether a program read from a file what is in it, and told what it left out."""
 
 from __future__ import annotations
 

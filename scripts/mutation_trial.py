@@ -41,7 +41,7 @@ class TooLongError(BaseException):
 
 @dataclass(slots=True)
 class Answer:
-    """What a command did."""
+    """Result of a command."""
 
     status: int | None
     out: str
@@ -54,7 +54,7 @@ class Answer:
 
 @dataclass(slots=True)
 class Tried:
-    """What became of one file."""
+    """Result of one file."""
 
     kind: str
     number: int
@@ -258,7 +258,7 @@ KINDS: dict[str, Callable[..., None]] = {
     "csvs": _try_csv,
     "folders": _try_folder,
 }
-"""What is tried, by its name"""
+"""Trials by their names"""
 
 if __name__ == "__main__":
     sys.exit("run scripts/mutations")

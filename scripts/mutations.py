@@ -52,12 +52,12 @@ MOST_MB = 300
 _KILL_S = 1000.0
 """Waited for, when even what ends a command that takes too long does not"""
 _CASE_S = 0.25
-"""What a file takes, about"""
+"""Time for a file, about [s]"""
 
 
 @dataclass(slots=True)
 class Result:
-    """What became of one file, and what it took."""
+    """Result of one file, and its cost."""
 
     tried: Tried
     seconds: float

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from unittest.mock import patch
 
 import numpy as np
@@ -26,7 +26,7 @@ SPREAD = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """What makes a servo an ordinary one."""
+    """Effects that an ordinary servo has and an ideal one has not."""
 
     stiction: float = 1.0
     """Static over kinetic friction"""
@@ -42,6 +42,10 @@ class Effects:
     """Largest torque of the weight [N·m]"""
     hanging: float = 0.0
     """Position where the weight hangs [rad]"""
+    backward: float = 1.0
+    """Viscous damping at negative over that at positive speeds"""
+    load_friction: float = 0.0
+    """Fraction of the motor's torque that the gear adds to the friction"""
 
     def load(self, position: float) -> float:
         """Torque against the shaft [N·m]."""
@@ -61,6 +65,9 @@ class Effects:
     ) -> State:
         """As ``hw.plant.step``; no hand."""
         assert pull is None
+        if self.load_friction:
+            grown = parameters.coulomb + self.load_friction * abs(torque)
+            parameters = replace(parameters, coulomb=grown)
         count = max(1, math.ceil(duration / GRAIN_S - 1e-9))
         length = duration / count
         for _ in range(count):
@@ -82,11 +89,11 @@ class Effects:
         if self.stribeck > 0.0:
             fading = math.exp(-abs(state.velocity) / self.stribeck)
             coulomb += (static - coulomb) * fading
-        decay = parameters.damping / inertia
         while True:
             if velocity == 0.0 and abs(torque) <= static:
                 return State(position, 0.0)
             direction = math.copysign(1.0, velocity or torque)
+            decay = parameters.damping * (self.backward if direction < 0.0 else 1.0) / inertia
             slide = Slide(velocity, (torque - direction * coulomb) / inertia, 0.0, decay, 0.0)
             rest = time_to_rest(slide, left)
             if rest is None:

@@ -36,7 +36,7 @@ AGE = 0.0006
 """Of a sample when its torque is sent [s]"""
 RUN_S = 1.2
 CASE_S = 0.02
-"""What one case takes to simulate on one core"""
+"""Time to simulate one case on one core [s]"""
 GRIP, GRIP_DAMPING = 40.0, 0.4
 """A firm hand's spring [N·m/rad] and damper [N·m·s/rad]"""
 
@@ -87,7 +87,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of it."""
+    """Result of a case."""
 
     trip_s: float
     """NaN: no trip"""
@@ -304,7 +304,7 @@ RUNAWAYS: dict[str, Draw] = {
 
 
 def outcomes(draw: Draw, cases: int, seed: int) -> list[Outcome]:
-    """What becomes of so many cases of one kind, on all cores."""
+    """Simulate so many cases of one kind, on all cores."""
     rng = np.random.default_rng(seed)
     drawn = [draw(rng) for _ in range(cases)]
     with ProcessPoolExecutor(os.cpu_count()) as pool:

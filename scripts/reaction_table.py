@@ -49,7 +49,7 @@ WRONG = 0.2
 """How far a belief may be from the truth"""
 CYCLES = 12
 CASE_S = 0.15
-"""What one case takes to simulate on one core"""
+"""Time to simulate one case on one core [s]"""
 QUICK_CASES = 4
 BELIEF = "belief"
 """The part of the page on the detector that uses the believed servo"""
@@ -77,7 +77,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of it; amplitudes [rad]."""
+    """Result of a case; amplitudes [rad]."""
 
     alarm_s: float
     at_alarm: float

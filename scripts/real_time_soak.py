@@ -23,7 +23,7 @@ WALL = ("wall.side=both", f"wall.position={pi}", "wall.stiffness=2", "wall.dampi
 
 @dataclass(frozen=True, slots=True)
 class Soaked:
-    """What the program and the record say of one run."""
+    """Report and record of one run."""
 
     report: dict
     struck: Counter[str]

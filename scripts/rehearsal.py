@@ -48,7 +48,7 @@ class Notes:
 
 @dataclass(frozen=True, slots=True)
 class Rehearsed:
-    """What the program said, and what was true."""
+    """The program's result, and the truth."""
 
     result: Result
     ticks: np.ndarray

@@ -8,9 +8,7 @@ port shows what the patience of the preset is for. Exit status 1 if a run of the
 """
 
 import contextlib
-import json
 import os
-import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -21,17 +19,25 @@ from typing import Any
 
 from controller.signals import interrupting
 from scripts.busy_neighbours import busy_cores
-from scripts.whole_program import PROGRAM, emulated_bus, measured_on, page_options, say_time
+from scripts.whole_program import (
+    emulated_bus,
+    measured_on,
+    middle_and_most,
+    missed_share,
+    page_options,
+    run_report,
+    say_time,
+)
 
 PRESET = ("emulated-port",)
 REAL = ("xm430-w350", "--set", "realtime.profile=best-effort")
 AROUND_S = 8.0
-"""What bus and run take beside the run's duration, with busy cores"""
+"""Duration of a bus and a run beside the run's own, with busy cores [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one run's report says."""
+    """Figures of one run's report."""
 
     stop_reason: str
     lost: float
@@ -43,36 +49,25 @@ class Run:
 
 
 def of_report(report: dict[str, Any]) -> Run:
-    """What counts of a report."""
-    ticks, missed = report["ticks"], report["missed_ticks"]
+    """Take the figures of a run from its report."""
     bus = report["bus"] or {"cycles": 0, "lost": 0}
     return Run(
         stop_reason=report["stop_reason"],
         lost=bus["lost"] / bus["cycles"] if bus["cycles"] else 0.0,
-        missed=missed / (ticks + missed) if ticks else 0.0,
+        missed=missed_share(report),
         scheduler=any(s["name"] == "scheduler" and s["ok"] for s in report["realtime"]),
     )
 
 
 def run(words: Sequence[str], seconds: float, folder: Path) -> Run:
-    """A bus of its own, and one run on it.
+    """Start a bus, run the wall on it once, and return the figures.
 
     Raises:
-        RuntimeError: It did not start.
+        RuntimeError: The run did not start.
     """
-    places = ["--log", folder / "run.hwlog", "--no-plot", "--json"]
     bus = ["--set", f"servo.port={folder / 'bus'}", "--duration", str(seconds)]
     with emulated_bus("--link", folder / "bus", "--set", "servo.hand=push"):
-        done = subprocess.run(
-            [*PROGRAM, "run", *words, *bus, *places],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    try:
-        return of_report(json.loads(done.stdout))
-    except (ValueError, KeyError) as error:
-        raise RuntimeError(f"{words} did not run: {done.stdout}{done.stderr}") from error
+        return of_report(run_report(folder, *words, *bus))
 
 
 def row(words: Sequence[str], runs: Sequence[Run]) -> str:
@@ -80,13 +75,11 @@ def row(words: Sequence[str], runs: Sequence[Run]) -> str:
     ends = Counter(each.stop_reason for each in runs)
     planned = ends.pop("duration", 0)
     trips = ", ".join(f"{name} {count}" for name, count in sorted(ends.items()))
-    lost = sorted(each.lost for each in runs)
-    missed = sorted(each.missed for each in runs)
-    middle = len(runs) // 2
+    lost = middle_and_most([each.lost for each in runs], ".1%")
+    missed = middle_and_most([each.missed for each in runs], ".1%")
     return (
         f"| `{' '.join(words)}` | {planned} of {len(runs)} | {trips or '–'} "
-        f"| {lost[middle]:.1%}, {lost[-1]:.1%} | {missed[middle]:.1%}, {missed[-1]:.1%} "
-        f"| {'yes' if all(each.scheduler for each in runs) else 'no'} |"
+        f"| {lost} | {missed} | {'yes' if all(each.scheduler for each in runs) else 'no'} |"
     )
 
 

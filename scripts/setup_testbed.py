@@ -20,7 +20,7 @@ from pathlib import Path
 
 GROUP = "haptic-wall"
 SERIAL_GROUPS = ("dialout", "uucp")
-"""Who may open serial ports: Debian, Ubuntu and Fedora; Arch"""
+"""Group that may open serial ports: on Debian, Ubuntu and Fedora; on Arch"""
 RULES = Path("etc/udev/rules.d/99-haptic-wall.rules")
 LIMITS = Path("etc/security/limits.d/haptic-wall.conf")
 LATENCY = Path("dev/cpu_dma_latency")
@@ -72,7 +72,7 @@ def command(*words: str) -> None:
 
 
 def changes(user: str, root: Path) -> list[Change]:
-    """What is missing of the set-up; what is done to groups is written down before it is done."""
+    """Find the missing changes; those of groups are written down before they are made."""
     groups = _groups()
     serial = next((name for name in SERIAL_GROUPS if name in groups), None)
     joins = [name for name in (GROUP, serial) if name and user not in groups.get(name, ())]
@@ -92,7 +92,7 @@ def changes(user: str, root: Path) -> list[Change]:
 
 
 def undoing(root: Path) -> list[Change]:
-    """What takes the set-up back; a group that was there before stays, with whoever was in it."""
+    """Find the changes that undo the set-up; an earlier group stays, with its members."""
     groups, limits = _groups(), _ours(root / LIMITS)
     found: list[Change] = []
     for line in limits:

@@ -140,7 +140,7 @@ class Shot:
     name: str
     fire: Callable[[Target], object]
     then: Callable[[Target], object] = lambda _: None
-    """What comes later"""
+    """Shot that follows"""
     later_s: float = 1.0
     """How much later [s]"""
     goes_on: bool = False

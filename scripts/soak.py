@@ -42,7 +42,7 @@ MAY_BE = {
     "late": {"LOST"},
     "wrong-id": {"LOST"},  # another's reply: whole, but not ours
 }
-"""What may become of a cycle whose reply was struck so, beside undetected damage"""
+"""Results that a cycle may have whose reply was struck so, beside undetected damage"""
 PERIOD_NS = 1_000_000
 COLLECT_NS = 800_000
 MAX_SPEED = 15.0
@@ -72,7 +72,7 @@ class WatchedFaults(Faults):
 
 @dataclass(slots=True)
 class Soaked:
-    """What became of the cycles."""
+    """Results of the cycles."""
 
     cycles: int = 0
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)

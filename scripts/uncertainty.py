@@ -23,11 +23,11 @@ MX_64 = Ranges((0.008, 0.016), (0.008, 0.017), (1e-3, 3e-3), (0.8, 1.2))
 NOMINAL = Member(0.011951, 0.011692, 2e-3, 1.0)
 PERIOD = 1e-3
 BELIEF_S = 0.15
-"""What one belief takes"""
+"""Time for one belief [s]"""
 
 
 def costs() -> Iterator[str]:
-    """What each unknown costs an MX-64."""
+    """Yield the table of what each unknown costs an MX-64."""
     yield "| B | everything known | guaranteed | inertia | damping | delay | torque gain | all |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for virtual in (0.0, 0.02, 0.1, 0.5, 1.0):

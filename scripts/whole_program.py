@@ -5,9 +5,10 @@ import contextlib
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from controller.benchmarks.machine import machine, versions
 from controller.safety import Trip
@@ -57,18 +58,15 @@ def child_of(pid: int, module: str) -> int | None:
     return None
 
 
-def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict:
-    """The report of one ``haptic-wall run``; its log and picture go to a folder.
+def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict[str, Any]:
+    """Return the report of one ``haptic-wall run``; its log and picture go to a folder.
 
     Args:
         folder: For its files.
         options: Of the command.
         may_oscillate: The wall is unstable on purpose: ended by that trip it has shown enough.
     """
-    places = ["--log", folder / "run.hwlog", "--plot", folder / "run.png", "--json"]
-    done = subprocess.run(
-        [*PROGRAM, "run", *options, *places], check=False, capture_output=True, text=True
-    )
+    done = _run(folder, *options, "--plot", folder / "run.png")
     report = json.loads(done.stdout) if done.stdout else {}
     oscillated = may_oscillate and report.get("stop_reason") == Trip.OSCILLATION
     if done.returncode and not oscillated:
@@ -76,8 +74,44 @@ def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict:
     return report
 
 
+def run_report(folder: Path, *options: str | Path) -> dict[str, Any]:
+    """Return the report of one ``haptic-wall run``, however it ended; its log goes to a folder.
+
+    Args:
+        folder: For its log; there is no picture.
+        options: Of the command.
+
+    Raises:
+        RuntimeError: The run did not start.
+    """
+    done = _run(folder, *options, "--no-plot")
+    with contextlib.suppress(ValueError):
+        report: dict[str, Any] = json.loads(done.stdout)
+        if "stop_reason" in report:
+            return report
+    words = " ".join(map(str, options))
+    raise RuntimeError(f"{words} did not run: {done.stdout}{done.stderr}")
+
+
+def _run(folder: Path, *options: str | Path) -> subprocess.CompletedProcess[str]:
+    words = [*PROGRAM, "run", *options, "--log", folder / "run.hwlog", "--json"]
+    return subprocess.run(words, check=False, capture_output=True, text=True)
+
+
+def missed_share(report: dict[str, Any]) -> float:
+    """Fraction of a run's periods that had no tick [1]."""
+    ticks, missed = report["ticks"], report["missed_ticks"]
+    return missed / (ticks + missed) if ticks else 0.0
+
+
+def middle_and_most(values: Sequence[float], form: str) -> str:
+    """Upper median and largest of the values for a table, formatted with ``form``."""
+    ordered = sorted(values)
+    return f"{ordered[len(ordered) // 2]:{form}}, {ordered[-1]:{form}}"
+
+
 def measured_on() -> str:
-    """What the figures of a page were measured on, as a sentence of it."""
+    """Name the machine that the figures of a page come from, as a sentence of that page."""
     here = machine()
     return (
         f"This page: {here['cores']} cores of {here['processor']}, {here['system']}, Python"

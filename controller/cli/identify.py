@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from controller.experiments.identification import Identified
 
 _REACH = 0.6
-_ABOUT_S = 60.0
-"""What the motions take in real time [s]"""
 _CONFIG = Kind(
     "a configuration that haptic-wall identify wrote",
     re.compile(rb"# [^\n]*haptic-wall identify found on"),
@@ -166,12 +164,12 @@ def _places(
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit; an end before the end has its own exit status."""
-    from controller.experiments.identification import identify
+    from controller.experiments.identification import SECONDS, identify
     from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
     from controller.report import exit_status
 
     try:
-        with moving(loaded.config, _ABOUT_S):
+        with moving(loaded.config, SECONDS):
             return identify(loaded.config, logs, reach, say)
     except ExperimentInterruptedError as error:
         raise EndedEarlyError(f"{error}; nothing is identified", INTERRUPTED) from None

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller.cli.working import CLEAR, in_foreground
+from controller.cli.working import CLEAR, columns_of, in_foreground
 from controller.detector.oscillation import State
 from controller.settings.config import Config
 from controller.telemetry import (
@@ -143,11 +143,6 @@ def _state(row: Any, *, lost: bool) -> tuple[str, int]:  # noqa: ANN401 - a reco
     return ("contact" if flags & FLAG_CONTACT else "free"), 0
 
 
-def is_wanted(*, json: bool) -> bool:
-    """Whether there is a terminal to show it on."""
-    return not json and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-
-
 @contextlib.contextmanager
 def live_line(
     config: Config, telemetry: Telemetry, tell: Callable[[str], None]
@@ -199,12 +194,9 @@ def _show(
             telemetry.words[Word.STOP] = 1
         shown = view.look()
         if shown is not None and not done.is_set() and in_foreground(sys.stdout.fileno()):
-            try:
-                columns = os.get_terminal_size(sys.stdout.fileno()).columns
-            except OSError:
-                columns = 80
+            columns = columns_of(sys.stdout.fileno())
             with writing:
-                _write(CLEAR + line_of(shown, columns or 80, colour=colour))
+                _write(CLEAR + line_of(shown, columns, colour=colour))
 
 
 def _pressed(keyboard: int | None, done: threading.Event) -> bool:

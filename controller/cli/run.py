@@ -28,7 +28,7 @@ from controller.cli.options import (
 )
 from controller.cli.places import force_option, new_stem, take_file
 from controller.cli.text import report_text
-from controller.cli.working import DRAWING_S, working
+from controller.cli.working import DRAWING_S, is_shown, working
 from controller.errors import UserError
 from controller.file_kinds import LOG, PICTURE, RECORD
 from controller.log.reader import SUFFIX
@@ -101,7 +101,7 @@ def command(
     terminal one line shows it while it goes on; space or q ends it, torque off.
     """
     from controller import report as reports
-    from controller.cli.live_line import is_wanted, live_line
+    from controller.cli.live_line import live_line
     from controller.run import run
     from controller.tree.plan import Plan
 
@@ -136,7 +136,7 @@ def command(
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")
-    if is_wanted(json=as_json_wanted) and not _in_memory(effective):
+    if not as_json_wanted and is_shown(sys.stdout) and not _in_memory(effective):
         shown = partial(live_line, effective)
     else:
         shown = partial(_progress, effective, seconds)

@@ -75,7 +75,7 @@ def working(
             in a thread of its own.
     """
     work = Work(label, about_s, share)
-    if not is_shown():
+    if not is_shown(sys.stderr):
         yield work
         return
     done = threading.Event()
@@ -92,9 +92,9 @@ def working(
             _at_work.remove(work)
 
 
-def is_shown() -> bool:
-    """Whether there is a terminal to show it on."""
-    return is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb"
+def is_shown(stream: object) -> bool:
+    """Whether a standard stream is a terminal on which a line can be written over."""
+    return is_terminal(stream) and os.environ.get("TERM") != "dumb"
 
 
 def is_terminal(stream: object) -> bool:
@@ -138,14 +138,15 @@ def _show(work: Work, done: threading.Event) -> None:
         wait = EVERY_S
         with _writing:
             if _at_work[-1:] == [work] and in_foreground(2) and not done.is_set():
-                columns = _columns()
+                columns = columns_of(2)
                 _write(CLEAR + work.text()[: columns - 1])
                 work.drawn = True
 
 
-def _columns() -> int:
+def columns_of(number: int) -> int:
+    """The width of the terminal with this file descriptor; 80 where it does not say."""
     try:
-        return os.get_terminal_size(2).columns or 80
+        return os.get_terminal_size(number).columns or 80
     except OSError:
         return 80
 

@@ -108,6 +108,7 @@ def _measured(ax: Axes, report: Mapping[str, Any], last: float) -> float:
         [point["virtual_damping"] for point in shown],
         stiffness,
         [2.0 * (point["stderr"] or 0.0) for point in shown],
+        clip_on=False,
         fmt="o",
         color=ORANGE,
         markersize=3.5,

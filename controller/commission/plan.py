@@ -10,14 +10,14 @@ from controller.errors import UserError
 from controller.experiments import loop_delay, rendering
 from controller.experiments.contact_transient import FASTEST
 from controller.experiments.holding import torque_limit_of
-from controller.experiments.identification import announcement, bounds_of
+from controller.experiments.identification import SECONDS, announcement, bounds_of
 from controller.experiments.sweep import excursion, expected_s, experiment_config
 from controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
 """Periods inserted, beside the configured ones, to be recovered"""
 BURSTS = 8
-_DOCTOR_S, _IDENTIFY_S = 20.0, 60.0
+_DOCTOR_S = 20.0
 _SWEEP_S = 200.0
 """Where nobody has to stand by, it is not worth planning it twice"""
 
@@ -49,7 +49,7 @@ def announce(config: Config, reach: float) -> Announcement:
     """
     bounds = bounds_of(config, reach)
     limit = torque_limit_of(config)
-    lines, seconds = [], _IDENTIFY_S
+    lines, seconds = [], SECONDS
     if has_doctor(config):
         lines.append("doctor: nothing moves, no torque is enabled")
         seconds += _DOCTOR_S

@@ -184,7 +184,7 @@ class CommissionStore:
             for step, outcome in self.outcomes.items()
         )
         failed = any(outcome.state == "failed" for outcome in self.outcomes.values())
-        return not measured and not (failed and any((self.folder / LOGS).iterdir()))
+        return not measured and not (failed and any((self.folder / LOGS).glob("*")))
 
     def discard(self, keep_folder: bool) -> None:
         """Remove what a new commissioning has made; what was there before stays.

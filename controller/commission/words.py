@@ -23,6 +23,7 @@ _PARTS = {
     "device": "the device's own, at its longest",
 }
 _NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
+_ENDS = {"failed": "tried and failed", "skipped": "left out"}
 _NEAR_ONE = 0.02
 """A ratio of rendered to commanded stiffness this near to one is not worth a warning"""
 
@@ -113,6 +114,11 @@ def agrees(report: Report) -> Iterator[str]:
         yield from _delay(found["delay"])
     if report["rendered"] is not None:
         yield from _rendered(report["rendered"])
+        if report["identify"] is not None and report["identify"]["warnings"]:
+            yield (
+                "A weight, cogging or friction at rest of the servo itself is part of what is"
+                " rendered: see what is not known."
+            )
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
     if found["line"] is not None:
@@ -222,14 +228,14 @@ def unknown(report: Report) -> Iterator[str]:
             " friction are wrong by the same share, so stability is not touched; for true N·m hang"
             " a known weight on a known lever."
         )
-        yield from (f"{warning}." for warning in identify["warnings"])
+        yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
         if identify["backlash"] is None:
             yield "Play between motor and shaft was not to be seen; a little may be there."
     for step in report["steps"]:
         if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
-            yield f"{step['step']} is {step['state']}: {step['reason']}."
+            yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
         elif step["state"] == "not taken":
-            yield f"{step['step']} was not come to; the same command goes on."
+            yield f"The step {step['step']} was not reached; the same command goes on."
     for point in report["agreement"]["boundary"] or ():
         if point["measured"] is None:
             yield (

@@ -43,6 +43,31 @@ class DetectionRecord:
     first_alarm_s: float
     """Time of the first alarm, on the record's own clock [s]; NaN: none"""
 
+    @classmethod
+    def of(
+        cls,
+        times: Array,
+        state: NDArray[np.int8],
+        frequency_hz: Array,
+        amplitude: Array,
+        growth: Array,
+        alarm: NDArray[np.bool_],
+    ) -> DetectionRecord:
+        """The record of samples, its worst state and its first alarm looked up.
+
+        Args:
+            times: Of the samples [s], shape (n,).
+            state: As the field of this name, shape (n,); likewise the others.
+            frequency_hz: [Hz]
+            amplitude: [rad]
+            growth: [1/s]
+            alarm: Shape (n,).
+        """
+        worst = State(int(state.max())) if state.size else State.QUIET
+        largest = int(np.argmax(np.where(state == worst, amplitude, -1.0))) if state.size else 0
+        first = float(times[np.argmax(alarm)]) if alarm.any() else math.nan
+        return cls(state, frequency_hz, amplitude, growth, alarm, worst, largest, first)
+
 
 @dataclass(frozen=True, slots=True)
 class KnownWall:
@@ -125,18 +150,7 @@ def detect(
             # What the believed values do not explain, but no hand does either.
             state[k] = State.GROWING if own.alarm else State.SUSTAINED
             frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
-    worst = State(int(state.max())) if n else State.QUIET
-    first = np.flatnonzero(alarm)
-    return DetectionRecord(
-        state=state,
-        frequency_hz=frequency,
-        amplitude=amplitude,
-        growth=growth,
-        alarm=alarm,
-        worst=worst,
-        worst_at=int(np.argmax(np.where(state == worst, amplitude, -1.0))) if n else 0,
-        first_alarm_s=float(times[first[0]]) if first.size else math.nan,
-    )
+    return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
 
 
 def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:

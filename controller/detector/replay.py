@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.detector.detection import DetectionRecord
-from controller.detector.oscillation import State
 from controller.detector.watch import Watch
 from controller.telemetry import FLAG_OFF, FLAG_RAISED, FLAG_WARM_UP
 from controller.wall import Law
@@ -72,18 +71,7 @@ class Replay:
             if watch.current or (k and alarm[k - 1]):
                 state[k] = watch.current
                 frequency[k], amplitude[k], growth[k], alarm[k] = watch.seen
-        worst = State(int(state.max()))
-        raised = np.flatnonzero(alarm)
-        return DetectionRecord(
-            state=state,
-            frequency_hz=frequency,
-            amplitude=amplitude,
-            growth=growth,
-            alarm=alarm,
-            worst=worst,
-            worst_at=int(np.argmax(np.where(state == worst, amplitude, -1.0))),
-            first_alarm_s=float(times[raised[0]]) if raised.size else np.nan,
-        )
+        return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
 
     def _take(
         self,

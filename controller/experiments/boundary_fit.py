@@ -55,7 +55,7 @@ class BoundaryPoints:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """What the boundary is computed with."""
+    """Known parameters that the boundary is computed with."""
 
     inertia: float
     """[kg·m²]"""
@@ -70,7 +70,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class BoundaryFit:
-    """What the boundary says of the servo."""
+    """Damping and delay of the servo, estimated from the boundary."""
 
     damping: Estimated
     """[N·m·s/rad]"""

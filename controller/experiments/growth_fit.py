@@ -47,7 +47,7 @@ class Trial:
     half_period: float
     """[s]; NaN: too few turning points"""
     grew: bool
-    """What its growth says, or where that says nothing, how it ended"""
+    """Whether the motion grew; how it ended, where its growth is not known"""
 
 
 @dataclass(frozen=True, slots=True)

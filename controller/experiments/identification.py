@@ -26,6 +26,8 @@ from controller.settings.config import Config
 
 REACH = 0.6
 """How far from its beginning the shaft may come unless told otherwise [rad]"""
+SECONDS = 60.0
+"""Duration of all motions in real time, about [s]"""
 FULL, GENTLE = 0.5, 0.2
 """Share of the reach that the motions aim at"""
 _SPEED = 0.4
@@ -63,7 +65,7 @@ class Identified:
     residual: float
     """Root mean square of measured less fitted position [rad]"""
     rounding: float
-    """What rounding alone would leave of it [rad]"""
+    """Part of it that rounding alone would leave [rad]"""
     warnings: tuple[str, ...]
     fit: Fit
     played: Played

@@ -49,7 +49,7 @@ SPOILT = 3.0
 
 
 def rounding_of(bounds: Bounds) -> float:
-    """What rounding alone leaves of a motion, root mean square [rad]."""
+    """Root mean square residual that rounding alone leaves of a motion [rad]."""
     return _ROUNDING * bounds.step or _UNQUANTISED
 
 

@@ -50,7 +50,7 @@ def made(folder: Path, logs: str) -> None:
 
 
 def kept_bytes(path: Path, again: str) -> bytes:
-    """What a file of the folder holds.
+    """Read a file of the folder.
 
     The folder may come from anybody: a link could lead to any file, a device or a pipe never ends.
 

@@ -1,4 +1,4 @@
-"""What an ordinary servo has besides: a weight or a spring, cogging, more friction at rest.
+"""Loads of an ordinary servo: a weight or a spring, cogging, more friction at rest.
 
 The loads depend on the position, which is measured, so they are torques known but for their sizes:
 a weight's go with the sine and cosine of the angle, those of cogging with a multiple of it.

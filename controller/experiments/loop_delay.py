@@ -22,13 +22,11 @@ from controller.settings.config import Config
 
 BURSTS = 8
 BURST_S = 2.6
-"""About what one takes in real time [s]"""
+"""Duration of a burst and its return in real time, about [s]"""
 CHECK_STEPS = 5
 """Periods inserted beside the configured ones, to be recovered."""
 GUARD_SHARE = 2.0
 """The bounds to believe in are so many standard errors from the value."""
-_BURST_S = 2.6
-"""What a burst and its return take, about [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +98,7 @@ def planned(
     text = (
         f"the shaft will swing over about {plan.travel:.2g} rad at up to {plan.speed:.2g} rad/s,"
         f" within ±{reach:.2g} rad of where it is, under torques of up to {plan.torque:.3g} N·m;"
-        f" {len(runs)} runs of about {bursts * _BURST_S:.0f} s"
+        f" {len(runs)} runs of about {bursts * BURST_S:.0f} s"
     )
     return runs, text
 

@@ -53,7 +53,7 @@ class Walls:
     whole: IntArray
     """Whole periods of the delay"""
     lag: FloatArray
-    """What the delay has beyond them [s], from 0 to less than T"""
+    """Remainder of the delay beyond them [s], from 0 to less than T"""
     rest: FloatArray
     """T - lag [s]"""
     velocity_samples: IntArray

@@ -38,7 +38,7 @@ class Setting:
     """The servo and the loop that a map is made for; travels between processes."""
 
     servo: TrueServo
-    """What the servo is; its delay comes on top of the map's, position and hand do not count"""
+    """The servo; its delay comes on top of the map's, position and hand do not count"""
     period_ns: int
     """Sampling period [ns]"""
     one_sided: bool
@@ -108,7 +108,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class CriticalMap:
-    """What was found, beside the theory; the theory's arrays are delays × dampings."""
+    """Critical stiffness that was found, beside the theory, whose arrays are delays × dampings."""
 
     setting: Setting
     virtual_damping: FloatArray

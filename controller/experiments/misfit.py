@@ -1,4 +1,4 @@
-"""What a servo does that an inertia with friction does not, in words."""
+"""Names the behaviour of a servo that the model, an inertia with friction, does not have."""
 
 from __future__ import annotations
 
@@ -48,5 +48,6 @@ def _loads(loads: Loads, coulomb: float) -> Iterator[str]:
         angle = loads.hanging
         yield (
             f"a torque goes with the angle, {loads.gravity:.2g} N·m at most: a weight that hangs at"
-            f" {angle:.2f} rad ({math.degrees(angle):.0f}°), or a spring"
+            f" {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging of a few periods"
+            " per turn"
         )

@@ -181,7 +181,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
 
 
 def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:
-    """What is left of a torque on a body at rest when friction has taken its share [N·m]."""
+    """Torque on a body at rest that friction does not take [N·m]."""
     left = np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
     return np.where(np.abs(torque) > static, left, 0.0)
 

@@ -91,7 +91,7 @@ class OutputError:
 
 
 def weights_of(pieces: Pieces) -> FloatArray:
-    """What a sample counts: one of a long run of equal ones says little that is new.
+    """Weight each sample: one of a long run of equal ones says little that is new.
 
     The rounding of a shaft at rest is one error, however often it is read.
     """

@@ -179,7 +179,7 @@ _VALUES: dict[str, tuple[str, Callable[[Contact, float], float]]] = {
     "exit/entry speed": ("1", lambda contact, _: contact.exit / contact.entry),
     "contact time": ("s", lambda contact, _: contact.seconds),
 }
-"""What is compared of contacts, scaled to one speed of entry [rad/s]"""
+"""Quantities of contacts that are compared, scaled to one speed of entry [rad/s]"""
 
 
 def _row(

@@ -1,4 +1,4 @@
-"""One run of torque steps on a servo, and what fits them; refused where the servo did not play."""
+"""Plays torque steps on a servo and fits them; raises if the servo did not respond."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from controller.errors import HapticWallError, UserError
 from controller.experiments.holding import Hold, hold_of
 from controller.experiments.step_check import doubted, fault
 from controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps
+from controller.experiments.step_loads import without_loads
 from controller.experiments.testbed import Played, Testbed
 from controller.experiments.torque_steps import (
     PER_BURST,
@@ -55,7 +56,7 @@ class Shaken:
     """Of all samples when their torque was sent [s]"""
     played: Played
     note: str
-    """What a person should know; empty: all is well"""
+    """Remark for a person; empty: all is well"""
 
 
 def plan_shaking(
@@ -129,13 +130,15 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
             f" {out} ({played.log})"
         )
     fit = fit_steps(steps, lag)
+    fit = without_loads(fit)
     if reason := fault(fit, longest):
         raise ExperimentFailedError(f"{reason} ({played.log})")
+    known = fit.systematic
     fit = doubted(fit)
     notes = []
     if 2 * len(steps) < planned:
         notes.append(f"{len(steps)} of {planned} steps were usable: {out}")
-    if fit.systematic:
+    if fit.systematic > known:
         notes.append(
             "the motion after each step is not quite that of a rigid servo under a torque that"
             " jumps: with other samples about the steps the lag comes out up to"

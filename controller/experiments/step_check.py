@@ -73,7 +73,7 @@ def doubted(fit: StepFit) -> StepFit:
     if course(fit) > COURSE:
         lags = [fit_steps(_about(fit, share), fit.lag).lag for share in _WINDOWS]
         doubts += [abs(lag - fit.lag) for lag in lags]
-    return replace(fit, systematic=max(doubts)) if max(doubts) > 0.0 else fit
+    return replace(fit, systematic=max(fit.systematic, *doubts))
 
 
 def noise(steps: tuple[Step, ...]) -> float:

@@ -95,10 +95,9 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
             f"{len(steps)} usable torque steps, wanted at least {FEWEST_STEPS} of both directions"
         )
     gain = _gain_scale(steps, lag)
-    scale = np.array([1e-3, gain, gain * abs(steps[0].after), 1.0])
-    values, jacobian = _least_squares(steps, np.array([lag, gain, 0.0, 0.0]), scale)
+    values, jacobian = _least_squares(steps, np.array([lag, gain, 0.0, 0.0]), scale_of(steps, gain))
     left = residuals(steps, values)
-    covariance = _covariance(jacobian, left)
+    covariance = covariance_of(jacobian, left)
     every = np.concatenate(left)
     return StepFit(values, covariance, tuple(steps), float(np.sqrt(np.mean(every**2))))
 
@@ -189,10 +188,48 @@ def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
     left = []
     for step in steps:
         _, once, forced = _parts(step, values)
-        basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
-        rest = step.position - forced
-        left.append(rest - basis @ (basis.T @ rest))
+        left.append(_without_start(once, step.position - forced))
     return left
+
+
+def without_start(step: Step, values: FloatArray, motion: FloatArray) -> FloatArray:
+    """Rest of a motion that no position and velocity at the beginning of a step explain.
+
+    Args:
+        step: Its samples.
+        values: As in ``StepFit``.
+        motion: One or more motions at these samples, shape (samples, ...).
+    """
+    return _without_start(_parts(step, values)[1], motion)
+
+
+def _without_start(once: FloatArray, motion: FloatArray) -> FloatArray:
+    basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
+    rest: FloatArray = motion - basis @ (basis.T @ motion)
+    return rest
+
+
+def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) -> FloatArray:
+    """Derivatives of all residuals by the values, shape (samples, 4).
+
+    Args:
+        steps: Any.
+        values: As in ``StepFit``.
+        scale: About the size of each value, all above 0; ``scale_of`` gives it.
+    """
+    columns = []
+    for i, width in enumerate(_WIDTH * scale):
+        up, down = values.copy(), values.copy()
+        up[i] += width
+        down[i] -= width
+        ahead, behind = residuals(steps, up), residuals(steps, down)
+        columns.append((np.concatenate(ahead) - np.concatenate(behind)) / (2.0 * width))
+    return np.stack(columns, axis=1)
+
+
+def scale_of(steps: Sequence[Step], gain: float) -> FloatArray:
+    """About the size of each of a fit's values."""
+    return np.array([1e-3, gain, gain * abs(steps[0].after), 1.0])
 
 
 def _least_squares(
@@ -208,12 +245,7 @@ def _least_squares(
     rest = np.concatenate(residuals(steps, values))
     jacobian = np.zeros((rest.size, values.size))
     for _ in range(_ITERATIONS):
-        for i, width in enumerate(_WIDTH * scale):
-            up, down = values.copy(), values.copy()
-            up[i] += width
-            down[i] -= width
-            ahead, behind = residuals(steps, up), residuals(steps, down)
-            jacobian[:, i] = (np.concatenate(ahead) - np.concatenate(behind)) / (2.0 * width)
+        jacobian = jacobian_of(steps, values, scale)
         change = -np.linalg.lstsq(jacobian * scale, rest, rcond=None)[0] * scale
         for _ in range(_HALVINGS):
             if earliest < values[LAG] + change[LAG] < latest:
@@ -261,25 +293,26 @@ def _start(step: Step, values: FloatArray) -> tuple[float, float]:
     return float(solved[0]), float(solved[1])
 
 
-def _covariance(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArray:
-    """Of the common values, by what the steps say apart.
+def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArray:
+    """Covariance of the values common to all steps, from the scatter between the steps.
 
     Residuals of one step hang together (they are mostly the encoder's rounding), those of two
     steps do not: the sandwich of the steps' gradients.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     ends = np.cumsum([part.size for part in residuals])
-    meat = np.zeros((4, 4))
+    width = jacobian.shape[1]
+    meat = np.zeros((width, width))
     for end, part in zip(ends, residuals, strict=True):
         gradient = jacobian[end - part.size : end].T @ part
         meat += np.outer(gradient, gradient)
     count = len(residuals)
-    found: FloatArray = inverse @ meat @ inverse * (count / max(count - 4, 1))
+    found: FloatArray = inverse @ meat @ inverse * (count / max(count - width, 1))
     return found
 
 
 def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
-    """What the motions on both sides of each turn miss each other by [rad]."""
+    """Distances by which the motions on both sides of each turn miss each other [rad]."""
     gaps = []
     for first, second in pairwise(steps):
         if first.burst != second.burst or first.direction == second.direction:

@@ -32,7 +32,7 @@ _TRIALS = 8, 4
 _RUNS, _START_S = 3, 4.0
 """Runs of a point, and what each takes beside its trials [s]"""
 _SETTLE_S = 1.2
-"""What the soft spring takes, roughly [s]"""
+"""Duration of the soft spring's phase, roughly [s]"""
 
 Progress = Callable[[Setting, PointResult], None]
 

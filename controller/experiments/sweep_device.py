@@ -14,7 +14,8 @@ from controller.theory.exact import critical_point
 from controller.theory.friction import onset_amplitude
 
 _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
-"""What friction may act as, in shares of the damping that the limit without it stands for"""
+"""Equivalent damping of friction that is tried, in shares of the damping that the limit without it
+stands for"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ class _Head:
 
 @dataclass(frozen=True, slots=True)
 class _Points:
-    """What it has measured."""
+    """Points that the sweep has measured."""
 
     points: list[PointResult]
 
@@ -132,7 +132,7 @@ class SweepStore:
         return [self.done[s] for s in self._asked.settings if s in self.done]
 
     def report(self, name: str) -> dict[str, Any]:
-        """What ``sweep.json`` holds, less what only a later sweep needs."""
+        """Content of ``sweep.json`` without the keys that only a later sweep needs."""
         config = self._asked.config
         return {
             "name": name,

@@ -75,7 +75,7 @@ class ExperimentTrippedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What a program did."""
+    """Result of a program that was played."""
 
     rows: NDArray[np.void]
     """Shape (n,), dtype ``telemetry.ROW``; without the warm-up"""

@@ -23,7 +23,7 @@ from controller.theory.checks import FloatArray
 from hw.servo import Outcome
 
 TRAVEL = 0.12
-"""What the shaft swings over, from turn to turn, at the planned torque [rad]."""
+"""Angle that the shaft swings over, from turn to turn, at the planned torque [rad]."""
 SHARE = 0.4
 """Of the torque limit that is used at most."""
 FRICTION = 2.5
@@ -53,7 +53,7 @@ class StepPlan:
     seconds: float
     """Mean length of a step [s]"""
     travel: float
-    """What it swings over, at the lowest believed inertia [rad]"""
+    """Angle that it swings over, at the lowest believed inertia [rad]"""
     speed: float
     """Highest speed, at the lowest believed inertia [rad/s]"""
     reach: float

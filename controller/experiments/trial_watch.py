@@ -19,7 +19,7 @@ _DISTURBED, _HOPELESS = 0.03, 0.2
 most have more, the better half of them, up to the second"""
 _NOISE_COUNTS = 2.5
 _NOISE_SHARE = 0.002
-"""What turns back by less is noise: in counts, and in kicks; without an encoder a tenth of that"""
+"""Smallest half cycle that is no noise: in counts; in kicks, without an encoder a tenth of that"""
 _FIRST_CYCLES = 6
 """Half cycles whose mean says whether a motion grows"""
 

@@ -27,7 +27,7 @@ _DECIDED = 3.0
 """A motion that has grown by this factor is not followed any longer, nor one with friction that
 has shrunk by it. Without friction another, faster oscillation may still come up."""
 _DEAD = 1e-12
-"""What has shrunk by this factor is dead in any case."""
+"""A motion that has shrunk by this factor is dead in any case."""
 _LATE = 0.4
 """Share of the time after which the growth without friction is fitted: what dies quickly has died.
 With friction the growth depends on the amplitude, and the kick's own is asked for; with counts or

@@ -22,7 +22,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 MAGIC = b"\x93NUMPY\x01\x00"
-"""What every block begins with: a ``.npy`` array of format 1.0."""
+"""First bytes of every block: those of a ``.npy`` array of format 1.0."""
 
 _ALIGNED = 64
 """Bytes that a header is padded to a multiple of, as the format asks for."""

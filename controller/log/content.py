@@ -1,4 +1,4 @@
-"""What a block holds: rows, metadata, or how a run ended. Right checksums do not make it ours."""
+"""Reads a block: rows, metadata, or how a run ended. Right checksums do not make it ours."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from controller.log.pieces import End, Head, Piece
 from controller.log.plausible import fault, refusal
 
 FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
-"""What the metadata of every log begins with; those of before have no checksums, and say so by
+"""First keys in the metadata of every log; those of before have no checksums, and say so by
 having no ``checksum``."""
 MOST_JSON = 1 << 22
 """Bytes of metadata, or of how a run ended; more are damage"""
@@ -23,7 +23,7 @@ MOST_JSON = 1 << 22
 def judged(
     block: Block, dtype: np.dtype[np.void] | None, checked: bool
 ) -> tuple[Piece | None, str | None]:
-    """What a block holds, or None and why it is none of ours, if more is known than just that.
+    """Return a block's content, or None and, where it is known, why the block is none of ours.
 
     Args:
         block: Whole; its checksums are right, where it has any.
@@ -56,7 +56,7 @@ def refused(block: Block) -> str | None:
 
 
 def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
-    """What no run writes about its end; None: nothing."""
+    """Name what no run writes about its end; None: all of it is plausible."""
     for name in ("stop_reason", "message"):
         if not isinstance(ended.get(name), str | None):
             return f"how the run ended: {name} is no text in it"

@@ -165,7 +165,7 @@ def _begin_anew(times: Floats) -> NDArray[np.intp]:
 
 
 def _gaps(times: Floats, found: list[Stretch]) -> Iterator[str]:
-    """What is to be said of the gaps between stretches, and of those that are too short."""
+    """Describe the gaps between stretches, and the stretches that are too short."""
     gaps = [(times[a.end - 1], times[b.start]) for a, b in pairwise(found)]
     yield from (gap_text(start, end) for start, end in gaps[:MOST_TOLD])
     if len(gaps) > MOST_TOLD:

@@ -1,4 +1,4 @@
-"""What the detector sees in recordings, one after the other, in memory that does not grow."""
+"""Runs the detector over recordings, one after the other, in memory that does not grow."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _DRAWN = 200
 
 @dataclass(slots=True)
 class Detected:
-    """What was seen in all of them."""
+    """Result of the detector over all recordings."""
 
     period: float = math.nan
     """[s]"""
     known: dict[str, float] = field(default_factory=dict)
-    """What was taken to be known of the servo, from the first recording"""
+    """Parameters of the servo that were used, from the first recording"""
     estimated: bool = False
     """Whether that was estimated"""
     wall: dict[str, float] = field(default_factory=dict)
-    """What was taken to be known of the wall, from the first part: ``stiffness``,
+    """Parameters of the wall that were used, from the first part: ``stiffness``,
     ``virtual_damping``, ``wall_position``"""
     position_step: float = math.nan
     """[rad]"""
@@ -54,12 +54,12 @@ class Detected:
     parts: int = 0
     notes: list[str] = field(default_factory=list)
     drawn: list[tuple[Part, DetectionRecord]] = field(default_factory=list)
-    """What a picture is drawn from, of so many stretches"""
+    """Samples of a limited number of stretches, for the picture"""
 
 
 @dataclass(frozen=True, slots=True)
 class GivenWall:
-    """What somebody says of the wall that was rendered; None: nothing."""
+    """Parameters of the rendered wall that the user gives; None: not given."""
 
     stiffness: float | None = None
     """K [N·m/rad]"""
@@ -135,7 +135,7 @@ def _see(
 def _servo(
     detected: Detected, recording: Recording, part: Part, given: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """What is not given of a servo, as it can be estimated from torque against motion."""
+    """Estimate the parameters of a servo that are not given, from torque against motion."""
     told = {name: math.nan if value is None else value for name, value in given.items()}
     found = None
     if part.torques is not None:
@@ -153,7 +153,7 @@ def _servo(
 
 
 def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, float]:
-    """What is known of a servo, and for what is not the estimate.
+    """Complete the known parameters of a servo with the estimate.
 
     Args:
         told: ``inertia``, ``damping``, ``coulomb``, ``lag``; NaN: not known.
@@ -239,9 +239,6 @@ def _taken(
     part: Part, record: DetectionRecord, places: NDArray[np.intp]
 ) -> tuple[Part, DetectionRecord]:
     """Only some of the samples, and what is worst of those."""
-    state, alarm = record.state[places], record.alarm[places]
-    amplitude = record.amplitude[places]
-    worst = State(int(state.max()))
     times = part.times[places]
     return (
         Part(
@@ -250,15 +247,13 @@ def _taken(
             None if part.torques is None else part.torques[places],
             None if part.stiffness is None else part.stiffness[places],
         ),
-        DetectionRecord(
-            state,
+        DetectionRecord.of(
+            times,
+            record.state[places],
             record.frequency_hz[places],
-            amplitude,
+            record.amplitude[places],
             record.growth[places],
-            alarm,
-            worst,
-            int(np.argmax(np.where(state == worst, amplitude, -1.0))),
-            float(times[np.argmax(alarm)]) if alarm.any() else math.nan,
+            record.alarm[places],
         ),
     )
 

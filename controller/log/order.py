@@ -38,7 +38,7 @@ class _Order:
         self._gaps: list[tuple[int, int]] = []
 
     def sorted(self, rows: NDArray[np.void]) -> Iterator[NDArray[np.void] | Misplaced]:
-        """What of a block is new, after what is not."""
+        """Yield the rows of a block that are misplaced, then those that are new."""
         names = [name for name in _GROW if name in (rows.dtype.names or ())]
         old = 0
         if any(int(rows[name][0]) <= self._last.get(name, -1) for name in names):

@@ -1,4 +1,4 @@
-"""What a log is made of, one piece after the other, and what is to be said of it."""
+"""Pieces that a log is made of, and a sentence about each that is wrong."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Damage:
     last: bool
     """Nothing follows: the end was cut off, or is being written"""
     why: str | None = None
-    """What is in them, if more is known than that they are no intact block"""
+    """Content of these bytes, if more is known than that they are no intact block"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ Piece = NDArray[np.void] | Damage | Misplaced | Head | End
 
 
 def said_of(piece: Piece) -> Iterator[str]:
-    """What is wrong there, in a sentence; nothing where rows or an end are."""
+    """Describe the fault of a piece in a sentence; rows and ends have none."""
     if isinstance(piece, Damage):
         why = f" ({piece.why})" if piece.why else ""
         if piece.last:

@@ -43,7 +43,7 @@ class _Columns:
 
 
 def fault(rows: NDArray[Any]) -> str | None:
-    """What no loop can have written in a block of rows; None: nothing.
+    """Name what no loop can have written in a block of rows; None: all of it is plausible.
 
     Args:
         rows: Shape (n,); columns of today may be missing, and may come in any order.

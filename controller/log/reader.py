@@ -33,7 +33,7 @@ _AGAIN = 4
 _AGAIN_BYTES = 1 << 26
 """...and this in a small one [bytes]; then the rest is damage"""
 _LEAST_LOOK = 1 << 12
-"""What every such look counts as at least [bytes]"""
+"""Smallest count for each such look [bytes]"""
 
 
 class LogReader:
@@ -75,7 +75,7 @@ class LogReader:
                 )
 
     def pieces(self) -> Iterator[Piece]:
-        """What is in the file, in its order: rows, what is wrong between them, ends.
+        """Yield the file's pieces in their order: rows, faults between them, ends.
 
         Rows come in their order: what stands behind later ones, or twice, is left out and told. May
         be asked for any number of times; a file that grows is read to where it ended then.
@@ -134,7 +134,7 @@ def is_log(path: Path) -> bool:
 
 
 def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
-    """What is in the file, in its order.
+    """Yield the file's pieces in their order.
 
     Args:
         path: Its name, for messages.

@@ -25,7 +25,7 @@ _ON_COUNTS = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What the record itself says of the servo and its loop; NaN: nothing."""
+    """Parameters of the servo and its loop that the record itself holds; NaN: it does not."""
 
     inertia: float = math.nan
     """[kg·m²], per torque commanded, as the others"""
@@ -54,7 +54,7 @@ class Recording:
     parts: tuple[Part, ...]
     known: Knowledge
     notes: tuple[str, ...]
-    """What was mended or left out, in sentences"""
+    """Sentences about samples that were mended or left out"""
     since_s: float = -math.inf
     """Samples before were in the recording before this one, and are here for what comes [s]"""
     of: int = 1
@@ -109,13 +109,13 @@ def seconds(moment_s: float) -> str:
 
 
 def gap_text(start_s: float, end_s: float) -> str:
-    """What is to be said of a gap between two moments [s]."""
+    """Describe a gap between two moments [s]."""
     since, until = seconds(start_s), seconds(end_s)
     return f"nothing is known from {since} to {until} s: looked at anew from there on"
 
 
 def short_text(samples: int, since_s: float) -> str:
-    """What is to be said of samples that are left out; the first of them at ``since_s`` [s]."""
+    """Describe samples that are left out; the first of them is at ``since_s`` [s]."""
     return f"{samples} samples from {seconds(since_s)} s on are too few"
 
 

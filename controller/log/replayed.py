@@ -1,4 +1,4 @@
-"""What the watch of a run saw, from the run's log."""
+"""Repeats the oscillation watch of a run over the run's log."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _GATHERED = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """What the log tells of the servo; see ``hw.servo.Facts``."""
+    """Facts of the servo that the log holds; see ``hw.servo.Facts``."""
 
     torque_limit: float = math.inf
     stall_torque: float = math.inf

@@ -1,4 +1,4 @@
-"""What a log holds, told from its blocks one after the other: rows, losses, extremes, the end."""
+"""Summarises a log from its blocks, one after the other: rows, losses, extremes, the end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hw.servo import Outcome
 
 @dataclass(slots=True)
 class LogPart:
-    """What is from one log: all of it, but where logs are joined in one file."""
+    """Part of a file that comes from one log: all of it, unless logs were joined in one file."""
 
     metadata: Mapping[str, Any]
     """Of all but the first only what it is called"""

@@ -13,7 +13,6 @@ from scripts.identify_check import (
     SEEDS,
     Bounded,
     case,
-    drawn,
     holds,
     ordinary_case,
     rows,

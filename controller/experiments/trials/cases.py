@@ -85,7 +85,7 @@ class Case:
     """Natural frequency of the wall, for a resonant operator [Hz]"""
 
     def moved_by(self) -> Operator:
-        """Who moves the output."""
+        """The operator that moves the output."""
         if self.push:
             return operator_of(0.0, 0.0, np.zeros(round(self.duration_s * 1e3)), push=self.push)
         if self.operator == "none":

@@ -23,7 +23,7 @@ MOST_CYCLES, LONGEST_S = 6.0, 5.0
 LOST = 0.01
 """Share of its amplitude that a cycle loses where it decays."""
 _NOISE_RAD = 1e-4
-"""What turns back by less is no half-cycle [rad]: a fifteenth of a count of 4096."""
+"""Smallest half-cycle [rad]: a fifteenth of a count of 4096."""
 
 
 _RIPPLE = 0.5

@@ -30,7 +30,7 @@ class Operator:
     """An operator on the output."""
 
     rows: Sequence[Row] = ()
-    """What it does in each millisecond; the reference moves on at its speed within it"""
+    """Its action in each millisecond; the reference moves on at its speed within it"""
     mass: float = 0.0
     """Inertia that the output carries until the rows end [kg·m²]"""
     name: str = "none"

@@ -35,7 +35,7 @@ _A_JOB = 50
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What was seen in one recording."""
+    """Result of the detector on one recording."""
 
     name: str
     """Of the servo"""

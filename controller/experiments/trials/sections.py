@@ -58,7 +58,7 @@ class Made:
 
     lines: list[str]
     wrong: list[tuple[str, object]]
-    """What is wrong, and the case, whose text can be run again"""
+    """Description of each fault, and its case, whose text can be run again"""
 
 
 @dataclass(frozen=True, slots=True)

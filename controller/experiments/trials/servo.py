@@ -160,7 +160,7 @@ class TrialServo:
         self._time_ns = time_ns
 
     def _next_row(self) -> None:
-        """What the operator does from now on."""
+        """Set the operator's motion from now on."""
         at = self._at
         if at < len(self._rows):
             self.body.take(self._rows[at])

@@ -19,6 +19,7 @@ from controller.experiments.sweep_plan import Setting
 from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
 from controller.settings.load import load_config
 from hw.errors import ServoLostError
+from scripts.ordinary_servos import Effects, ordinary
 
 ROOT = Path(__file__).parents[3]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
@@ -38,17 +39,42 @@ def call(*words):
         gc.unfreeze()
 
 
-@pytest.fixture(scope="module")
-def commissioned(tmp_path_factory):
-    """The folder of a whole commissioning of the simulated servo, with fewer points."""
-    folder = tmp_path_factory.mktemp("commission") / "made"
+def commission(folder):
+    """Take all steps on the simulated servo, with fewer points, in this process alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
         whole = steps.sweep
         patch.setattr(steps, "sweep", lambda *a, **k: whole(*a, **k, workers=1))
         patch.setattr(steps, "BURSTS", 3)
         assert call("commission", *SIMULATED, "--out", folder) == 0
+
+
+@pytest.fixture(scope="module")
+def commissioned(tmp_path_factory):
+    """The folder of a whole commissioning of the simulated servo."""
+    folder = tmp_path_factory.mktemp("commission") / "made"
+    commission(folder)
     return folder
+
+
+def test_an_ordinary_servo_is_commissioned_to_the_end(tmp_path, thorough):
+    if not thorough:
+        pytest.skip("a minute; --thorough runs it")
+    folder = tmp_path / "made"
+    with ordinary(
+        Effects(stiction=1.25, cogging=0.03, periods=24, phase=0.7, gravity=0.1, hanging=0.6)
+    ):
+        commission(folder)
+    report = json.loads((folder / "commission.json").read_text())
+    assert report["status"] == "complete"
+    assert report["agreement"]["delay"]["device"]["agree"]
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/png") == len(list(folder.glob("*.png"))) == 5
+    for name, truth in (("inertia", 0.011951), ("damping", 0.011692)):
+        each = report["verdict"]["model"][name]
+        assert each["low"] <= truth <= each["high"]
+    for misfit in ("It cogs: 0.03", "A torque goes with the angle, 0.1 N·m at most"):
+        assert misfit in page
 
 
 def report_of(folder, capsys, *words):
