@@ -124,7 +124,7 @@ def _read(descriptor: int, until: float) -> str | None:
     """All that comes until the other end is closed; None: it was not in time."""
     import select
 
-    parts = []
+    parts: list[bytes] = []
     with os.fdopen(descriptor, "rb") as file:
         while True:
             ready, _, _ = select.select([file], [], [], max(0.0, until - time.monotonic()))

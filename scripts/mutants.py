@@ -6,7 +6,7 @@
 A defect that no test notices survives: a test is missing, or the defect changes nothing. Nothing is
 done in place: each defect is put into a copy of the project in a temporary folder. A defect is
 tried on the tests that run its statement, quickest first. These are found by a first run of the
-test files that import a module of its role, directly or through a helper of the tests, in a copy
+test files that import a module of a role asked for, directly or through a helper, in a copy
 that notes which statements run; what waits for real processes is left out.
 
 The result of each defect is written at once, so a run that was cut off goes on where it stopped.
@@ -80,7 +80,7 @@ def _imported(path: Path, root: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names.add(node.module)
             names.update(f"{node.module}.{part.name}" for part in node.names)
-    found = set()
+    found: set[str] = set()
     for name in names:
         at = name.removeprefix("haptic_wall.").replace(".", "/")
         found.update(end for end in (f"{at}.py", f"{at}/__init__.py") if (root / end).is_file())
@@ -161,6 +161,12 @@ class Workers:
         for thread in threads:
             thread.join()
 
+    def restore(self, root: Path, paths: Iterable[str]) -> None:
+        """Make files of all copies those of the project again."""
+        for tree in self._trees:
+            for path in paths:
+                shutil.copy2(root / path, tree / path)
+
     def close(self) -> None:
         """End the processes."""
         for process in self._processes:
@@ -203,52 +209,80 @@ class _Changed:
         os.utime(self._path, (self._time, self._time))
 
 
+def sources_of(root: Path) -> dict[str, str]:
+    """Texts of the modules of all roles, by their paths from the folder of the project."""
+    paths = [path for role in ROLES for path in modules_of(root, role)]
+    return {str(path.relative_to(root)): path.read_text("utf-8") for path in paths}
+
+
 def reached(
-    workers: Workers, root: Path, roles: Sequence[str], say: Callable[[str], None]
+    workers: Workers, root: Path, roles: Sequence[str], known: Path, say: Callable[[str], None]
 ) -> Reached:
     """Run the test files of some roles, and note which test runs which statement.
 
-    Files whose tests fail without any mutant are left out, and told.
+    Tests that fail without any mutant are left out, and told.
+
+    Args:
+        workers: Who runs them.
+        root: The folder of the project.
+        roles: The roles.
+        known: A file with what was noted before; files of tests that are there, and have not
+            changed with what they import of the tests, nor any module of a role, are not run again.
+        say: Called with what is done.
     """
-    found: Reached = defaultdict(dict)
-    sources = {
-        str(path.relative_to(root)): path.read_text("utf-8")
-        for role in roles
-        for path in modules_of(root, role)
-    }
-    imports = imports_of_tests(root)
+    sources, imports = sources_of(root), imports_of_tests(root)
     files = sorted({name for role in roles for name in files_for(role, root, imports)})
-    lock, left = threading.Lock(), len(files)
+    stamps = {name: _stamp(name, root, imports, sources) for name in files}
+    noted = json.loads(known.read_text("utf-8")) if known.exists() else {}
+    missing = [name for name in files if noted.get(name, {}).get("stamp") != stamps[name]]
+    lock, left = threading.Lock(), len(missing)
 
     def job_for(name: str) -> Callable[[Path, Callable[..., Result]], None]:
         def job(tree: Path, run: Callable[..., Result]) -> None:
             nonlocal left
             for path, source in sources.items():
                 target = tree / path
-                if "_mutant_hit" not in (text := target.read_text("utf-8")):
-                    assert text == source
-                    before = target.stat().st_mtime
+                if "_mutant_hit" not in target.read_text("utf-8"):
+                    later = target.stat().st_mtime + 1
                     target.write_text(watched(path, source), "utf-8")
-                    os.utime(target, (before + 1, before + 1))
+                    os.utime(target, (later, later))
             answer = run([name], FILE_S, stop=False)
+            tests = {
+                test: facts
+                for test, facts in answer["tests"].items()
+                if test not in answer["failed"] and facts["hits"]
+            }
             with lock:
                 left -= 1
                 say(f"{name}: {answer['outcome']}, {len(answer['tests'])} tests, {left} files left")
                 for test in answer["failed"]:
                     say(f"  fails without a mutant: {test}")
-                for test, facts in answer["tests"].items():
-                    if test in answer["failed"]:
-                        continue
-                    for place in {*facts["hits"], *(hit.split("#")[0] for hit in facts["hits"])}:
-                        found[place][test] = facts["seconds"]
+                noted[name] = {"stamp": stamps[name], "tests": tests}
+                known.parent.mkdir(parents=True, exist_ok=True)
+                known.write_text(json.dumps(noted), "utf-8")
 
         return job
 
-    workers.do(map(job_for, files))
-    for tree in workers._trees:
-        for path in sources:
-            shutil.copy2(root / path, tree / path)
+    if missing:
+        workers.do(map(job_for, missing))
+        workers.restore(root, sources)
+    found: Reached = defaultdict(dict)
+    for name in files:
+        for test, facts in noted[name]["tests"].items():
+            for place in {*facts["hits"], *(hit.split("#")[0] for hit in facts["hits"])}:
+                found[place][test] = facts["seconds"]
     return dict(found)
+
+
+def _stamp(
+    name: str, root: Path, imports: Mapping[str, set[str]], sources: Mapping[str, str]
+) -> str:
+    """Changes where a file of tests changes, a helper of it, or a module of any role."""
+    own = {name}
+    while more := {part for one in own for part in imports[one] if part in imports} - own:
+        own |= more
+    texts = [*sources.values(), *((root / part).read_text("utf-8") for part in sorted(own))]
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:16]
 
 
 def chosen(
@@ -262,7 +296,8 @@ def chosen(
         budget_s: Processor time of the tests in all, without a mutant [s].
     """
     place = mutant.path if mutant.statement < 0 else f"{mutant.path}#{mutant.statement}"
-    picked, total = {}, 0.0
+    picked: dict[str, float] = {}
+    total = 0.0
     for test, seconds in sorted(found.get(place, {}).items(), key=lambda pair: (pair[1], pair[0])):
         total += seconds
         if picked and total > budget_s:
@@ -402,16 +437,6 @@ def _wanted(options: argparse.Namespace) -> list[Mutant]:
     return [by_id[now["id"]] for _, now in pairs if now is not None]
 
 
-def _stamp(root: Path) -> str:
-    """Changes where tests or modules change."""
-    total = hashlib.sha256()
-    for path in sorted(root.glob("tests/**/*.py")) + [
-        path for role in ROLES for path in modules_of(root, role)
-    ]:
-        total.update(path.read_bytes())
-    return total.hexdigest()[:16]
-
-
 def _say(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
@@ -460,16 +485,9 @@ def _try(
     until: float,
 ) -> None:
     """Try mutants; each result is written as soon as it is there."""
-    cache = options.out.with_suffix(".tests.json")
     roles = sorted({one.role for one in left})
-    stamp = {"of": _stamp(ROOT), "roles": roles}
-    known = json.loads(cache.read_text("utf-8")) if cache.exists() else {}
-    if known.get("of") == stamp["of"] and set(roles) <= set(known["roles"]):
-        found: Reached = known["reached"]
-    else:
-        found = reached(workers, ROOT, roles, _say)
-        cache.parent.mkdir(parents=True, exist_ok=True)
-        cache.write_text(json.dumps({**stamp, "reached": found}), "utf-8")
+    known = options.out.with_suffix(".tests.json")
+    found = reached(workers, ROOT, roles, known, _say)
     lock, count = threading.Lock(), 0
 
     def job_for(mutant: Mutant) -> Callable[[Path, Callable[..., Result]], None]:
@@ -481,7 +499,7 @@ def _try(
             with lock:
                 count += 1
                 results[mutant.id] = one
-                save(options.out, results, {"seed": options.seed, "sources": stamp["of"]})
+                save(options.out, results, {"seed": options.seed, "budget": options.budget})
                 _say(f"{count}/{len(left)} {one['outcome']} {one['seconds']} s {mutant.id}")
 
         return job

@@ -332,7 +332,8 @@ def main() -> None:
     options = _options()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     made_on, lines = lines_in(DIGESTS.read_text("utf-8")) if DIGESTS.exists() else ("", {})
-    exactly, changed = made_on == machine(), 0
+    exactly = made_on == machine()
+    changed = equal = 0
     with tempfile.TemporaryDirectory() as name:
         old = KEPT
         if options.against is not None:
@@ -343,12 +344,13 @@ def main() -> None:
             now, was = ran(CASES[case]), kept(old, case)
             after[case] = line_of(case, now)
             before = line_of(case, was) if options.against and was else lines.get(case)
+            equal += before == after[case]
             if before is None or not same(before, after[case], exactly=exactly):
                 changed += 1
                 print(f"{case}: {change(before, after[case], was, now)}", flush=True)
             if options.keep is not None or options.write:
                 keep(options.keep or KEPT, case, now)
-    how = "to the last bit" if exactly else f"to {DIGITS} digits"
+    how = "to the last bit" if exactly else f"to {DIGITS} digits, {equal} of them to the last bit"
     print(f"{len(after) - changed} of {len(after)} runs are the same, {how}")
     if options.write:
         _, old_lines = lines_in(DIGESTS.read_text("utf-8")) if DIGESTS.exists() else ("", {})

@@ -52,6 +52,15 @@ def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque):
     assert fed(DrivenSpeed(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
 
 
+def test_what_a_hand_did_before_is_not_part_of_the_window():
+    """Driven slowly, then moved fast by a hand without torque, then driven slowly again."""
+    wall = two_sided()
+    wall.guarded = False  # an experiment's program: no spring is counted
+    speeds = [0.5] * 20 + [9.0] * 300 + [0.5] * 200
+    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, v: 2.0 if v < 1.0 else 0.0, wall) is None
+    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: 2.0, wall) is not None
+
+
 def test_a_spring_may_give_back_what_it_has_taken():
     """Pushed in slowly by a hand, then let go: all of the speed is the hand's energy."""
     wall = Wall(8.0, 0.0, 0.0, "above")

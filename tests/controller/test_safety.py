@@ -103,6 +103,32 @@ def test_loss_rate_over_the_window():
         assert (safety.failed(k * MS) if k % 25 == 0 else safety.good(reading(0.0, k))) is None
 
 
+def test_the_value_that_trips_and_its_limit_are_kept_for_the_report():
+    safety = Safety(LIMITS)
+    silent(safety, 1.0)
+    assert safety.found == pytest.approx((0.0158, 0.015))
+    safety = Safety(FEW)
+    trips = [safety.failed(0) for _ in range(6)]
+    assert trips[-1] is Trip.LOSS_RATE
+    assert safety.found == pytest.approx((0.06, 0.05))
+    safety = Safety(LIMITS)
+    safety.good(reading(1.0, 1))
+    assert safety.found == ()
+    safety.good(reading(0.9, 5))
+    assert safety.found == pytest.approx((25.0, 10.0))
+    safety.good(reading(1.0, 5))
+    assert safety.found == (math.inf, 10.0), "two readings of one instant"
+    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0)))
+    safety.good(reading(2.5, 1))
+    assert safety.found == (2.5, -1.0, 2.0)
+
+
+def test_the_ends_of_the_travel_may_be_reached():
+    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0), max_speed=1e6))
+    assert safety.good(reading(2.0, 1)) is None
+    assert safety.good(reading(-1.0, 2)) is None
+
+
 def test_every_trip_is_explained():
     assert set(EXPLANATIONS) == set(Trip)
 

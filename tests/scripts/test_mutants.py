@@ -212,7 +212,9 @@ def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
     said, outcomes = [], {}
     workers = Workers(1, project, tmp_path)
     try:
-        found = reached(workers, project, ["safety"], said.append)
+        known = tmp_path / "known.json"
+        found = reached(workers, project, ["safety"], known, said.append)
+        assert reached(workers, project, ["safety"], known, pytest.fail) == found, "not run again"
 
         def job(tree, run):
             for one in all_mutants(project):
