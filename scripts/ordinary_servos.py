@@ -149,3 +149,31 @@ def drawn_effects(group: str, coulomb: float, seed: int) -> Effects:
         )
         if abs(effects.load(0.0)) <= (1.0 - SPREAD) * effects.stiction * coulomb:
             return effects
+
+
+BACKWARD = (0.5, 2.0)
+LOAD_FRICTION = (0.05, 0.3)
+FEW_PERIODS = (2, 9)
+MISFITS = ("direction", "load", "few periods")
+"""Effects that no model of the identification has: another damping in each direction, friction that
+grows with the motor's torque, cogging with less than a period within the motion"""
+
+
+def drawn_misfit(misfit: str, coulomb: float, seed: int) -> Effects:
+    """Draw the one effect of a seed's servo.
+
+    Args:
+        misfit: One of ``MISFITS``.
+        coulomb: Of its model, which the cogging is scaled to [N·m].
+        seed: Decides on all of it.
+    """
+    random = np.random.default_rng((100 + MISFITS.index(misfit), seed))
+    if misfit == "direction":
+        return Effects(backward=float(np.exp(random.uniform(*np.log(BACKWARD)))))
+    if misfit == "load":
+        return Effects(load_friction=float(random.uniform(*LOAD_FRICTION)))
+    return Effects(
+        cogging=COGGING * coulomb,
+        periods=int(random.integers(*FEW_PERIODS, endpoint=True)),
+        phase=float(random.uniform(-math.pi, math.pi)),
+    )

@@ -85,8 +85,13 @@ def command(
         kept = [] if out is None else _store(loaded, config, out, reach, fresh, True).done
         _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
         return
+    if out is None:
+        raise UserError(
+            "--out: found nothing, wanted the folder that report.html and config.yaml go to; give"
+            " for example --out my-testbed"
+        )
     announcement = announce(loaded.config, reach)
-    was_there = out is not None and out.exists()
+    was_there = out.exists()
     store = _store(loaded, config, out, reach, fresh)
     folder = store.folder
     try:
@@ -127,18 +132,13 @@ def _measured(
 def _store(
     loaded: Loaded,
     config: str,
-    out: Path | None,
+    out: Path,
     reach: float,
     fresh: bool,
     only_look: bool = False,
 ) -> CommissionStore:
     from controller.commission.store import CONFIG, CommissionStore, settings_of
 
-    if out is None:
-        raise UserError(
-            "--out: found nothing, wanted the folder that report.html and config.yaml go to; give"
-            " for example --out my-testbed"
-        )
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
         take_folder("--out", out, {}, force=False)  # the store knows what may be replaced

@@ -20,6 +20,7 @@ from hw.errors import ServoError
 
 _FIELD = re.compile(r"--[a-z][a-z-]*|[A-Z]{3,}(?= |:)|[a-z]+\.[a-z_]+")
 """An option, an argument or a configuration's path, at the beginning of a message"""
+_NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
 
 
 class EndedEarlyError(HapticWallError):
@@ -72,7 +73,11 @@ def _in_one_style(error: click.ClickException, arguments: Sequence[str]) -> str:
     if isinstance(error, click.MissingParameter) and error.param is not None:
         return "; ".join(filter(None, [f"{_field(error, '')}: missing", more]))
     if isinstance(error, click.BadParameter) and error.param is not None:
-        return f"{_field(error, '')}: {error.message}"
+        said = _NO_NUMBER.fullmatch(error.message)
+        if said is None:
+            return f"{_field(error, '')}: {error.message}"
+        whole = " whole" if said[2] == "integer" else ""
+        return f"{_field(error, '')}: found {said[1]}, wanted a{whole} number"
     return error.format_message()
 
 

@@ -30,7 +30,8 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
         yield (
             f"the residual is {1e3 * fit.residual:.2g} mrad where rounding leaves"
             f" {1e3 * rounding:.2g}: something moves the shaft that is not known (a loose horn, a"
-            f" hand, a friction that changes); {END}"
+            " hand, a friction that changes, or grows with the torque); the bounds are wider for"
+            " it, and may still miss the truth"
         )
 
 

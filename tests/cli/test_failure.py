@@ -26,7 +26,8 @@ def failed(capsys, *arguments):
     ("arguments", "field", "advice", "status"),
     [
         (["run", "--duration=-1"], "--duration", "wanted a time above 0 s", 2),
-        (["run", "--duration=x"], "--duration", None, 2),
+        (["run", "--duration=x"], "--duration", "wanted a number", 2),
+        (["sweep", "simulated", "--repeats=x"], "--repeats", "wanted a whole number", 2),
         (["run", "--set=wall.stifness=3"], "wall.stifness", "did you mean wall.stiffness?", 2),
         (["config", "simulatd"], "CONFIG", "xl330-m288, xm430-w350", 2),
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),
@@ -49,10 +50,7 @@ def test_an_error_is_an_object(capsys, tmp_path, monkeypatch, arguments, field, 
     monkeypatch.chdir(tmp_path)
     found = failed(capsys, *arguments)
     assert (found["field"], found["exit_status"]) == (field, status)
-    if advice is None:
-        assert found["advice"] is None
-    else:
-        assert found["advice"].endswith(advice)
+    assert found["advice"].endswith(advice)
 
 
 def test_an_interruption_is_one_too(capsys, monkeypatch):

@@ -47,3 +47,12 @@ def test_an_unknown_preset_is_refused(tmp_path, capsys):
     assert cli.main(["init", str(tmp_path / "mine.yaml"), "--from", "nosuch"]) == 2
     assert EMULATED in capsys.readouterr().err
     assert not (tmp_path / "mine.yaml").exists()
+
+
+def test_a_presets_name_is_refused_because_config_would_mean_the_preset(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["init", "simulated"]) == 2
+    assert "--from simulated" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
