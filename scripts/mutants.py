@@ -44,11 +44,14 @@ OUTCOMES = ("killed", "timeout", "survived", "untested")
 NOTICED = ("killed", "timeout")
 LEAST_S = 10.0
 """Processor time that any mutant may take, beyond three times what its tests take [s]"""
+IDLE_S = 60.0
+"""Longest time that the tests of a mutant may sleep [s]"""
 FILE_S = 100.0
 """Processor time that a test file may take [s]; longer ones are left out"""
 _LEFT_OUT = (".git", ".venv", "runs", "*cache*", "*.egg-info", "*.png")
 Result = dict[str, Any]
-"""A mutant's fields and ``outcome``, ``becomes`` (its line), ``killer``, ``tests``, ``seconds``"""
+"""A mutant's fields, ``outcome``, ``becomes`` (its line), ``killer`` (a test), ``tests`` (their
+number), ``seconds`` and ``cpu_s`` (what it took)"""
 Reached = dict[str, dict[str, float]]
 """Processor time of each test that runs a statement, by statement (path#number, or path alone)"""
 
@@ -139,7 +142,7 @@ class Workers:
             def run(tests: Sequence[str], cpu_s: float, *, stop: bool = True) -> Result:
                 assert process.stdin is not None and process.stdout is not None
                 job = {"tree": str(tree), "paths": import_paths(tree), "tests": tests}
-                limits = {"cpu_s": cpu_s, "wall_s": 60.0 + 25.0 * cpu_s, "all": not stop}
+                limits = {"cpu_s": cpu_s, "idle_s": IDLE_S, "all": not stop}
                 process.stdin.write(json.dumps(job | limits) + "\n")
                 process.stdin.flush()
                 answer: Result = json.loads(process.stdout.readline())
@@ -313,12 +316,13 @@ def tried(
     text, becomes = mutated((root / mutant.path).read_text("utf-8"), mutant.number)
     result: Result = {**asdict(mutant), "becomes": becomes, "tests": len(tests), "killer": ""}
     if not tests:
-        return result | {"outcome": "untested", "seconds": 0.0}
+        return result | {"outcome": "untested", "seconds": 0.0, "cpu_s": 0.0}
     with _Changed(tree / mutant.path, text):
         answer = run(list(tests), LEAST_S + 3.0 * sum(tests.values()))
     outcome = {"passed": "survived", "failed": "killed"}.get(answer["outcome"], "timeout")
     killer = answer["failed"][0] if answer["failed"] else ""
-    return result | {"outcome": outcome, "killer": killer, "seconds": answer["seconds"]}
+    took = {name: answer[name] for name in ("seconds", "cpu_s")}
+    return result | {"outcome": outcome, "killer": killer, **took}
 
 
 def table(results: Iterable[Result]) -> Iterator[str]:
@@ -475,6 +479,7 @@ def main() -> None:
                 f"  ->  {one['becomes']}"
             )
     print("\n".join(table(own)))
+    print(f"processor time of the tests: {sum(one.get('cpu_s', 0.0) for one in own):.0f} s")
 
 
 def _try(

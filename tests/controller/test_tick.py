@@ -148,6 +148,16 @@ def test_the_torque_is_the_walls():
     assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
 
 
+def test_jitter_of_the_samples_does_not_reach_the_velocity():
+    """Up to a tenth of a period; what is further from whole periods is counted as it is."""
+    rig = on(Rig([0.0, 0.001, 0.002, 0.003, 0.004], stiffness=0.0, damping=0.1))
+    for late_us in (0, 90, 0, 300, 390):
+        rig.deadline += PERIOD_NS
+        rig.clock.wait_until(rig.deadline + late_us * 1000)
+        rig.tick.run(rig.deadline, rig.clock.now_ns(), 0)
+    assert rig.rows["velocity"].tolist() == [0.0, 1.0, 1.0, pytest.approx(1 / 1.3), 1.0]
+
+
 def test_order_of_a_cycle_in_both_schedules():
     assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
     piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)

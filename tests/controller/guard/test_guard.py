@@ -139,6 +139,7 @@ def test_damping_alone_can_use_up_what_one_count_may_command() -> None:
     assert decision.stiffness == 0
     assert decision.binding == "quantisation"
     assert any("one encoder count" in reason and "0.267" in reason for reason in decision.reasons)
+    assert any(reason.endswith("over more than 1 sample") for reason in decision.reasons)
 
 
 def test_mode_passive_keeps_the_wall_passive() -> None:

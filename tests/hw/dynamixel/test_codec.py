@@ -417,3 +417,14 @@ def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(param
     found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
     assert found == [Frame(5, Instruction.WRITE, 0, b"abcd")]
     assert parser.idle
+
+
+@pytest.mark.parametrize(
+    ("id_", "count", "whole"), [(5, 252, True), (254, 4, True), (255, 4, False)]
+)
+def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(id_, count, whole):
+    """252 bytes make a length of 255, which no id may be."""
+    cut_short = encode(9, Instruction.WRITE, bytes(600))[:20]
+    params = bytes(count)
+    found = Parser(unstuffed=True).feed(cut_short + raw_instruction(id_, params))
+    assert found == ([Frame(id_, Instruction.WRITE, 0, params)] if whole else [])
