@@ -80,6 +80,19 @@ def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken():
         assert (tripped is None) is kicked
 
 
+@pytest.mark.parametrize(("start", "own"), [(0.4, 0.05), (1.2, 0.05)])
+def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own):
+    """Up to the torque limit of 2 N·m at 0.25 rad it is K x²/2; beyond, each further rad adds 2 J.
+
+    The shaft is driven by 2 N·m. It trips once it was given more than the spring held by ``own``.
+    """
+    limits = DrivenLimits(LIMIT, 0.0, torque_limit=2.0, inertia=4 * own / LIMIT**2, kicked=True)
+    driven, wall = DrivenSpeed(limits), two_sided(8.0)
+    held = 0.5 * 8.0 * 0.25**2 + 2.0 * (start - 0.25)
+    tripped = fed(driven, [-LIMIT - 0.01] * 800, lambda _x, _v: -2.0, wall, start=start)
+    assert tripped * LIMIT * 2.0 == pytest.approx(held + own, rel=0.03)
+
+
 def test_a_clip_lowers_what_a_spring_can_have_taken():
     speeds = [1.0] * 500 + [-min(0.4 * k, 6.0) for k in range(100)]
     for clip, trips in ((math.inf, False), (0.3, True)):

@@ -25,7 +25,7 @@ from controller.telemetry import (
     Telemetry,
     Word,
 )
-from controller.tick import Tick, TickParts
+from controller.tick import COLLECT_SHARE, LONGER_SHARE, Tick, TickParts
 from controller.velocity import BackwardDifference
 from controller.wall import Wall
 from hw.clock import SimulatedClock
@@ -52,13 +52,15 @@ class ScriptedServo:
         self.waited_ns = 0
         self.sent = []
         self.calls = []
+        self.deadlines = []
 
     def request(self):
         self.calls.append("request")
         self.asked_ns = self.clock.now_ns()
 
-    def collect(self, deadline_ns):  # noqa: ARG002 - it is never late
+    def collect(self, deadline_ns):
         self.calls.append("collect")
+        self.deadlines.append(deadline_ns - self.clock.now_ns())
         position = self.positions.pop(0)
         if position in (LOST, WAITING):
             outcome = Outcome.LOST if position is LOST else Outcome.WAITING
@@ -162,6 +164,14 @@ def test_order_of_a_cycle_in_both_schedules():
     assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
     piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
     assert piped.servo.calls == ["request", *["collect", "write", "request"] * 2]
+
+
+@pytest.mark.parametrize("pipelined", [True, False])
+def test_after_a_lost_reply_a_pipelined_one_is_waited_for_longer_until_the_next_is_lost(pipelined):
+    rig = on(Rig([0.0, LOST, 0.0, LOST, 0.0], pipelined=pipelined)).run(5)
+    short, long = int(COLLECT_SHARE * PERIOD_NS), int(LONGER_SHARE * PERIOD_NS)
+    other = long if pipelined else short
+    assert rig.servo.deadlines == [short, short, other, other, short]
 
 
 def test_warm_up_sends_zero():

@@ -483,3 +483,12 @@ def test_a_collect_that_comes_too_late_still_finds_the_reply() -> None:
     deadline = bench.clock.now_ns() + PERIOD_NS // 2
     bench.clock.wait_until(deadline + 5 * MS)
     assert is_its_own(bench.link.collect(deadline))
+
+
+def test_the_time_waited_for_a_reply_is_that_of_the_last_request() -> None:
+    bench = Bench(only({1}, lost))
+    waited = []
+    for _ in range(3):
+        bench.cycle()
+        waited.append(bench.link.waited_ns)
+    assert waited == [bench.servo.reply_ns, PERIOD_NS * 3 // 5, bench.servo.reply_ns]
