@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.delay import DelayRing
-from controller.detector.watch import Watch
-from controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
-from controller.gains import Gains
-from controller.guard.guard import Decision, GuardSettings, Situation, decide
-from controller.guard.plants import Plants, is_heavy
-from controller.guard.schedule import (
+from haptic_wall.controller.delay import DelayRing
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.engagement import REST_S, EngageLimits, Engagement, engage_torque
+from haptic_wall.controller.gains import Gains
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Situation, decide
+from haptic_wall.controller.guard.plants import Plants, is_heavy
+from haptic_wall.controller.guard.schedule import (
     IRREGULAR_CAP,
     RUN,
     RUN_S,
@@ -24,23 +24,23 @@ from controller.guard.schedule import (
     inserted_delay,
     interval_bins_ns,
 )
-from controller.missed import MissedPeriods
-from controller.motion_watch import MotionWatch
-from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from controller.passivity_control import PassivityControl
-from controller.program import Phase, Program
-from controller.rehearsal import Rehearsal, StandInClock
-from controller.safety import Safety, SafetyLimits
-from controller.sampler import Sampler
-from controller.settings.config import Config
-from controller.telemetry import Telemetry
-from controller.theory import peak
-from controller.tick import Tick, TickParts
-from controller.velocity import velocity_estimator
-from controller.wall import Law, Wall
-from controller.watch_settings import watch_settings
-from hw.clock import Clock
-from hw.servo import Servo
+from haptic_wall.controller.missed import MissedPeriods
+from haptic_wall.controller.motion_watch import MotionWatch
+from haptic_wall.controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
+from haptic_wall.controller.passivity_control import PassivityControl
+from haptic_wall.controller.program import Phase, Program
+from haptic_wall.controller.rehearsal import Rehearsal, StandInClock
+from haptic_wall.controller.safety import Safety, SafetyLimits
+from haptic_wall.controller.sampler import Sampler
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.theory import peak
+from haptic_wall.controller.tick import Tick, TickParts
+from haptic_wall.controller.velocity import velocity_estimator
+from haptic_wall.controller.wall import Law, Wall
+from haptic_wall.controller.watch_settings import watch_settings
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Servo
 
 COARSE = 6
 """Off the nominal period one age in so many has a decision of its own; those below take it [1]"""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from controller.wall import Law
+from haptic_wall.controller.wall import Law
 
 MOST_TORQUE = 0.1
 """Elastic torque that counts as no blow on any servo [N·m]: 1 N at the tip of a 10 cm horn"""

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller import __version__
+from haptic_wall import __version__
 
 _HEAD = 4096
 """Bytes at the beginning of a file that are looked at"""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from controller.guard.guard import Decision
-from controller.guard.schedule import GainSchedule
-from controller.wall import Law
+from haptic_wall.controller.guard.guard import Decision
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.wall import Law
 
 
 class Gains:

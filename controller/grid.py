@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from controller.lateness.ticks import LateTicks
-from controller.loop import Waiter, first_deadline, next_deadline
-from controller.safety import End, StopReason
-from controller.telemetry import Telemetry, Word
-from controller.tick import Tick
-from hw.clock import Clock
-from hw.servo import Servo
+from haptic_wall.controller.lateness.ticks import LateTicks
+from haptic_wall.controller.loop import Waiter, first_deadline, next_deadline
+from haptic_wall.controller.safety import End, StopReason
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tick import Tick
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Servo
 
 BLOCK = 4096
 """Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""

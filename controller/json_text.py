@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from controller.regular_file import content
+from haptic_wall.controller.regular_file import content
 
 MOST_BYTES = 1 << 24
 """Of a file of results: the longest of ours has some hundred thousand"""

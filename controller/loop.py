@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol
 
-from hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.clock import Clock, SimulatedClock
 
 if TYPE_CHECKING:
-    from controller.rehearsal import Rehearsal
+    from haptic_wall.controller.rehearsal import Rehearsal
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000

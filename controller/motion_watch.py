@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.detector.watch import Watch
-from controller.gains import Gains
-from controller.overspeed import DrivenSpeed
-from controller.passivity_control import PassivityControl
-from controller.safety import Trip
-from controller.sampler import Sampler
-from controller.wall import Law
-from hw.servo import Outcome
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.gains import Gains
+from haptic_wall.controller.overspeed import DrivenSpeed
+from haptic_wall.controller.passivity_control import PassivityControl
+from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.sampler import Sampler
+from haptic_wall.controller.wall import Law
+from haptic_wall.hw.servo import Outcome
 
 _OK = Outcome.OK
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from math import isnan
 from typing import Final
 
-from controller.wall import Law
-from hw.servo import JUMP_SPEED, Facts
+from haptic_wall.controller.wall import Law
+from haptic_wall.hw.servo import JUMP_SPEED, Facts
 
 DRIVEN_SHARE: Final = 0.8
 """Of the no-load speed: a motion that the torque drives must stay below it"""

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from controller.wall import Side, Wall
+from haptic_wall.controller.wall import Side, Wall
 
 Wave = Literal["constant", "sine"]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from controller.errors import UserError
+from haptic_wall.controller.errors import UserError
 
 Profile = Literal["off", "best-effort", "strict"]
 

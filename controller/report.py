@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from controller.safety import EMULATOR_LATE, EXPLANATIONS, End, Trip
-from controller.settings.config import Config
-from controller.settings.servo import Servo
-from controller.tree.plan import Ended, LogState
+from haptic_wall.controller.safety import EMULATOR_LATE, EXPLANATIONS, End, Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.servo import Servo
+from haptic_wall.controller.tree.plan import Ended, LogState
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing
 from types import FrameType
 
-from controller.errors import PlatformError
-from controller.log.file import append_end, identity
-from controller.signals import on_signals
-from controller.telemetry import Telemetry, Word
-from controller.tree.inline import run_inline
-from controller.tree.plan import Ended, LogState, Plan, Tell
-from controller.tree.recorder import rows_lacking
-from controller.tree.supervisor import Supervisor
-from controller.tree.teller import Teller
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.log.file import append_end, identity
+from haptic_wall.controller.signals import on_signals
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tree.inline import run_inline
+from haptic_wall.controller.tree.plan import Ended, LogState, Plan, Tell
+from haptic_wall.controller.tree.recorder import rows_lacking
+from haptic_wall.controller.tree.supervisor import Supervisor
+from haptic_wall.controller.tree.teller import Teller
 
 Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
 """Shows a run while it goes on, and gives what tells a person something meanwhile"""

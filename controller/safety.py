@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hw.servo import Reading
+from haptic_wall.hw.servo import Reading
 
 
 class Trip(StrEnum):

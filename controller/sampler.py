@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from controller.velocity import VelocityEstimator
-from hw.servo import Outcome, Reading, Servo
+from haptic_wall.controller.velocity import VelocityEstimator
+from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 COLLECT_SHARE = 0.8
 """Fraction of a period after which a missing reply is given up [1]"""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from controller.assembly import (
+from haptic_wall.controller.assembly import (
     decision_in_force,
     guard_schedule,
     most_injected,
@@ -17,36 +17,36 @@ from controller.assembly import (
     situation_of,
     tick_parts,
 )
-from controller.defect import defect_text
-from controller.detector.watch import oscillation_report
-from controller.grid import Grid
-from controller.lateness.machine_setup import Found
-from controller.lateness.ticks import LateTicks
-from controller.loop import waiter_for
-from controller.program import Phase
-from controller.realtime import freeze_garbage, reserve_memory
-from controller.safety import End, StopReason, Trip
-from controller.session_report import (
+from haptic_wall.controller.defect import defect_text
+from haptic_wall.controller.detector.watch import oscillation_report
+from haptic_wall.controller.grid import Grid
+from haptic_wall.controller.lateness.machine_setup import Found
+from haptic_wall.controller.lateness.ticks import LateTicks
+from haptic_wall.controller.loop import waiter_for
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.realtime import freeze_garbage, reserve_memory
+from haptic_wall.controller.safety import End, StopReason, Trip
+from haptic_wall.controller.session_report import (
     delay_report,
     guard_report,
     missed_warnings,
     trip_figures,
 )
-from controller.settings.config import Config
-from controller.telemetry import State, Telemetry, Word
-from controller.tick import Tick
-from controller.wall_wait import WallWait
-from hw.clock import Clock, SimulatedClock
-from hw.errors import (
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import State, Telemetry, Word
+from haptic_wall.controller.tick import Tick
+from haptic_wall.controller.wall_wait import WallWait
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.errors import (
     ServoHealthError,
     ServoLostError,
     ServoMissingError,
     StrangeServoError,
     TorqueLostError,
 )
-from hw.open import open_servo
-from hw.servo import Check, Servo
-from hw.settings import ServoSettings
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Check, Servo
+from haptic_wall.hw.settings import ServoSettings
 
 _REPLIES = 3.0
 """Replies that the warm-up waits for at least"""

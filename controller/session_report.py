@@ -6,19 +6,19 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from controller.detector.watch import Watch
-from controller.guard.delay_parts import ms
-from controller.guard.guard import Decision, Situation, decision_report
-from controller.guard.rebound import NOT_ONE_SIDED, rebound
-from controller.guard.schedule import inserted_delay
-from controller.missed import WINDOW_S as MISSED_S
-from controller.missed import MissedPeriods
-from controller.overspeed import WINDOW_S
-from controller.safety import Trip
-from controller.settings.config import Config
-from controller.tick import Tick, TickParts
-from controller.wall import Law
-from hw.servo import BusCounts
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.guard.guard import Decision, Situation, decision_report
+from haptic_wall.controller.guard.rebound import NOT_ONE_SIDED, rebound
+from haptic_wall.controller.guard.schedule import inserted_delay
+from haptic_wall.controller.missed import WINDOW_S as MISSED_S
+from haptic_wall.controller.missed import MissedPeriods
+from haptic_wall.controller.overspeed import WINDOW_S
+from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.tick import Tick, TickParts
+from haptic_wall.controller.wall import Law
+from haptic_wall.hw.servo import BusCounts
 
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.telemetry import FLAG_SATURATED, FLAG_WARM_UP
-from hw.servo import Outcome
+from haptic_wall.controller.telemetry import FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.hw.servo import Outcome
 
 _PER_OCTAVE = 64
 _BINS = _PER_OCTAVE * 48

@@ -77,7 +77,7 @@ class Row:
     age_ns: int = 0
     """Age of the sample when its torque was sent [ns]"""
     outcome: int = 0
-    """An ``hw.servo.Outcome``"""
+    """An ``haptic_wall.hw.servo.Outcome``"""
     missed: int = 0
     """Whole periods skipped before this tick [1]"""
     flags: int = 0

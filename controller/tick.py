@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from controller.delay import DelayRing
-from controller.engagement import Engagement
-from controller.gains import Gains
-from controller.missed import MissedPeriods
-from controller.motion_watch import MotionWatch
-from controller.safety import Safety, Trip
-from controller.sampler import Sampler
-from controller.telemetry import (
+from haptic_wall.controller.delay import DelayRing
+from haptic_wall.controller.engagement import Engagement
+from haptic_wall.controller.gains import Gains
+from haptic_wall.controller.missed import MissedPeriods
+from haptic_wall.controller.motion_watch import MotionWatch
+from haptic_wall.controller.safety import Safety, Trip
+from haptic_wall.controller.sampler import Sampler
+from haptic_wall.controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_RAISED,
@@ -22,9 +22,9 @@ from controller.telemetry import (
     Telemetry,
     Word,
 )
-from controller.wall import Law
-from hw.clock import Clock
-from hw.servo import Outcome, Servo
+from haptic_wall.controller.wall import Law
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Outcome, Servo
 
 _OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
 _WAITING = Outcome.WAITING

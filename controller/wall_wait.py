@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from controller.engagement import REST_S, start_text, waiting_text
-from controller.grid import Grid
-from controller.safety import End, StopReason
-from controller.settings.config import Config
-from controller.tick import TickParts
+from haptic_wall.controller.engagement import REST_S, start_text, waiting_text
+from haptic_wall.controller.grid import Grid
+from haptic_wall.controller.safety import End, StopReason
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.tick import TickParts
 
 LOOK_S = 0.01
 """How often a shaft around which the wall may not come on yet is looked at [s]"""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from controller.detector.backstop import BackstopSettings, sizes
-from controller.detector.oscillation import DetectorSettings
-from controller.detector.watch import Answer, WatchSettings
-from controller.engagement import engage_torque
-from controller.settings.config import Config
-from controller.wall import SIGNS, Law
+from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
+from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.watch import Answer, WatchSettings
+from haptic_wall.controller.engagement import engage_torque
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.wall import SIGNS, Law
 
 UNPROBED = 12
 """Regular half-cycles after which an oscillation is told where the wall must not be probed [1]"""

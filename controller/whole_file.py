@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from controller.file_kinds import Kind, may_be_replaced
-from controller.signals import interrupting
+from haptic_wall.controller.file_kinds import Kind, may_be_replaced
+from haptic_wall.controller.signals import interrupting
 
 _NAME = 40
 """Characters of a file's name that its other name shows: a name has 255 bytes at most"""

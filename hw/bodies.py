@@ -1,9 +1,9 @@
 """Exact motion of many one-axis servos at once under held torques; the array form of ``plant``.
 
-The formulas and the order of their operations are those of ``hw.plant.step`` without a hand, so
-each body moves exactly, to the last bit, as it would alone. Where a velocity reaches zero within a
-step, only the few bodies concerned are looked at; the logarithm that gives the instant is taken
-one by one, because NumPy's may differ from ``math``'s in the last bit.
+The formulas and the order of their operations are those of ``haptic_wall.hw.plant.step`` without a
+hand, so each body moves exactly, to the last bit, as it would alone. Where a velocity reaches zero
+within a step, only the few bodies concerned are looked at; the logarithm that gives the instant is
+taken one by one, because NumPy's may differ from ``math``'s in the last bit.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.response import response
+from haptic_wall.hw.response import response
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,7 +24,7 @@ _CLEARLY = 1e-9
 
 
 class Held(NamedTuple):
-    """The responses of many bodies over one step; see ``hw.response.Response``."""
+    """The responses of many bodies over one step; see ``haptic_wall.hw.response.Response``."""
 
     h1: Floats
     h: Floats
@@ -78,7 +78,7 @@ class Bodies:
         position: Floats,
         velocity: Floats,
     ) -> None:
-        """Bodies as ``hw.plant.PlantParameters`` describes one; all arrays of shape (n,).
+        """Bodies as ``haptic_wall.hw.plant.PlantParameters`` describes one; arrays of shape (n,).
 
         Raises:
             ValueError: A value is out of range.
@@ -195,7 +195,7 @@ def _through_rest(
     decay: Floats,
     over: Held,
 ) -> tuple[Floats, Floats, Turned]:
-    """The general step of ``hw.plant``: slide to rest, stay there or slide on.
+    """The general step of ``haptic_wall.hw.plant``: slide to rest, stay there or slide on.
 
     Returns:
         Position, velocity, and who came to rest on the way.
@@ -237,7 +237,10 @@ def _through_rest(
 
 
 def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
-    """When velocities that are pushed against reach zero [s]; see ``hw.response.time_to_rest``."""
+    """When velocities that are pushed against reach zero [s].
+
+    See ``haptic_wall.hw.response.time_to_rest``.
+    """
     coasting = -velocity / push
     y = decay * coasting
     shorter = np.ones_like(y)
@@ -249,7 +252,10 @@ def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
 
 
 def _response(decay: Floats, time: Floats) -> Floats:
-    """``h`` and ``s`` of ``hw.response.response`` without a spring, to the last bit; (2, n)."""
+    """``h`` and ``s`` of ``haptic_wall.hw.response.response`` without a spring; shape (2, n).
+
+    Equal to them to the last bit.
+    """
     a = decay * time
     h, s = result = np.empty((2, a.size))
     largest = float(a.max())

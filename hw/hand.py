@@ -11,7 +11,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hw.settings import HandName, TrueServo
+from haptic_wall.hw.settings import HandName, TrueServo
 
 STIFFNESS = 4.0
 """[N·m/rad] A relaxed wrist; softer than any wall worth feeling. With a reference 0.5 rad inside

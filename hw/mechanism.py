@@ -1,7 +1,7 @@
 """The moving servo in time: torques that act late, a hand, and an encoder with play.
 
-Made of ``hw.plant`` between the instants at which something changes: a torque begins to act, or
-the hand's reference turns. Times are integer nanoseconds of whatever clock the caller has.
+Made of ``haptic_wall.hw.plant`` between the instants at which something changes: a torque begins to
+act, or the hand's reference turns. Times are integer nanoseconds of whatever clock the caller has.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from hw.hand import DAMPING, STIFFNESS, hand_of
-from hw.plant import PlantParameters, Pull, State, step
-from hw.settings import TrueServo
+from haptic_wall.hw.hand import DAMPING, STIFFNESS, hand_of
+from haptic_wall.hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.settings import TrueServo
 
 HAND_WAIT_S = 1.0
 """How long a hand that waits goes on waiting once it may come [s]"""

@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Final
 
-from hw.clock import Clock, SimulatedClock
-from hw.errors import PortError
-from hw.servo import Servo
-from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
 if TYPE_CHECKING:
-    from hw.dynamixel.line import Line
-    from hw.dynamixel.port_users import PortUsers
+    from haptic_wall.hw.dynamixel.line import Line
+    from haptic_wall.hw.dynamixel.port_users import PortUsers
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
@@ -27,7 +27,7 @@ def torque_models() -> dict[str, bool]:
 
     Of those whose constant is not, it must be measured and configured.
     """
-    from hw.dynamixel.tables import MODELS
+    from haptic_wall.hw.dynamixel.tables import MODELS
 
     return {
         model.name: model.torque_constant is not None
@@ -41,7 +41,7 @@ def no_load_speeds() -> dict[str, float]:
 
     At the supply that their figures hold for.
     """
-    from hw.dynamixel.tables import MODELS
+    from haptic_wall.hw.dynamixel.tables import MODELS
 
     return {model.name: model.no_load_speed for model in MODELS.values() if model.current_mode}
 
@@ -56,7 +56,7 @@ def check_fault(spec: str, servo_id: int) -> None:
     Raises:
         ValueError: It is no fault, or one of a servo that is not there.
     """
-    from hw.dynamixel.emulated.faults import parse_fault
+    from haptic_wall.hw.dynamixel.emulated.faults import parse_fault
 
     parse_fault(spec).check_servo([servo_id])
 
@@ -71,7 +71,7 @@ def open_port(settings: DynamixelSettings) -> int:
         PortError: The port cannot be used.
         PortBusyError: Another program holds it.
     """
-    from hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
+    from haptic_wall.hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
 
     if not settings.port:
         raise PortError(
@@ -90,7 +90,7 @@ def port_users(descriptor: int) -> PortUsers | None:
     Returns:
         What looks for them, to be closed before the port; None where it is no serial port.
     """
-    from hw.dynamixel.port_users import PortUsers
+    from haptic_wall.hw.dynamixel.port_users import PortUsers
 
     return PortUsers(descriptor) if os.isatty(descriptor) else None
 
@@ -111,11 +111,11 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
         ValueError: What is to be simulated or emulated cannot exist.
     """
     if isinstance(settings, SimulatedSettings):
-        from hw.simulated import SimulatedServo
+        from haptic_wall.hw.simulated import SimulatedServo
 
         return SimulatedServo(settings, clock)
 
-    from hw.dynamixel.servo import DynamixelServo
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     if descriptor is None and not settings.port and settings.emulated is not None:
         if not isinstance(clock, SimulatedClock):
@@ -126,7 +126,7 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
             )
         return DynamixelServo(settings, _memory_line(settings, settings.emulated, clock))
 
-    from hw.dynamixel.serial_line import FdLine
+    from haptic_wall.hw.dynamixel.serial_line import FdLine
 
     if descriptor is None:
         descriptor = open_port(settings)
@@ -140,11 +140,11 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 
 def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
     """An emulated bus in memory with the configured servo on it."""
-    from hw.dynamixel.drivable import drivable
-    from hw.dynamixel.emulated.bus import EmulatedBus
-    from hw.dynamixel.emulated.injection import Faults
-    from hw.dynamixel.emulated.memory_line import MemoryLine
-    from hw.dynamixel.emulated.servo import EmulatedServo
+    from haptic_wall.hw.dynamixel.drivable import drivable
+    from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+    from haptic_wall.hw.dynamixel.emulated.injection import Faults
+    from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+    from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 
     model, _ = drivable(settings)
     now_ns = clock.now_ns()
@@ -166,7 +166,9 @@ def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedC
 
 
 def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bool:
-    """Switch off the torque of a servo whose driver is dead or hung; see ``hw.dynamixel.cut``.
+    """Switch off the torque of a servo whose driver is dead or hung.
+
+    See ``haptic_wall.hw.dynamixel.cut``.
 
     Args:
         settings: Which servo.
@@ -176,7 +178,7 @@ def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bo
     Returns:
         Whether torque off was read back.
     """
-    from hw.dynamixel import cut
-    from hw.dynamixel.serial_line import FdLine
+    from haptic_wall.hw.dynamixel import cut
+    from haptic_wall.hw.dynamixel.serial_line import FdLine
 
     return cut.cut_torque(FdLine(descriptor, clock), settings.id, settings.baud)

@@ -6,8 +6,8 @@ The motion over a step solves ::
 
 with the torque u held and the hand a spring and damper toward a reference that moves linearly.
 While the velocity keeps its sign the equation is linear and its solution is written down
-(``hw.response``). What is left are the instants where the velocity reaches zero, and where a stuck
-body breaks away: each is solved for, and the step is cut there.
+(``haptic_wall.hw.response``). What is left are the instants where the velocity reaches zero, and
+where a stuck body breaks away: each is solved for, and the step is cut there.
 
 At rest the body is stuck while the applied torque is at most c (static friction equals
 kinetic friction).
@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hw.response import Slide, cached_response, response, time_to_rest
+from haptic_wall.hw.response import Slide, cached_response, response, time_to_rest
 
 _ONE_TURN = 9.0
 """Square of a phase below pi: between two zeros of an oscillator's acceleration lies at least pi"""

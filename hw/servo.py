@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple, Protocol
 
-from hw.clock import Clock
+from haptic_wall.hw.clock import Clock
 
 JUMP_SHARE: Final = 3.0
 """Of the no-load speed: no shaft is turned faster than this"""
@@ -110,7 +110,7 @@ class Check:
 
 
 class Servo(Protocol):
-    """One servo, commanded in torque. Opened by ``hw.open``, closed by ``close``.
+    """One servo, commanded in torque. Opened by ``haptic_wall.hw.open``, closed by ``close``.
 
     The order of calls is ``start``, any number of cycles, ``stop``, ``close``. A cycle is
     ``request``, ``collect``, ``write``. The request may be sent in the period before the one

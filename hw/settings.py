@@ -83,7 +83,8 @@ class DynamixelSettings:
     emulated: TrueServo | None = None
     """Truth of the emulated servo where the bus is in memory"""
     faults: tuple[str, ...] = ()
-    """What goes wrong on an emulated bus, as ``hw.dynamixel.emulated.faults`` reads it"""
+    """What goes wrong on an emulated bus, as ``haptic_wall.hw.dynamixel.emulated.faults`` reads
+    it"""
     fault_seed: int = 0
     """Decides what those faults strike"""
 

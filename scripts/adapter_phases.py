@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller.telemetry import FLAG_WARM_UP
-from hw.dynamixel.codec import Instruction
-from hw.dynamixel.emulated.adapter import BLOCKS
-from hw.dynamixel.tables import POSITION_UNIT
-from hw.errors import ServoError
-from hw.servo import Outcome
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.emulated.adapter import BLOCKS
+from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
 from scripts.whole_program import measured_on, page_options, say_time
 

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from controller.benchmarks import words
-from controller.cli.bench import SECTIONS
+from haptic_wall.controller.benchmarks import words
+from haptic_wall.controller.cli.bench import SECTIONS
 from scripts.whole_program import PROGRAM, page_options
 
 PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)

@@ -7,11 +7,11 @@ from math import inf
 from statistics import median
 
 import numpy as np
-from haptic_wall_pytest.record import BusRow
 from numpy.typing import NDArray
 
-from hw.dynamixel.codec import Instruction
-from hw.dynamixel.tables import REGISTERS
+from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.tables import REGISTERS
 
 AFTER_S = 2.0
 """A shot may still show so long after it was over [s]"""

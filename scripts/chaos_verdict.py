@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from haptic_wall_pytest.record import rows_of
 
-from controller.errors import LogFormatError
-from controller.log.file import read_log
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.pytest_plugin.record import rows_of
 from scripts.chaos_judge import (
     MACHINE,
     REFUSED,

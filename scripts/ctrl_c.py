@@ -22,12 +22,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from controller.cli.interrupt import INTERRUPTED
-from hw.clock import MonotonicClock
-from hw.dynamixel.link import Link
-from hw.dynamixel.port import open_port
-from hw.dynamixel.serial_line import FdLine
-from hw.dynamixel.tables import REGISTERS
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.port import open_port
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.dynamixel.tables import REGISTERS
 from scripts.whole_program import (
     emulated_bus,
     measured_on,

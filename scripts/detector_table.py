@@ -14,7 +14,7 @@ from concurrent.futures import Executor, as_completed
 
 import numpy as np
 
-from controller.experiments.detector_trials import (
+from haptic_wall.controller.experiments.detector_trials import (
     NAMES,
     HandTrial,
     KickTrial,
@@ -23,15 +23,15 @@ from controller.experiments.detector_trials import (
     kick_trials,
     sustained_trials,
 )
-from controller.experiments.hands import HANDS
-from controller.experiments.processes import cores, not_from_the_terminal, processes
-from controller.experiments.trials.beyond_limit import LIMIT
-from controller.experiments.trials.bouncing import BOUNCES
-from controller.experiments.trials.hand_hours import HOURS
-from controller.experiments.trials.own_walls import WALLS
-from controller.experiments.trials.recordings import RECORDINGS
-from controller.experiments.trials.sections import measured
-from controller.experiments.trials.small_cycles import BACKLASH_CYCLES
+from haptic_wall.controller.experiments.hands import HANDS
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.experiments.trials.beyond_limit import LIMIT
+from haptic_wall.controller.experiments.trials.bouncing import BOUNCES
+from haptic_wall.controller.experiments.trials.hand_hours import HOURS
+from haptic_wall.controller.experiments.trials.own_walls import WALLS
+from haptic_wall.controller.experiments.trials.recordings import RECORDINGS
+from haptic_wall.controller.experiments.trials.sections import measured
+from haptic_wall.controller.experiments.trials.small_cycles import BACKLASH_CYCLES
 from scripts.page_sections import add_options, amount_of, command_of, write
 from scripts.whole_program import measured_on, page_options
 

@@ -4,8 +4,8 @@
 # Two at once wait for each other, on a lock that a killed script gives back.
 
 root=$(CDPATH='' cd -- "$(dirname -- "$(readlink -f -- "$0")")/.." && pwd)
-# Whatever else PYTHONPATH leads to, packages of this project come first.
-PYTHONPATH=$root${PYTHONPATH:+:$PYTHONPATH}
+# Whatever else PYTHONPATH leads to, the package of this project comes first.
+PYTHONPATH=$root/.src${PYTHONPATH:+:$PYTHONPATH}
 export PYTHONPATH
 
 # The newest Python that is recent enough and can make virtual environments.
@@ -64,13 +64,13 @@ install() {
     wanted_stamp >"$root/.venv/.installed-$1"
 }
 
-# The installation names the folders of pyproject.toml's dev-mode-dirs in a file that Python before
+# The installation names the folder of pyproject.toml's dev-mode-dirs in a file that Python before
 # 3.13 reads by the locale: under LC_ALL=C it would not start where a name has an umlaut. Seen from
-# that file, the names are not needed.
+# that file, its name is not needed.
 name_no_folder() {
     for file in "$root"/.venv/lib/python*/site-packages/_haptic_wall.pth; do
         if [ -f "$file" ]; then
-            printf '%s\n' ../../../.. ../../../../controller/pytest_plugin >"$file"
+            printf '%s\n' ../../../../.src >"$file"
         fi
     done
 }

@@ -16,16 +16,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.guard.belief import Belief
-from controller.guard.guard import decide
-from controller.guard.limits import Plants, evaluate
-from controller.guard.types import Situation
-from controller.settings.config import Config
-from controller.settings.load import load_config
-from hw.dynamixel.emulated.motor import Motor, motor_of
-from hw.dynamixel.tables import MODELS
-from hw.dynamixel.torque_law import TorqueLaw, torque_law
-from hw.plant import PlantParameters, State, step
+from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.limits import Plants, evaluate
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.dynamixel.emulated.motor import Motor, motor_of
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
+from haptic_wall.hw.plant import PlantParameters, State, step
 from scripts.whole_program import ROOT, page_options, say_time
 
 PAGE = ROOT / "docs" / "hardware.md"

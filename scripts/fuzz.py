@@ -33,7 +33,9 @@ def main() -> None:
             "scripts/fuzz: atheris is missing: pip install -e '.[fuzz]' (Linux on x86-64 only)"
         )
     sys.path.insert(0, str(ROOT))
-    with atheris.instrument_imports(include=["hw.dynamixel.codec", "hw.dynamixel.emulated"]):
+    with atheris.instrument_imports(
+        include=["haptic_wall.hw.dynamixel.codec", "haptic_wall.hw.dynamixel.emulated"]
+    ):
         from tests.hw.dynamixel import fuzzing
     for number, seed in enumerate(fuzzing.seeds()):
         (inputs / f"seed-{number:03d}").write_bytes(seed)

@@ -24,18 +24,18 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from controller.benchmarks.machine import machine, versions
-from controller.commission.verdict import ASKED, Question
-from controller.experiments.identification import (
+from haptic_wall.controller.benchmarks.machine import machine, versions
+from haptic_wall.controller.commission.verdict import ASKED, Question
+from haptic_wall.controller.experiments.identification import (
     Estimated,
     Identified,
     UnidentifiableError,
     identify,
 )
-from controller.experiments.identified_config import identified_model
-from controller.experiments.processes import cores, not_from_the_terminal, processes
-from controller.settings.config import Config
-from controller.settings.load import load_config
+from haptic_wall.controller.experiments.identified_config import identified_model
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
 from scripts.ordinary_servos import (
     COGGING,
     FADING,

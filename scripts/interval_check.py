@@ -19,13 +19,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from controller.guard.schedule import (
+from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
     IRREGULAR_CAP,
     GainSchedule,
     interval_bins_ns,
 )
-from controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from scripts.irregular_loop import (
     PERIOD,
     QUARTERS,

@@ -20,9 +20,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from controller.theory import critical_stiffness, max_virtual_damping
-from controller.theory.cycles import Backlash, LimitCycle, Quantisation, Saturation, limit_cycles
-from controller.theory.exact import critical_point
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.cycles import (
+    Backlash,
+    LimitCycle,
+    Quantisation,
+    Saturation,
+    limit_cycles,
+)
+from haptic_wall.controller.theory.exact import critical_point
 from scripts.nonlinear_walls import PERIOD, Array, Motion, Walls
 from scripts.uncertainty import renewed
 from scripts.whole_program import ROOT, page_options, say_time

@@ -19,9 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.log.file import LogWriter, append_end
-from controller.settings.load import load_config
-from controller.telemetry import CAPACITY, FLAG_CONTACT, FLAG_WARM_UP, ROW, Telemetry, Word
+from haptic_wall.controller.log.file import LogWriter, append_end
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import (
+    CAPACITY,
+    FLAG_CONTACT,
+    FLAG_WARM_UP,
+    ROW,
+    Telemetry,
+    Word,
+)
 from scripts.whole_program import measured_on, page_options, say_time
 
 SHORT_S = 600
@@ -38,7 +45,7 @@ WAYS = (
 TELLING = """
 import sys
 from pathlib import Path
-from controller.cli.main import main
+from haptic_wall.controller.cli.main import main
 status = main(sys.argv[1:])
 sys.stderr.write(Path("/proc/self/status").read_text())
 sys.exit(status)
@@ -141,7 +148,7 @@ def backlog(folder: Path, rate_hz: int) -> int:
         "resume": False,
     }
     recorder = subprocess.Popen(
-        [sys.executable, "-m", "controller.tree.recorder"],
+        [sys.executable, "-m", "haptic_wall.controller.tree.recorder"],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         pass_fds=[telemetry.descriptor],

@@ -14,10 +14,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from haptic_wall_pytest.record import read_rows
-
-from controller.benchmarks import loops
-from hw.dynamixel.codec import Instruction
+from haptic_wall.controller.benchmarks import loops
+from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, measured_on, page_options, say_time, wall_run
 from scripts.witnessed import witnessed
 

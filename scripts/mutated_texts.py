@@ -13,7 +13,7 @@ from random import Random
 
 import numpy as np
 
-from controller.settings.load import preset_names
+from haptic_wall.controller.settings.load import preset_names
 
 NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 _NASTY = (
@@ -121,7 +121,11 @@ def _many(random: Random) -> str:
 def configuration(random: Random, path: Path) -> str:
     """Write a configuration that is odd in some way; in which."""
     name = random.choice(preset_names())
-    text = resources.files("controller").joinpath(f"presets/{name}.yaml").read_text("utf-8")
+    text = (
+        resources.files("haptic_wall.controller")
+        .joinpath(f"presets/{name}.yaml")
+        .read_text("utf-8")
+    )
     draw = random.random()
     if draw < 0.05:
         return _special(random, path)

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from controller.log.columns import COLUMNS
-from controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.log.columns import COLUMNS
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
 from scripts.mutated_logs import Key, Log
 from scripts.mutated_texts import NUMBER, Table
 

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from controller.cli.main import main
-from controller.experiments.identification import UnidentifiableError
-from controller.printable import printable
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.experiments.identification import UnidentifiableError
+from haptic_wall.controller.printable import printable
 from scripts import mutated_folders, mutated_texts, mutation_judges
 from scripts.crafted_logs import crafted
 from scripts.mutated_logs import Log, mutated
@@ -235,7 +235,7 @@ def _try_folder(random: Random, folder: Path, base: Path, trial: Tried, limited:
 @contextlib.contextmanager
 def _still() -> Iterator[None]:
     """While steps of a commissioning move nothing, and fail."""
-    from controller.commission import steps
+    from haptic_wall.controller.commission import steps
 
     def refuse(_bench: object) -> None:
         raise UnidentifiableError("nothing is moved here")

@@ -1,8 +1,8 @@
 """Simulation in time of two-sided walls with one nonlinearity each, many at once.
 
-Nothing here uses ``controller``: the predictions of ``controller.theory.cycles`` are held against
-it. A servo without friction moves exactly under each held torque. A turn of the motion between two
-samples takes up the backlash too.
+Nothing here uses ``haptic_wall``: the predictions of ``haptic_wall.controller.theory.cycles`` are
+held against it. A servo without friction moves exactly under each held torque. A turn of the motion
+between two samples takes up the backlash too.
 """
 
 from __future__ import annotations

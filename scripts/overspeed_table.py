@@ -16,17 +16,23 @@ from functools import cache
 
 import numpy as np
 
-from controller.detector.acting import ActingTorque
-from controller.guard.belief import Belief
-from controller.guard.guard import decide
-from controller.guard.types import Situation
-from controller.overspeed import DRIVEN_SHARE, SLACK_COUNTS, WINDOW_S, DrivenLimits, DrivenSpeed
-from controller.settings.load import load_config
-from controller.wall import Side, Wall
-from hw.dynamixel.emulated.motor import Motor, motor_of
-from hw.dynamixel.tables import MODELS
-from hw.plant import PlantParameters, Pull, State, step
-from hw.servo import JUMP_SHARE, JUMP_SPEED
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.overspeed import (
+    DRIVEN_SHARE,
+    SLACK_COUNTS,
+    WINDOW_S,
+    DrivenLimits,
+    DrivenSpeed,
+)
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.wall import Side, Wall
+from haptic_wall.hw.dynamixel.emulated.motor import Motor, motor_of
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.servo import JUMP_SHARE, JUMP_SPEED
 from scripts.whole_program import measured_on, page_options, say_time
 
 PERIOD = 1e-3

@@ -10,11 +10,11 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
-from haptic_wall_pytest.record import read_rows
 
-from controller.benchmarks.loops import FORGIVING
-from controller.log.file import read_log
-from hw.dynamixel.codec import Instruction
+from haptic_wall.controller.benchmarks.loops import FORGIVING
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WALL = ("wall.side=both", f"wall.position={pi}", "wall.stiffness=2", "wall.damping=0")

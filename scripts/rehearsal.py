@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.session import Result, Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import ROW, Telemetry
-from hw.clock import Clock, SimulatedClock
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.emulated.witness import Row
-from hw.dynamixel.servo import DynamixelServo
-from hw.dynamixel.tables import MODELS
-from hw.servo import Servo
-from hw.settings import DynamixelSettings
+from haptic_wall.controller.session import Result, Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import ROW, Telemetry
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.witness import Row
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import DynamixelSettings
 
 LIMITS_OF_HARDWARE = (
     "safety.max_speed=15",

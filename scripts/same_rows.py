@@ -299,7 +299,7 @@ def _rows_of(place: Path, names: Iterable[str], folder: Path) -> Path:
         [python, __file__, "--keep", folder, "--only", *names],
         check=True,
         stdout=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": f"{place}{os.pathsep}{ROOT}"},
+        env={**os.environ, "PYTHONPATH": f"{place / '.src'}{os.pathsep}{ROOT}"},
         cwd=place,
     )
     return folder

@@ -11,17 +11,17 @@ from random import Random
 
 from scipy.stats import binom
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Parser, encode_status
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.damage import Passage
-from hw.dynamixel.emulated.injection import Faults
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.servo import DynamixelServo
-from hw.dynamixel.tables import MODELS, POSITION_UNIT
-from hw.servo import Outcome
-from hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Parser, encode_status
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.damage import Passage
+from haptic_wall.hw.dynamixel.emulated.injection import Faults
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 
 DAMAGE = (
     "drop:p=0.01,way=reply",

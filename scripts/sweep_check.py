@@ -21,19 +21,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from haptic_wall_pytest.record import read_rows
 
-from controller.benchmarks.loops import FORGIVING
-from controller.experiments.critical import PointSearch
-from controller.experiments.sweep import experiment_config
-from controller.experiments.sweep_plan import Options, Setting
-from controller.experiments.sweep_result import PointResult
-from controller.experiments.testbed import Testbed
-from controller.log.file import read_log
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_WARM_UP
-from controller.theory import critical_stiffness, max_virtual_damping
-from hw.dynamixel.codec import Instruction
+from haptic_wall.controller.benchmarks.loops import FORGIVING
+from haptic_wall.controller.experiments.critical import PointSearch
+from haptic_wall.controller.experiments.sweep import experiment_config
+from haptic_wall.controller.experiments.sweep_plan import Options, Setting
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, measured_on, page_options, say_time
 
 PERIOD = 1e-3

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping
-from controller.theory.guaranteed import cost_of_each_unknown, guaranteed_limit
-from controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.theory import critical_stiffness, linear_limit, max_virtual_damping
+from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown, guaranteed_limit
+from haptic_wall.controller.theory.ranges import Member, Ranges
 from scripts.whole_program import ROOT, page_options, say_time
 
 PAGE = ROOT / "docs" / "uncertainty.md"

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controller.benchmarks.machine import machine, versions
-from controller.safety import Trip
+from haptic_wall.controller.benchmarks.machine import machine, versions
+from haptic_wall.controller.safety import Trip
 
 ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,10 @@ def child_of(pid: int, module: str) -> int | None:
     with contextlib.suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):
-                if f"controller.tree.{module}" in Path(f"/proc/{child}/cmdline").read_text():
+                if (
+                    f"haptic_wall.controller.tree.{module}"
+                    in Path(f"/proc/{child}/cmdline").read_text()
+                ):
                     return int(child)
     return None
 

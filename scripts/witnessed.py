@@ -4,11 +4,11 @@ import math
 from pathlib import Path
 
 import numpy as np
-from haptic_wall_pytest.record import read_rows
 
-from controller.benchmarks.loops import FORGIVING
-from controller.theory import critical_stiffness
-from hw.dynamixel.codec import Instruction
+from haptic_wall.controller.benchmarks.loops import FORGIVING
+from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import wall_run, with_sets
 
 INERTIA, DAMPING, VIRTUAL_DAMPING, PERIOD = 0.011951, 0.011692, 0.02, 1e-3

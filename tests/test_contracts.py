@@ -12,17 +12,17 @@ from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parents[1]
 DRIVER = sorted(
-    f"hw.dynamixel.{module.stem}"
+    f"haptic_wall.hw.dynamixel.{module.stem}"
     for module in (ROOT / "hw" / "dynamixel").glob("*.py")
     if module.stem != "__init__"
 )
 SIMULATED = (
-    "hw.plant",
-    "hw.bodies",
-    "hw.hand",
-    "hw.mechanism",
-    "hw.simulated",
-    "hw.dynamixel.emulated",
+    "haptic_wall.hw.plant",
+    "haptic_wall.hw.bodies",
+    "haptic_wall.hw.hand",
+    "haptic_wall.hw.mechanism",
+    "haptic_wall.hw.simulated",
+    "haptic_wall.hw.dynamixel.emulated",
 )
 
 
@@ -57,36 +57,44 @@ def test_the_configured_import_contracts_hold(
 def test_the_driver_loads_nothing_simulated_and_nothing_of_the_controller(module: str) -> None:
     loaded = loaded_by(f"import {module}")
     assert module in loaded
-    assert within(loaded, *SIMULATED, "controller") == []
+    assert within(loaded, *SIMULATED, "haptic_wall.controller") == []
 
 
 def test_opening_loads_only_what_is_opened() -> None:
-    assert within(loaded_by("import hw.open"), *SIMULATED, "hw.dynamixel", "serial") == []
+    assert (
+        within(
+            loaded_by("import haptic_wall.hw.open"),
+            *SIMULATED,
+            "haptic_wall.hw.dynamixel",
+            "serial",
+        )
+        == []
+    )
     real = loaded_by(
         "import contextlib\n"
-        "from hw.clock import MonotonicClock\n"
-        "from hw.errors import PortError\n"
-        "from hw.open import open_servo\n"
-        "from hw.settings import DynamixelSettings\n"
+        "from haptic_wall.hw.clock import MonotonicClock\n"
+        "from haptic_wall.hw.errors import PortError\n"
+        "from haptic_wall.hw.open import open_servo\n"
+        "from haptic_wall.hw.settings import DynamixelSettings\n"
         "with contextlib.suppress(PortError):\n"
         "    open_servo(DynamixelSettings('/dev/none', 57600, 1, 'XM430-W350'), MonotonicClock())"
     )
-    assert "hw.dynamixel.servo" in real
+    assert "haptic_wall.hw.dynamixel.servo" in real
     assert within(real, *SIMULATED) == []
     simulated = loaded_by(
-        "from hw.clock import SimulatedClock\n"
-        "from hw.open import open_servo\n"
-        "from hw.settings import SimulatedSettings, TrueServo\n"
+        "from haptic_wall.hw.clock import SimulatedClock\n"
+        "from haptic_wall.hw.open import open_servo\n"
+        "from haptic_wall.hw.settings import SimulatedSettings, TrueServo\n"
         "open_servo(SimulatedSettings(TrueServo(0.01)), SimulatedClock())"
     )
-    assert "hw.simulated" in simulated
-    assert within(simulated, "hw.dynamixel", "serial", "dynamixel_sdk") == []
+    assert "haptic_wall.hw.simulated" in simulated
+    assert within(simulated, "haptic_wall.hw.dynamixel", "serial", "dynamixel_sdk") == []
 
 
 def test_the_theory_loads_nothing_of_the_hardware() -> None:
-    loaded = loaded_by("import controller.theory")
-    assert within(loaded, "hw", "serial", "dynamixel_sdk") == []
-    outside = within(loaded, "controller")
-    assert [module for module in outside if not module.startswith("controller.theory")] == [
-        "controller"
-    ]
+    loaded = loaded_by("import haptic_wall.controller.theory")
+    assert within(loaded, "haptic_wall.hw", "serial", "dynamixel_sdk") == []
+    outside = within(loaded, "haptic_wall.controller")
+    assert [
+        module for module in outside if not module.startswith("haptic_wall.controller.theory")
+    ] == ["haptic_wall.controller"]

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.cli import main as cli
-from controller.log.file import read_log
-from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 PATIENT = [
     word
     for setting in (

@@ -9,14 +9,14 @@ from functools import partial
 
 import numpy as np
 
-from controller.benchmarks.plant_alone import PERIOD_S, beside_peers
-from controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
-from controller.experiments.many_walls import BLOCK, Loops, Walls
-from controller.theory import critical_stiffness, max_virtual_damping
-from controller.theory.checks import FloatArray, IntArray
-from hw.clock import SimulatedClock
-from hw.open import open_servo
-from hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.controller.benchmarks.plant_alone import PERIOD_S, beside_peers
+from haptic_wall.controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
 
 _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000

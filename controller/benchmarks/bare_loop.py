@@ -6,7 +6,8 @@ counts those that cannot be: they answer the request before. No wall, no guard, 
 what a loop of this kind costs at the least on the machine and bus it runs on. Torque stays off:
 goal currents have no effect.
 
-    python -m controller.benchmarks.bare_loop PORT [SECONDS]     one JSON object on standard output
+    python -m haptic_wall.controller.benchmarks.bare_loop PORT [SECONDS]     one JSON object on
+    standard output
 """
 
 import argparse

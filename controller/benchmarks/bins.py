@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.benchmarks.rows import Histogram
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.benchmarks.rows import Histogram
+from haptic_wall.controller.theory.checks import FloatArray
 
 _BINS = 120
 _LEAST = 1e-6

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
-from controller.theory import critical_stiffness, max_virtual_damping
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.benchmarks.rows import Row, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 7
 _CURVE, _MIXED, _COMPARED = 1000, 100_000, 25

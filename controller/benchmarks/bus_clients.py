@@ -17,7 +17,7 @@ from itertools import cycle as in_turn
 from types import ModuleType
 from typing import Final, NamedTuple, Protocol
 
-from hw.dynamixel.codec import (
+from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ExpectedFastReply,
     ExpectedReply,
@@ -25,10 +25,10 @@ from hw.dynamixel.codec import (
     SyncWrite,
     encode,
 )
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.dynamixel.together import Together, Way
-from hw.servo import Outcome
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.together import Together, Way
+from haptic_wall.hw.servo import Outcome
 
 _PATIENCE_NS = 50_000_000
 _GOAL, _GOAL_BYTES = 102, 2

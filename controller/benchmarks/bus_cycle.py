@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Final
 
-from controller.benchmarks.bus_clients import (
+from haptic_wall.controller.benchmarks.bus_clients import (
     LONG,
     SHORT,
     Cycle,
@@ -27,11 +27,11 @@ from controller.benchmarks.bus_clients import (
     rustypot,
     vendors,
 )
-from controller.benchmarks.loops import BAUD, emulated_bus
-from controller.benchmarks.rows import Histogram, Row, Section, ratio
-from hw.clock import MonotonicClock
-from hw.dynamixel.codec import BROADCAST, Instruction, encode
-from hw.dynamixel.serial_line import FdLine
+from haptic_wall.controller.benchmarks.loops import BAUD, emulated_bus
+from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section, ratio
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
+from haptic_wall.hw.dynamixel.serial_line import FdLine
 
 _ROUNDS, _CYCLES = 40, 24
 _COUNTS = (1, 3, 6)

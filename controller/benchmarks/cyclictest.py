@@ -8,8 +8,8 @@ import subprocess
 
 import numpy as np
 
-from controller.errors import PlatformError
-from controller.theory.checks import IntArray
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.theory.checks import IntArray
 
 PRIORITY = 80
 _RANGE_US = 20_000

@@ -7,9 +7,9 @@ import time
 
 import numpy as np
 
-from controller.benchmarks.rows import Row, Section
-from controller.detector.acting import ActingTorque
-from controller.detector.oscillation import Detector, DetectorSettings
+from haptic_wall.controller.benchmarks.rows import Row, Section
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
 
 _PERIOD, _COUNT = 1e-3, 2.0 * math.pi / 4096
 _INERTIA, _STIFFNESS = 0.012, 20.0

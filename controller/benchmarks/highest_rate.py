@@ -6,9 +6,9 @@ import math
 from contextlib import suppress
 from typing import Final
 
-from controller.benchmarks.loops import LOOPS, Loop, Ran, emulated_bus
-from controller.benchmarks.rows import Section, over_rounds
-from hw.errors import ServoError
+from haptic_wall.controller.benchmarks.loops import LOOPS, Loop, Ran, emulated_bus
+from haptic_wall.controller.benchmarks.rows import Section, over_rounds
+from haptic_wall.hw.errors import ServoError
 
 _LOW_HZ, _HIGH_HZ = 500.0, 5500.0
 """At the most a cycle takes 0.8 of a period on the wire alone"""

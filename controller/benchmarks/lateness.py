@@ -19,18 +19,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller.benchmarks import cyclictest
-from controller.benchmarks.bins import percentile
-from controller.benchmarks.lateness_client import PERIOD_NS, Orders
-from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
-from controller.errors import PlatformError
-from controller.realtime import pick_cores
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_WARM_UP, Telemetry
-from controller.theory.checks import FloatArray
-from controller.tree.children import Child
-from controller.tree.plan import Plan
-from controller.tree.supervisor import Supervisor
+from haptic_wall.controller.benchmarks import cyclictest
+from haptic_wall.controller.benchmarks.bins import percentile
+from haptic_wall.controller.benchmarks.lateness_client import PERIOD_NS, Orders
+from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP, Telemetry
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.tree.children import Child
+from haptic_wall.controller.tree.plan import Plan
+from haptic_wall.controller.tree.supervisor import Supervisor
 
 _ROUNDS, _TICKS = 8, 1000
 _START_S: Final = 20.0
@@ -184,7 +184,7 @@ def _child(client: str, core: int) -> Turn:
     """
     ticks = _WARM_UP_TICKS + _TICKS
     orders = Orders(client, core, cyclictest.PRIORITY, ticks, os.getpid())
-    module = "controller.benchmarks.lateness_client"
+    module = "haptic_wall.controller.benchmarks.lateness_client"
     with _elsewhere(core):
         child = Child(f"the loop '{client}'", [module], asdict(orders), cores={core})
         try:

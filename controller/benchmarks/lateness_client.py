@@ -16,10 +16,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Final, NamedTuple
 
-from controller import realtime
-from controller.loop import ClockWaiter, Waiter, next_deadline, waiter_for
-from controller.orders import read_orders
-from hw.clock import MonotonicClock
+from haptic_wall.controller import realtime
+from haptic_wall.controller.loop import ClockWaiter, Waiter, next_deadline, waiter_for
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.hw.clock import MonotonicClock
 
 PERIOD_NS: Final = 1_000_000
 

@@ -17,13 +17,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from controller.errors import PlatformError
-from controller.realtime import pick_cores
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry
-from controller.tree.children import Child, first_line
-from controller.tree.plan import Ended, Plan
-from controller.tree.supervisor import Supervisor
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.tree.children import Child, first_line
+from haptic_wall.controller.tree.plan import Ended, Plan
+from haptic_wall.controller.tree.supervisor import Supervisor
 
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
@@ -76,7 +76,13 @@ def emulated_bus(
     Raises:
         PlatformError: It did not start.
     """
-    arguments = ["controller.cli.main", "emulate", "--die-with-parent", "--baud", str(BAUD)]
+    arguments = [
+        "haptic_wall.controller.cli.main",
+        "emulate",
+        "--die-with-parent",
+        "--baud",
+        str(BAUD),
+    ]
     for i in ids:
         arguments += ["--servo", f"XM430-W350:{i}"]
     apart = pick_cores()[1] if cores is None else cores
@@ -96,7 +102,13 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
     Raises:
         PlatformError: It came to no end of its own.
     """
-    arguments = ["controller.benchmarks.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
+    arguments = [
+        "haptic_wall.controller.benchmarks.bare_loop",
+        path,
+        str(seconds),
+        "--rate",
+        str(rate_hz),
+    ]
     loop = Child("the bare loop", arguments, None, cores=os.sched_getaffinity(0))
     try:
         told = first_line(loop, seconds + START_S)

@@ -17,18 +17,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from haptic_wall_pytest.record import BusRow, read_rows
-
-from controller.benchmarks.bus_clients import rustypot
-from controller.benchmarks.loops import BAUD, emulated_bus, ours
-from controller.benchmarks.rows import Histogram, Row, Section
-from controller.errors import PlatformError
-from controller.sampler import COLLECT_SHARE
-from hw.clock import MonotonicClock
-from hw.dynamixel.codec import Instruction
-from hw.dynamixel.link import Link
-from hw.dynamixel.serial_line import FdLine
-from hw.servo import Outcome
+from haptic_wall.controller.benchmarks.bus_clients import rustypot
+from haptic_wall.controller.benchmarks.loops import BAUD, emulated_bus, ours
+from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
+from haptic_wall.controller.sampler import COLLECT_SHARE
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
 _ROUNDS, _LOSSES, _MOST_READS = 5, 8, 200

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller import __version__
-from controller.benchmarks import cyclictest
+from haptic_wall import __version__
+from haptic_wall.controller.benchmarks import cyclictest
 
 _PACKAGES = (
     "scipy",

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
-from controller.benchmarks import words
-from controller.benchmarks.picture import png
+from haptic_wall.controller.benchmarks import words
+from haptic_wall.controller.benchmarks.picture import png
 
 
 def page(report: Mapping[str, Any]) -> str:
@@ -23,7 +23,11 @@ def page(report: Mapping[str, Any]) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = files("controller.benchmarks").joinpath("page.html.j2").read_text(encoding="utf-8")
+    source = (
+        files("haptic_wall.controller.benchmarks")
+        .joinpath("page.html.j2")
+        .read_text(encoding="utf-8")
+    )
     pictures = {
         name: [
             (_embedded(png(histogram)), histogram["name"])

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from controller.benchmarks.words import figure
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, picture
+from haptic_wall.controller.benchmarks.words import figure
+from haptic_wall.controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

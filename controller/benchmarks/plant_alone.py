@@ -17,10 +17,10 @@ from typing import Final
 
 import numpy as np
 
-from controller.benchmarks.rows import Row, interleaved, over_rounds, ratio
-from controller.experiments.many_walls import BLOCK, Loops, Walls
-from controller.theory.checks import FloatArray
-from hw.settings import TrueServo
+from haptic_wall.controller.benchmarks.rows import Row, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.settings import TrueServo
 
 PERIOD_S: Final = 1e-3
 LINEAR: Final = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)

@@ -9,19 +9,19 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from controller.benchmarks.bins import binned
-from controller.benchmarks.machine import (
+from haptic_wall.controller.benchmarks.bins import binned
+from haptic_wall.controller.benchmarks.machine import (
     load_average,
     machine,
     processor_time,
     stolen_percent,
     versions,
 )
-from controller.benchmarks.rights import granted
-from controller.benchmarks.rows import Section
-from controller.errors import HapticWallError
-from controller.signals import interrupting
-from hw.errors import ServoError
+from haptic_wall.controller.benchmarks.rights import granted
+from haptic_wall.controller.benchmarks.rows import Section
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.signals import interrupting
+from haptic_wall.hw.errors import ServoError
 
 
 def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[str, Any]:

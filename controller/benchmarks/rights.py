@@ -9,10 +9,10 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from controller import realtime
-from controller.benchmarks import cyclictest
-from controller.orders import read_orders
-from controller.tree.children import Child, first_line
+from haptic_wall.controller import realtime
+from haptic_wall.controller.benchmarks import cyclictest
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.tree.children import Child, first_line
 
 _PATIENCE_S = 20.0
 

@@ -15,16 +15,16 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.delay import DelayRing
-from controller.detector.watch import Watch
-from controller.guard.schedule import GainSchedule
-from controller.passivity_control import PassivityControl
-from controller.rehearsal import Rehearsal
-from controller.telemetry import Telemetry
-from controller.tick import Tick
-from controller.velocity import BackwardDifference
-from controller.wall import Wall
-from hw.servo import Servo
+from haptic_wall.controller.delay import DelayRing
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.passivity_control import PassivityControl
+from haptic_wall.controller.rehearsal import Rehearsal
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.tick import Tick
+from haptic_wall.controller.velocity import BackwardDifference
+from haptic_wall.controller.wall import Wall
+from haptic_wall.hw.servo import Servo
 
 Method = Callable[..., Any]
 

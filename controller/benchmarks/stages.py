@@ -6,13 +6,19 @@ import json
 import os
 from typing import Any, Final
 
-from controller.benchmarks.loops import AT_REST, FORGIVING, START_S, emulated_bus, wall_run
-from controller.benchmarks.rows import Histogram, Row, Section, over_rounds
-from controller.benchmarks.stage_times import STAGES
-from controller.errors import PlatformError
-from controller.realtime import pick_cores
-from controller.settings.load import load_config
-from controller.tree.children import Child, first_line
+from haptic_wall.controller.benchmarks.loops import (
+    AT_REST,
+    FORGIVING,
+    START_S,
+    emulated_bus,
+    wall_run,
+)
+from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section, over_rounds
+from haptic_wall.controller.benchmarks.stage_times import STAGES
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.tree.children import Child, first_line
 
 _ROUNDS, _SECONDS = 3, 1.0
 _PERCENTILES: Final = ("p50", "p99")
@@ -69,7 +75,9 @@ def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
         "core": core,
         "seconds": _SECONDS,
     }
-    loop = Child("the timed loop", ["controller.benchmarks.timed_loop"], orders, cores={core})
+    loop = Child(
+        "the timed loop", ["haptic_wall.controller.benchmarks.timed_loop"], orders, cores={core}
+    )
     try:
         told = first_line(loop, _SECONDS + START_S)
     finally:

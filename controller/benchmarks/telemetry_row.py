@@ -15,9 +15,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from controller.benchmarks.rows import Row, Section
-from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry
-from controller.telemetry import Row as TickRow
+from haptic_wall.controller.benchmarks.rows import Row, Section
+from haptic_wall.controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry
+from haptic_wall.controller.telemetry import Row as TickRow
 
 _HOT, _ROUNDS = 200, 20
 """Rows in a row, and how often"""

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller import realtime
-from controller.benchmarks.stage_times import StageTimes
-from controller.orders import read_orders
-from controller.session import Surroundings, run_session
-from controller.settings.config import Config
-from controller.telemetry import Telemetry
-from hw.clock import Clock, MonotonicClock
-from hw.errors import ServoError
-from hw.open import open_servo
-from hw.servo import Servo
-from hw.settings import ServoSettings
+from haptic_wall.controller import realtime
+from haptic_wall.controller.benchmarks.stage_times import StageTimes
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.hw.clock import Clock, MonotonicClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import ServoSettings
 
 _PERCENTILES = (50, 99)
 

@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from haptic_wall_pytest.record import BusRow, read_rows
 from numpy.typing import NDArray
 
-from controller.benchmarks.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
-from controller.benchmarks.loops import BAUD, LOOPS, emulated_bus
-from controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
-from controller.errors import PlatformError
-from hw.dynamixel.codec import Instruction
-from hw.wire import wire_ns
+from haptic_wall.controller.benchmarks.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
+from haptic_wall.controller.benchmarks.loops import BAUD, LOOPS, emulated_bus
+from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section, over_rounds, ratio
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.wire import wire_ns
 
 _ROUNDS, _SECONDS, _RATE_HZ = 7, 4.0, 1000.0
 _START_S, _END_S = 0.2, 0.05

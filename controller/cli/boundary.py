@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from controller.cli.boundary_text import boundary_text
-from controller.cli.numbers import numbers, span
-from controller.cli.options import (
+from haptic_wall.controller.cli.boundary_text import boundary_text
+from haptic_wall.controller.cli.numbers import numbers, span
+from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
     as_json,
@@ -18,18 +18,18 @@ from controller.cli.options import (
     refuse_other_pictures,
     writing,
 )
-from controller.cli.places import force_option, take_file
-from controller.cli.working import DRAWING_S, working
-from controller.errors import UserError
-from controller.file_kinds import PICTURE
-from controller.guard.belief import Belief, Bounded
-from controller.guard.boundary_curve import Question, WallSide, default_dampings
-from controller.guard.boundary_report import report
-from controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
-from controller.guard.types import Situation
-from controller.theory.servos import ServoFacts, servo
-from controller.whole_file import whole
-from hw.wire import cycle_s
+from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.boundary_curve import Question, WallSide, default_dampings
+from haptic_wall.controller.guard.boundary_report import report
+from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.theory.servos import ServoFacts, servo
+from haptic_wall.controller.whole_file import whole
+from haptic_wall.hw.wire import cycle_s
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Longer ones are milliseconds, written where seconds are wanted."""
@@ -98,7 +98,7 @@ def command(
     except ValueError as error:  # numbers so extreme that only the theory can tell
         raise UserError(f"{error}; are all in SI units?") from None
     if plot is not None:
-        from controller.plots.boundary import plot_boundary
+        from haptic_wall.controller.plots.boundary import plot_boundary
 
         drawing = working("drawing the picture", DRAWING_S)
         with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from controller.cli.wrapping import wrapped
-from controller.guard.delay_parts import ms
+from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.guard.delay_parts import ms
 
 _LOWER = 0.98
 """What lowers the stiffness by more is told apart."""

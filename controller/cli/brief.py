@@ -1,4 +1,4 @@
-"""The report of a run in eight lines; ``controller.cli.text`` has all of it."""
+"""The report of a run in eight lines; ``haptic_wall.controller.cli.text`` has all of it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any, Final
 
-from controller.cli.text import ending, entry, files, milli, number, oscillation
-from controller.cli.wrapping import width
+from haptic_wall.controller.cli.text import ending, entry, files, milli, number, oscillation
+from haptic_wall.controller.cli.wrapping import width
 
 LINES: Final = 8
 _LABEL: Final = 12

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, moving, yes_option
-from controller.cli.options import (
+from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
+from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     config_argument,
@@ -21,20 +21,20 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.cli.places import take_folder
-from controller.cli.working import DRAWING_S, working
-from controller.cli.wrapping import wrapped
-from controller.errors import UserError
-from controller.file_kinds import PICTURE
-from controller.settings.load import Loaded, file_of, load_config
-from controller.signals import on_signals
-from controller.whole_file import whole
+from haptic_wall.controller.cli.places import take_folder
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE
+from haptic_wall.controller.settings.load import Loaded, file_of, load_config
+from haptic_wall.controller.signals import on_signals
+from haptic_wall.controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.commission.outcome import Step
-    from controller.commission.plan import Announcement
-    from controller.commission.sequence import Ended
-    from controller.commission.store import CommissionStore
+    from haptic_wall.controller.commission.outcome import Step
+    from haptic_wall.controller.commission.plan import Announcement
+    from haptic_wall.controller.commission.sequence import Ended
+    from haptic_wall.controller.commission.store import CommissionStore
 
 _REACH = 0.6
 
@@ -78,7 +78,7 @@ def command(
 
     Exit status: that of the first step that failed.
     """
-    from controller.commission.plan import announce
+    from haptic_wall.controller.commission.plan import announce
 
     loaded = load_config(config, sets)
     if only_plan:
@@ -113,9 +113,9 @@ def _measured(
     loaded: Loaded, reach: float, store: CommissionStore, seconds: float
 ) -> tuple[Ended, dict[str, Any]]:
     """Take the steps, in about so many seconds; the report, written unless nothing was measured."""
-    from controller.commission.report import report
-    from controller.commission.sequence import run_steps
-    from controller.commission.steps import Bench
+    from haptic_wall.controller.commission.report import report
+    from haptic_wall.controller.commission.sequence import run_steps
+    from haptic_wall.controller.commission.steps import Bench
 
     with writing("--out", store.folder):
         with moving(loaded.config, seconds):
@@ -137,7 +137,7 @@ def _store(
     fresh: bool,
     only_look: bool = False,
 ) -> CommissionStore:
-    from controller.commission.store import CONFIG, CommissionStore, settings_of
+    from haptic_wall.controller.commission.store import CONFIG, CommissionStore, settings_of
 
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
@@ -189,12 +189,12 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
 
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     """The report's data, and its page written."""
-    from controller.commission.page import page
-    from controller.commission.picture import draw_allowed
-    from controller.commission.report import report
-    from controller.commission.store import ALLOWED
-    from controller.commission.verdict import Question
-    from controller.experiments.kept_folder import without_link
+    from haptic_wall.controller.commission.page import page
+    from haptic_wall.controller.commission.picture import draw_allowed
+    from haptic_wall.controller.commission.report import report
+    from haptic_wall.controller.commission.store import ALLOWED
+    from haptic_wall.controller.commission.verdict import Question
+    from haptic_wall.controller.experiments.kept_folder import without_link
 
     folder = store.folder
     data = report(ended, name, folder)
@@ -211,7 +211,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
 
 
 def _text(report: dict[str, Any], folder: Path) -> str:
-    from controller.commission import words
+    from haptic_wall.controller.commission import words
 
     lines = [*_wrapped(words.headline(report), "")]
     parts = (

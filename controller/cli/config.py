@@ -6,10 +6,16 @@ from typing import Any
 
 import click
 
-from controller.cli.options import answer, as_json, config_argument, json_option, set_option
-from controller.cli.wrapping import wrapped
-from controller.settings.fields import Field, fields
-from controller.settings.load import Loaded, load_config
+from haptic_wall.controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    set_option,
+)
+from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.settings.fields import Field, fields
+from haptic_wall.controller.settings.load import Loaded, load_config
 
 _VALUE_WIDTH = 40
 """Of a value with its unit; a belief with bounds is the longest."""

@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, keep, moving, yes_option
-from controller.cli.numbers import periods
-from controller.cli.options import (
+from haptic_wall.controller.cli.experiment import (
+    ask_to_move,
+    endings,
+    folder_for,
+    keep,
+    moving,
+    yes_option,
+)
+from haptic_wall.controller.cli.numbers import periods
+from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     config_argument,
@@ -18,14 +25,14 @@ from controller.cli.options import (
     say,
     set_option,
 )
-from controller.cli.places import force_option
-from controller.errors import UserError
-from controller.file_kinds import RESULT_MARK
-from controller.guard.delay_parts import ms
-from controller.settings.load import load_config
+from haptic_wall.controller.cli.places import force_option
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import RESULT_MARK
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.settings.load import load_config
 
 if TYPE_CHECKING:
-    from controller.experiments.loop_delay import LoopDelay
+    from haptic_wall.controller.experiments.loop_delay import LoopDelay
 
 
 @click.command()
@@ -70,7 +77,7 @@ def command(
     The torque is stepped to and fro; the shaft swings by a few degrees about where it is. The same
     is done with delay inserted on purpose, which must be found again.
     """
-    from controller.experiments.loop_delay import (
+    from haptic_wall.controller.experiments.loop_delay import (
         BURST_S,
         BURSTS,
         CHECK_STEPS,
@@ -86,7 +93,7 @@ def command(
     count = bursts or BURSTS
     with moving(effective, BURST_S * count * len(chosen)), endings():
         found = measure_delay(effective, folder, chosen, count, seed, say)
-    from controller.plots.delay import plot_delay
+    from haptic_wall.controller.plots.delay import plot_delay
 
     files = [folder / "delay.json", folder / "delay.png"]
     report = {

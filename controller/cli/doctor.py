@@ -8,16 +8,23 @@ from typing import Any
 
 import click
 
-from controller.cli.options import answer, as_json, config_argument, json_option, say, set_option
-from controller.cli.wrapping import wrapped
-from controller.doctor.checkup import examine
-from controller.doctor.report import Consent, Report
-from controller.errors import UserError
-from controller.settings.load import load_config
-from controller.signals import interrupting
-from hw.dynamixel.examine.cycles import Series
-from hw.dynamixel.examine.finding import Finding
-from hw.dynamixel.examine.replies import percentile
+from haptic_wall.controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    say,
+    set_option,
+)
+from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.doctor.checkup import examine
+from haptic_wall.controller.doctor.report import Consent, Report
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.signals import interrupting
+from haptic_wall.hw.dynamixel.examine.cycles import Series
+from haptic_wall.hw.dynamixel.examine.finding import Finding
+from haptic_wall.hw.dynamixel.examine.replies import percentile
 
 WRONG = 1
 HARDWARE = 4

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, get_args
 
-from controller.cli.numbers import digits
-from controller.errors import UserError
-from hw.dynamixel.emulated.faults import AMBIENT, SUPPLY
-from hw.dynamixel.emulated.values import number, one_of, suggestion, whole
-from hw.dynamixel.tables import MODELS, Model
-from hw.settings import HandName, TrueServo
+from haptic_wall.controller.cli.numbers import digits
+from haptic_wall.controller.errors import UserError
+from haptic_wall.hw.dynamixel.emulated.faults import AMBIENT, SUPPLY
+from haptic_wall.hw.dynamixel.emulated.values import number, one_of, suggestion, whole
+from haptic_wall.hw.dynamixel.tables import MODELS, Model
+from haptic_wall.hw.settings import HandName, TrueServo
 
 # An MX-64, for want of a published identification of an XM430.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).

@@ -6,14 +6,14 @@ traceback, or with whatever the library that is just loading makes of it.
 
 from __future__ import annotations
 
-from controller.cli import interrupt
+from haptic_wall.controller.cli import interrupt
 
 
 def main() -> int | str | None:
     """Load the program and run the command of this process; its exit status."""
     interrupt.leave_at_once()
-    from controller.cli.main import main as run
-    from controller.signals import was_interrupted
+    from haptic_wall.controller.cli.main import main as run
+    from haptic_wall.controller.signals import was_interrupted
 
     status: int | str | None
     try:

@@ -10,17 +10,20 @@ from typing import Any
 
 import click
 
-from controller.cli.failure import EndedEarlyError
-from controller.cli.interrupt import INTERRUPTED
-from controller.cli.options import as_json, say, writing
-from controller.cli.places import new_stem, take_folder
-from controller.cli.working import DRAWING_S, Work, working
-from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
-from controller.file_kinds import PICTURE, RESULT
-from controller.report import exit_status
-from controller.settings.config import Config
-from controller.settings.servo import Servo
-from controller.whole_file import whole
+from haptic_wall.controller.cli.failure import EndedEarlyError
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.options import as_json, say, writing
+from haptic_wall.controller.cli.places import new_stem, take_folder
+from haptic_wall.controller.cli.working import DRAWING_S, Work, working
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+)
+from haptic_wall.controller.file_kinds import PICTURE, RESULT
+from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.servo import Servo
+from haptic_wall.controller.whole_file import whole
 
 _FASTER = 20.0
 """The simulated clock than real time"""

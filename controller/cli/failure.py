@@ -13,10 +13,10 @@ from typing import Any
 
 import click
 
-from controller.cli.advice import for_option
-from controller.cli.options import answer, as_json, forget_output, is_answered, say
-from controller.errors import ConfigError, HapticWallError
-from hw.errors import ServoError
+from haptic_wall.controller.cli.advice import for_option
+from haptic_wall.controller.cli.options import answer, as_json, forget_output, is_answered, say
+from haptic_wall.controller.errors import ConfigError, HapticWallError
+from haptic_wall.hw.errors import ServoError
 
 _FIELD = re.compile(r"--[a-z][a-z-]*|[A-Z]{3,}(?= |:)|[a-z]+\.[a-z_]+")
 """An option, an argument or a configuration's path, at the beginning of a message"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from controller.cli.options import answer
+from haptic_wall.controller.cli.options import answer
 
 
 @click.command()

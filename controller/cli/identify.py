@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.experiment import ask_to_move, moving, yes_option
-from controller.cli.failure import EndedEarlyError
-from controller.cli.interrupt import INTERRUPTED
-from controller.cli.options import (
+from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
+from haptic_wall.controller.cli.failure import EndedEarlyError
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
     as_json,
@@ -26,16 +26,16 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.cli.places import force_option, new_stem, take_file, take_folder
-from controller.errors import UserError
-from controller.file_kinds import PICTURE, Kind
-from controller.settings.config import Config
-from controller.settings.load import Loaded, file_of, load_config
-from controller.whole_file import whole
+from haptic_wall.controller.cli.places import force_option, new_stem, take_file, take_folder
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE, Kind
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import Loaded, file_of, load_config
+from haptic_wall.controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.experiments.boundary_fit import BoundaryPoints
-    from controller.experiments.identification import Identified
+    from haptic_wall.controller.experiments.boundary_fit import BoundaryPoints
+    from haptic_wall.controller.experiments.identification import Identified
 
 _REACH = 0.6
 _CONFIG = Kind(
@@ -96,8 +96,8 @@ def command(
 
     The shaft moves by itself, to both sides, and must be free to turn.
     """
-    from controller.experiments.identification import announcement, bounds_of
-    from controller.experiments.identify_text import report, text
+    from haptic_wall.controller.experiments.identification import announcement, bounds_of
+    from haptic_wall.controller.experiments.identify_text import report, text
 
     loaded = load_config(config, sets)
     if no_motion and (sweep is None or out is not None):
@@ -164,9 +164,12 @@ def _places(
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit; an end before the end has its own exit status."""
-    from controller.experiments.identification import SECONDS, identify
-    from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
-    from controller.report import exit_status
+    from haptic_wall.controller.experiments.identification import SECONDS, identify
+    from haptic_wall.controller.experiments.testbed import (
+        ExperimentInterruptedError,
+        ExperimentTrippedError,
+    )
+    from haptic_wall.controller.report import exit_status
 
     try:
         with moving(loaded.config, SECONDS):
@@ -199,7 +202,7 @@ class _Kept:
 
 
 def _draw(found: Identified, name: str, path: Path) -> None:
-    from controller.plots.identify import plot_identification
+    from haptic_wall.controller.plots.identify import plot_identification
 
     plot_identification(found, name, path)
 
@@ -208,7 +211,7 @@ def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
     """The points of a sweep, and the configuration they were measured with: else ``config``."""
     from pydantic import ValidationError
 
-    from controller.experiments.boundary_fit import read_points
+    from haptic_wall.controller.experiments.boundary_fit import read_points
 
     try:
         points, held = read_points(sweep)
@@ -227,9 +230,13 @@ def _from_sweep(
     found: Identified | None,
 ) -> dict[str, Any]:
     """What the boundary says, beside the motion or the belief."""
-    from controller.experiments.boundary_fit import Loop, fit_boundary
-    from controller.experiments.identification import Estimated
-    from controller.experiments.identify_text import believed, boundary_report, comparison
+    from haptic_wall.controller.experiments.boundary_fit import Loop, fit_boundary
+    from haptic_wall.controller.experiments.identification import Estimated
+    from haptic_wall.controller.experiments.identify_text import (
+        believed,
+        boundary_report,
+        comparison,
+    )
 
     belief = loaded.config.belief()
     if found is None:
@@ -262,6 +269,6 @@ def _from_sweep(
 
 
 def _write(found: Identified, loaded: Loaded, path: Path) -> None:
-    from controller.experiments.identified_config import identified_config
+    from haptic_wall.controller.experiments.identified_config import identified_config
 
     path.write_text(identified_config(loaded.config, found, loaded.name), encoding="utf-8")

@@ -11,13 +11,18 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from controller.cli.options import FileToWrite, answer, say, writing
-from controller.cli.places import force_option, take_file
-from controller.errors import UserError
-from controller.file_kinds import Kind
-from controller.settings.fields import Field, fields, sections
-from controller.settings.load import DEFAULT_PRESET, load_config, preset_names, preset_text
-from controller.whole_file import whole
+from haptic_wall.controller.cli.options import FileToWrite, answer, say, writing
+from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import Kind
+from haptic_wall.controller.settings.fields import Field, fields, sections
+from haptic_wall.controller.settings.load import (
+    DEFAULT_PRESET,
+    load_config,
+    preset_names,
+    preset_text,
+)
+from haptic_wall.controller.whole_file import whole
 
 _NO_FILE = Kind("empty", re.compile(rb"(?!)"))
 """A configuration that somebody may have edited is never replaced unasked"""

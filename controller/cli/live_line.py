@@ -16,10 +16,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller.cli.working import CLEAR, columns_of, in_foreground
-from controller.detector.oscillation import State
-from controller.settings.config import Config
-from controller.telemetry import (
+from haptic_wall.controller.cli.working import CLEAR, columns_of, in_foreground
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_SATURATED,
@@ -27,8 +27,8 @@ from controller.telemetry import (
     Telemetry,
     Word,
 )
-from controller.wall import SIGNS
-from hw.servo import Outcome
+from haptic_wall.controller.wall import SIGNS
+from haptic_wall.hw.servo import Outcome
 
 EVERY_S: Final = 0.1
 BAR: Final = 11

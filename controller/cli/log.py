@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from controller.cli.log_text import config_line, summary_text
-from controller.cli.options import (
+from haptic_wall.controller.cli.log_text import config_line, summary_text
+from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
     as_json,
@@ -21,15 +21,15 @@ from controller.cli.options import (
     refuse_same_file,
     writing,
 )
-from controller.cli.places import force_option, take_file
-from controller.cli.working import DRAWING_S, working
-from controller.errors import UserError
-from controller.file_kinds import LOG, PICTURE, Kind, table
-from controller.log.columns import COLUMNS
-from controller.log.reader import LogReader
-from controller.log.rows import WHOLE, LogRows, Stretch
-from controller.log.summary import summarised
-from controller.whole_file import whole
+from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import LOG, PICTURE, Kind, table
+from haptic_wall.controller.log.columns import COLUMNS
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.log.rows import WHOLE, LogRows, Stretch
+from haptic_wall.controller.log.summary import summarised
+from haptic_wall.controller.whole_file import whole
 
 _FILE = click.Path(path_type=Path)
 _MCAP = Kind(
@@ -159,22 +159,22 @@ def _write(
     """Write what was asked for; each file is there whole, or not at all."""
 
     def csv(path: Path) -> None:
-        from controller.log.csv_export import write_csv
+        from haptic_wall.controller.log.csv_export import write_csv
 
         write_csv(path, rows)
 
     def mcap(path: Path) -> None:
-        from controller.log.mcap_export import write_mcap
+        from haptic_wall.controller.log.mcap_export import write_mcap
 
         write_mcap(path, rows)
 
     def picture(path: Path) -> None:
-        from controller.plots.run import plot_log
+        from haptic_wall.controller.plots.run import plot_log
 
         plot_log(rows, path, report["stop_reason"])
 
     def cut(path: Path) -> None:
-        from controller.log.cut import cut_log
+        from haptic_wall.controller.log.cut import cut_log
 
         cut_log(path, rows, log.name, report["from_s"], report["to_s"])
 

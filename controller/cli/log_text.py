@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from controller.printable import in_line
-from controller.safety import Trip
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.safety import Trip
 
 
 def config_line(config: object) -> str:

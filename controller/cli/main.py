@@ -17,33 +17,78 @@ from collections.abc import Sequence
 
 import click
 
-from controller import __version__
-from controller.cli import interrupt
-from controller.cli.failure import tell, wants_json
-from controller.cli.options import begin, forget_output, is_answered, say
-from controller.errors import HapticWallError, PlatformError, UserError
-from hw.errors import ServoError
+from haptic_wall import __version__
+from haptic_wall.controller.cli import interrupt
+from haptic_wall.controller.cli.failure import tell, wants_json
+from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
+from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
+from haptic_wall.hw.errors import ServoError
 
 COMMANDS = {
-    "run": ("controller.cli.run", "Run the wall; report, log and picture at the end."),
-    "emulate": ("controller.cli.emulate", "An emulated Dynamixel bus on a pseudo-terminal."),
-    "scan": ("controller.cli.scan", "Which servos are on a bus: ids, baud rates, models."),
-    "doctor": ("controller.cli.doctor", "What is wrong with a testbed, and the fix for each."),
-    "presets": ("controller.cli.presets", "The configurations that come with the program."),
-    "config": ("controller.cli.config", "What can be set, in what unit, and what is in force."),
-    "boundary": ("controller.cli.boundary", "Which stiffness a servo in a loop can hold, and why."),
-    "map": ("controller.cli.map", "Critical stiffness of a simulated servo, many walls at once."),
-    "commission": ("controller.cli.commission", "All of it for a new testbed: how stiff, and why."),
-    "identify": ("controller.cli.identify", "Inertia, friction and delay of a servo, measured."),
-    "sweep": ("controller.cli.sweep", "The critical stiffness of a servo, measured on it."),
-    "delay": ("controller.cli.delay", "The loop's delay, from torque command to motion."),
-    "detect": ("controller.cli.detect", "The oscillation in a recorded log or CSV."),
-    "rendered": ("controller.cli.rendered", "What the servo renders, against the commanded."),
-    "log": ("controller.cli.log", "What a log holds; export it, draw it, cut it."),
-    "bench": ("controller.cli.bench", "How fast this machine does it, side by side with peers."),
-    "init": ("controller.cli.init", "A commented configuration of your own, to be edited."),
-    "help": ("controller.cli.help", "The help of a command."),
-    "paper": ("controller.cli.paper", "The paper's table and figures again, as CSV and PNG."),
+    "run": ("haptic_wall.controller.cli.run", "Run the wall; report, log and picture at the end."),
+    "emulate": (
+        "haptic_wall.controller.cli.emulate",
+        "An emulated Dynamixel bus on a pseudo-terminal.",
+    ),
+    "scan": (
+        "haptic_wall.controller.cli.scan",
+        "Which servos are on a bus: ids, baud rates, models.",
+    ),
+    "doctor": (
+        "haptic_wall.controller.cli.doctor",
+        "What is wrong with a testbed, and the fix for each.",
+    ),
+    "presets": (
+        "haptic_wall.controller.cli.presets",
+        "The configurations that come with the program.",
+    ),
+    "config": (
+        "haptic_wall.controller.cli.config",
+        "What can be set, in what unit, and what is in force.",
+    ),
+    "boundary": (
+        "haptic_wall.controller.cli.boundary",
+        "Which stiffness a servo in a loop can hold, and why.",
+    ),
+    "map": (
+        "haptic_wall.controller.cli.map",
+        "Critical stiffness of a simulated servo, many walls at once.",
+    ),
+    "commission": (
+        "haptic_wall.controller.cli.commission",
+        "All of it for a new testbed: how stiff, and why.",
+    ),
+    "identify": (
+        "haptic_wall.controller.cli.identify",
+        "Inertia, friction and delay of a servo, measured.",
+    ),
+    "sweep": (
+        "haptic_wall.controller.cli.sweep",
+        "The critical stiffness of a servo, measured on it.",
+    ),
+    "delay": (
+        "haptic_wall.controller.cli.delay",
+        "The loop's delay, from torque command to motion.",
+    ),
+    "detect": ("haptic_wall.controller.cli.detect", "The oscillation in a recorded log or CSV."),
+    "rendered": (
+        "haptic_wall.controller.cli.rendered",
+        "What the servo renders, against the commanded.",
+    ),
+    "log": ("haptic_wall.controller.cli.log", "What a log holds; export it, draw it, cut it."),
+    "bench": (
+        "haptic_wall.controller.cli.bench",
+        "How fast this machine does it, side by side with peers.",
+    ),
+    "init": (
+        "haptic_wall.controller.cli.init",
+        "A commented configuration of your own, to be edited.",
+    ),
+    "help": ("haptic_wall.controller.cli.help", "The help of a command."),
+    "paper": (
+        "haptic_wall.controller.cli.paper",
+        "The paper's table and figures again, as CSV and PNG.",
+    ),
 }
 """Each command's module, which exports ``command``, and its line in the help."""
 NEEDS_LINUX = frozenset(

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.failure import EndedEarlyError
-from controller.cli.interrupt import INTERRUPTED
-from controller.cli.numbers import numbers, periods
-from controller.cli.options import (
+from haptic_wall.controller.cli.failure import EndedEarlyError
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.numbers import numbers, periods
+from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     config_argument,
@@ -23,15 +23,15 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.cli.places import force_option, new_stem, take_folder
-from controller.cli.working import DRAWING_S, working
-from controller.errors import UserError
-from controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
-from controller.settings.load import load_config
-from controller.whole_file import whole
+from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.experiments.maps import CriticalMap, Setting
+    from haptic_wall.controller.experiments.maps import CriticalMap, Setting
 
 _POINT_S = 0.05
 """What a point takes on one core, about [s]"""
@@ -93,7 +93,7 @@ def command(
     safety and the believed model take no part. A two-sided wall is kicked; a servo comes against a
     one-sided wall and is returned.
     """
-    from controller.experiments.maps import MapInterruptedError, Setting, critical_map
+    from haptic_wall.controller.experiments.maps import MapInterruptedError, Setting, critical_map
 
     loaded = load_config(config, sets)
     setting = Setting.of(loaded.config)
@@ -152,7 +152,7 @@ def _whole(values: list[float] | tuple[int, ...]) -> list[int]:
 def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:
     import numpy as np
 
-    from controller.theory import max_virtual_damping
+    from haptic_wall.controller.theory import max_virtual_damping
 
     servo = setting.servo
     delay = setting.delay(np.array(max(steps)))
@@ -219,7 +219,7 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
 
 
 def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool) -> list[Path]:
-    from controller.plots.maps import plot_map
+    from haptic_wall.controller.plots.maps import plot_map
 
     def csv_table(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

@@ -9,7 +9,7 @@ import math
 
 import click
 
-from controller.guard.belief import Bounded
+from haptic_wall.controller.guard.belief import Bounded
 
 _DIGITS = 9
 """No id and no firmware has more, and Python reads no number of thousands"""

@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from controller.cli.working import aside
-from controller.errors import UserError
-from controller.printable import printable
+from haptic_wall.controller.cli.working import aside
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -40,7 +40,7 @@ def _configurations(
     _context: click.Context, _parameter: click.Parameter, begun: str
 ) -> list[CompletionItem]:
     """Presets and files that begin so, for a shell that completes a word."""
-    from controller.settings.load import preset_names
+    from haptic_wall.controller.settings.load import preset_names
 
     presets = [CompletionItem(name) for name in preset_names() if name.startswith(begun)]
     return [*presets, CompletionItem(begun, type="file")]
@@ -50,7 +50,7 @@ def _paths_of_config(
     _context: click.Context, _parameter: click.Parameter, begun: str
 ) -> list[CompletionItem]:
     """Paths of the configuration that begin so."""
-    from controller.settings.fields import fields
+    from haptic_wall.controller.settings.fields import fields
 
     return [CompletionItem(f"{path}=") for path in fields() if path.startswith(begun)]
 

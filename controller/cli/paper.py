@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from controller.cli.options import answer, as_json, json_option, say, writing
-from controller.cli.places import force_option, take_folder
-from controller.cli.working import working
-from controller.errors import UserError
-from controller.file_kinds import PICTURE
+from haptic_wall.controller.cli.options import answer, as_json, json_option, say, writing
+from haptic_wall.controller.cli.places import force_option, take_folder
+from haptic_wall.controller.cli.working import working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE
 
 if TYPE_CHECKING:
-    from controller.paper.items import Made
+    from haptic_wall.controller.paper.items import Made
 
 _ALL = "all"
 _ITEM_S = 2.0
@@ -35,8 +35,8 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
     """  # noqa: D205 - the first paragraph is the help's summary
-    from controller.paper.items import ITEMS, TABLE, make
-    from controller.paper.page import KIND, PAGE, write_page
+    from haptic_wall.controller.paper.items import ITEMS, TABLE, make
+    from haptic_wall.controller.paper.page import KIND, PAGE, write_page
 
     names = [entry.name for entry in ITEMS]
     if item not in (*names, _ALL):
@@ -67,7 +67,7 @@ def _unknown(item: str, names: list[str]) -> str:
 
 
 def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
-    from controller.paper.table2 import SOURCES
+    from haptic_wall.controller.paper.table2 import SOURCES
 
     table = next((entry.table for entry in made if entry.table is not None), None)
     worst = table and {source: dataclasses.asdict(table.worst(source)) for source in SOURCES}
@@ -75,7 +75,7 @@ def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:
 
 
 def _text(made: list[Made], files: list[Path]) -> str:
-    from controller.paper.table2 import text, worst_text
+    from haptic_wall.controller.paper.table2 import text, worst_text
 
     lines = []
     for entry in made:

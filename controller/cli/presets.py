@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from controller.cli.options import answer, as_json, json_option
-from controller.settings.load import preset_names, preset_summary
+from haptic_wall.controller.cli.options import answer, as_json, json_option
+from haptic_wall.controller.settings.load import preset_names, preset_summary
 
 
 @click.command()

@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, endings, folder_for, keep, moving, yes_option
-from controller.cli.options import (
+from haptic_wall.controller.cli.experiment import (
+    ask_to_move,
+    endings,
+    folder_for,
+    keep,
+    moving,
+    yes_option,
+)
+from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     config_argument,
@@ -17,12 +24,12 @@ from controller.cli.options import (
     say,
     set_option,
 )
-from controller.cli.places import force_option
-from controller.file_kinds import RESULT_MARK
-from controller.settings.load import load_config
+from haptic_wall.controller.cli.places import force_option
+from haptic_wall.controller.file_kinds import RESULT_MARK
+from haptic_wall.controller.settings.load import load_config
 
 if TYPE_CHECKING:
-    from controller.experiments.rendering import Rendering
+    from haptic_wall.controller.experiments.rendering import Rendering
 
 
 @click.command()
@@ -52,14 +59,18 @@ def command(
     The wall that a run would command is pushed as a spring, the free shaft is moved at several
     speeds, and the wall is struck. The shaft moves by up to half a radian either way.
     """
-    from controller.experiments.rendering import SECONDS, measure_rendering, rendering_report
+    from haptic_wall.controller.experiments.rendering import (
+        SECONDS,
+        measure_rendering,
+        rendering_report,
+    )
 
     loaded = load_config(config, sets)
     folder = folder_for(out, "rendered", force=force)
     ask_to_move(loaded.config.servo, yes)
     with moving(loaded.config, SECONDS), endings():
         found = measure_rendering(loaded.config, folder, seed, say)
-    from controller.plots.rendered import plot_rendering
+    from haptic_wall.controller.plots.rendered import plot_rendering
 
     files = [folder / "rendered.json", folder / "rendered.png"]
     report = {**RESULT_MARK, "name": loaded.name, **rendering_report(found), "files": files}

@@ -9,16 +9,16 @@ from typing import Any
 
 import click
 
-from controller.cli.numbers import digits
-from controller.cli.options import answer, as_json, json_option, say
-from controller.errors import UserError
-from controller.signals import interrupting
-from hw.clock import MonotonicClock
-from hw.dynamixel.codec import MAX_ID
-from hw.dynamixel.examine.adapter import kind_of_port, only_adapter
-from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
-from hw.dynamixel.holders import is_terminal
-from hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.controller.cli.numbers import digits
+from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.signals import interrupting
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.codec import MAX_ID
+from haptic_wall.hw.dynamixel.examine.adapter import kind_of_port, only_adapter
+from haptic_wall.hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
+from haptic_wall.hw.dynamixel.holders import is_terminal
+from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 
 HARDWARE = 4
 

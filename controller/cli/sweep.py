@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from controller.cli.experiment import ask_to_move, moving, yes_option
-from controller.cli.interrupt import INTERRUPTED
-from controller.cli.numbers import numbers, periods
-from controller.cli.options import (
+from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.numbers import numbers, periods
+from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     config_argument,
@@ -21,17 +21,17 @@ from controller.cli.options import (
     set_option,
     writing,
 )
-from controller.cli.places import force_option, new_stem, take_folder
-from controller.cli.working import DRAWING_S, working
-from controller.errors import UserError
-from controller.file_kinds import PICTURE, RESULT, table
-from controller.settings.load import load_config
-from controller.whole_file import whole
+from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import PICTURE, RESULT, table
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.whole_file import whole
 
 if TYPE_CHECKING:
-    from controller.experiments.sweep_plan import Options, Setting
-    from controller.experiments.sweep_result import PointResult
-    from controller.settings.config import Config
+    from haptic_wall.controller.experiments.sweep_plan import Options, Setting
+    from haptic_wall.controller.experiments.sweep_result import PointResult
+    from haptic_wall.controller.settings.config import Config
 
 _MOST_STEPS = 1000
 
@@ -111,12 +111,12 @@ def command(
     The shaft is kicked, at many stiffnesses about the limit: a soft spring moves it, lets it rest,
     then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
     """
-    from controller.experiments.sweep import expected_s, experiment_config, sweep
-    from controller.experiments.sweep_device import Device
-    from controller.experiments.sweep_plan import Options
-    from controller.experiments.sweep_store import PNG, Asked, SweepStore
-    from controller.experiments.testbed import ExperimentTrippedError
-    from controller.report import exit_status
+    from haptic_wall.controller.experiments.sweep import expected_s, experiment_config, sweep
+    from haptic_wall.controller.experiments.sweep_device import Device
+    from haptic_wall.controller.experiments.sweep_plan import Options
+    from haptic_wall.controller.experiments.sweep_store import PNG, Asked, SweepStore
+    from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
+    from haptic_wall.controller.report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
@@ -148,7 +148,7 @@ def command(
         finished, tripped = False, error
     points = store.points()
     if points:
-        from controller.plots.sweep import plot_sweep
+        from haptic_wall.controller.plots.sweep import plot_sweep
 
         store.write()
         picture = whole(folder / PNG, PICTURE, force=force)
@@ -166,7 +166,7 @@ def command(
 
 
 def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
-    from controller.experiments.sweep_plan import Setting
+    from haptic_wall.controller.experiments.sweep_plan import Setting
 
     for value in steps:
         if value != int(value) or not 0 <= value <= _MOST_STEPS:
@@ -178,7 +178,7 @@ def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
 
 
 def _folder(out: Path | None, name: str, *, fresh: bool, force: bool) -> Path:
-    from controller.experiments.sweep_store import CSV, JSON, PNG
+    from haptic_wall.controller.experiments.sweep_store import CSV, JSON, PNG
 
     if out is None:
         return new_stem("--out", f"sweep-{Path(name).stem}")
@@ -196,7 +196,7 @@ def _announce(
     done: dict[Setting, PointResult],
 ) -> None:
     """What is about to happen, before it does."""
-    from controller.experiments.sweep import excursion, expected_s
+    from haptic_wall.controller.experiments.sweep import excursion, expected_s
 
     left = tuple(setting for setting in settings if setting not in done)
     if done:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from controller.cli.wrapping import wrapped
-from controller.safety import Trip
+from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.safety import Trip
 
 _WORST = 3
 """How many of the worst ticks the text names"""

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.cli import interrupt
+from haptic_wall.controller.cli import interrupt
 
 CLEAR: Final = "\r\x1b[K"
 FIRST_S: Final = 0.5

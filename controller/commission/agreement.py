@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from controller.experiments.boundary_fit import Loop, fit_boundary, read_points
-from controller.experiments.identification import Estimated
-from controller.experiments.identify_text import boundary_report, comparison
-from controller.experiments.sweep import experiment_config
-from controller.experiments.sweep_device import Device
-from controller.settings.config import Config
-from controller.theory import critical_point
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.boundary_fit import Loop, fit_boundary, read_points
+from haptic_wall.controller.experiments.identification import Estimated
+from haptic_wall.controller.experiments.identify_text import boundary_report, comparison
+from haptic_wall.controller.experiments.sweep import experiment_config
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory import critical_point
+from haptic_wall.controller.theory.checks import FloatArray
 
 _ERRORS = 2.0
 """Standard errors within which two answers are the same"""

@@ -12,9 +12,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from controller.commission.outcome import Outcome, Step
-from controller.experiments.kept_folder import first_wrong
-from controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.commission.outcome import Outcome, Step
+from haptic_wall.controller.experiments.kept_folder import first_wrong
+from haptic_wall.controller.experiments.sweep_result import PointResult
 
 _HUGE = 1e9
 """No quantity of a servo is larger, in SI units"""

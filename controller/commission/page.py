@@ -9,10 +9,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from controller.commission import words
-from controller.commission.store import AGAIN
-from controller.errors import UserError
-from controller.experiments.kept_folder import kept_bytes
+from haptic_wall.controller.commission import words
+from haptic_wall.controller.commission.store import AGAIN
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.kept_folder import kept_bytes
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 """How every picture begins"""
@@ -40,7 +40,11 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = files("controller.commission").joinpath("page.html.j2").read_text(encoding="utf-8")
+    source = (
+        files("haptic_wall.controller.commission")
+        .joinpath("page.html.j2")
+        .read_text(encoding="utf-8")
+    )
     pictures = [
         (step["step"], _embedded(folder / step["picture"], step["step"]), _CAPTIONS[step["step"]])
         for step in report["steps"]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.commission.verdict import Question
-from controller.paper.style import (
+from haptic_wall.controller.commission.verdict import Question
+from haptic_wall.controller.paper.style import (
     BLUE,
     FAINT,
     GREEN,

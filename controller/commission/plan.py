@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from controller.commission.sweep_points import OPTIONS, short_sweep
-from controller.errors import UserError
-from controller.experiments import loop_delay, rendering
-from controller.experiments.contact_transient import FASTEST
-from controller.experiments.holding import torque_limit_of
-from controller.experiments.identification import SECONDS, announcement, bounds_of
-from controller.experiments.sweep import excursion, expected_s, experiment_config
-from controller.settings.config import Config
+from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments import loop_delay, rendering
+from haptic_wall.controller.experiments.contact_transient import FASTEST
+from haptic_wall.controller.experiments.holding import torque_limit_of
+from haptic_wall.controller.experiments.identification import SECONDS, announcement, bounds_of
+from haptic_wall.controller.experiments.sweep import excursion, expected_s, experiment_config
+from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
 """Periods inserted, beside the configured ones, to be recovered"""

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from controller import __version__
-from controller.commission import agreement
-from controller.commission.outcome import STEPS, TITLES, done
-from controller.commission.sequence import Ended
-from controller.commission.store import AGAIN, CONFIG, SWEEP
-from controller.commission.verdict import Question, verdict
-from controller.commission.words import COMPLETE, INCOMPLETE, NOT_MEASURED
-from controller.errors import UserError
-from controller.experiments.sweep_store import JSON
+from haptic_wall import __version__
+from haptic_wall.controller.commission import agreement
+from haptic_wall.controller.commission.outcome import STEPS, TITLES, done
+from haptic_wall.controller.commission.sequence import Ended
+from haptic_wall.controller.commission.store import AGAIN, CONFIG, SWEEP
+from haptic_wall.controller.commission.verdict import Question, verdict
+from haptic_wall.controller.commission.words import COMPLETE, INCOMPLETE, NOT_MEASURED
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.sweep_store import JSON
 
 _CONFIG_TEXT = "config_text"
 

@@ -7,20 +7,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from controller.commission import steps
-from controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
-from controller.commission.plan import has_doctor
-from controller.commission.steps import Bench, Draw, Measured, identified
-from controller.commission.store import settings_of
-from controller.errors import HapticWallError
-from controller.experiments.kept_folder import without_link
-from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
-from controller.file_kinds import PICTURE
-from controller.report import exit_status
-from controller.settings.config import Config
-from controller.signals import interrupting
-from controller.whole_file import whole
-from hw.errors import ServoError
+from haptic_wall.controller.commission import steps
+from haptic_wall.controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
+from haptic_wall.controller.commission.plan import has_doctor
+from haptic_wall.controller.commission.steps import Bench, Draw, Measured, identified
+from haptic_wall.controller.commission.store import settings_of
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.experiments.kept_folder import without_link
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+)
+from haptic_wall.controller.file_kinds import PICTURE
+from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.whole_file import whole
+from haptic_wall.hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1
 _RUN: Mapping[Step, str] = {step: f"run_{step}" for step in STEPS}

@@ -12,29 +12,29 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from controller.commission.found import picture_name
-from controller.commission.outcome import Step
-from controller.commission.plan import BURSTS, DELAY_STEPS
-from controller.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
-from controller.commission.sweep_points import OPTIONS, short_sweep
-from controller.errors import UserError
-from controller.experiments.identification import identify
-from controller.experiments.identified_config import identified_config
-from controller.experiments.identify_text import report as identify_report
-from controller.experiments.loop_delay import delay_report, measure_delay
-from controller.experiments.rendering import measure_rendering, rendering_report
-from controller.experiments.sweep import experiment_config, sweep
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import Setting
-from controller.experiments.sweep_result import PointResult
-from controller.experiments.sweep_store import Asked, SweepStore
-from controller.experiments.testbed import ExperimentInterruptedError
-from controller.plots.delay import plot_delay
-from controller.plots.identify import plot_identification
-from controller.plots.rendered import plot_rendering
-from controller.plots.sweep import plot_sweep
-from controller.settings import yaml_text as config_yaml
-from controller.settings.config import Config
+from haptic_wall.controller.commission.found import picture_name
+from haptic_wall.controller.commission.outcome import Step
+from haptic_wall.controller.commission.plan import BURSTS, DELAY_STEPS
+from haptic_wall.controller.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
+from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.identification import identify
+from haptic_wall.controller.experiments.identified_config import identified_config
+from haptic_wall.controller.experiments.identify_text import report as identify_report
+from haptic_wall.controller.experiments.loop_delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.rendering import measure_rendering, rendering_report
+from haptic_wall.controller.experiments.sweep import experiment_config, sweep
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import Setting
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.sweep_store import Asked, SweepStore
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
+from haptic_wall.controller.plots.delay import plot_delay
+from haptic_wall.controller.plots.identify import plot_identification
+from haptic_wall.controller.plots.rendered import plot_rendering
+from haptic_wall.controller.plots.sweep import plot_sweep
+from haptic_wall.controller.settings import yaml_text as config_yaml
+from haptic_wall.controller.settings.config import Config
 
 Tell = Callable[[str], None]
 Draw = Callable[[Path], None]
@@ -94,7 +94,9 @@ def run_doctor(bench: Bench) -> Measured:
     Raises:
         ServoError: The emulated bus did not start.
     """
-    from controller.doctor.checkup import examine  # only who has a bus loads what speaks to it
+    from haptic_wall.controller.doctor.checkup import (
+        examine,  # only who has a bus loads what speaks to it
+    )
 
     report = examine(bench.config, bench.tell, None, change_baud=False)
     return Measured(

@@ -12,12 +12,12 @@ from typing import Any, Final, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from controller import __version__
-from controller.commission.found import file_name, picture_name, read_outcome
-from controller.commission.outcome import STEPS, Outcome, Step
-from controller.errors import UserError
-from controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
-from controller.settings.config import Config
+from haptic_wall import __version__
+from haptic_wall.controller.commission.found import file_name, picture_name, read_outcome
+from haptic_wall.controller.commission.outcome import STEPS, Outcome, Step
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
+from haptic_wall.controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
 ALLOWED = "allowed.png"

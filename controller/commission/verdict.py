@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from controller.experiments.holding import sample_age, torque_limit_of
-from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
-from controller.guard.guard import Situation, decide
-from controller.guard.limits import LOOKED_UP, Found, evaluate_box
-from controller.guard.plants import Plants
-from controller.guard.schedule import age_bins_ns
-from controller.guard.types import Decision, GuardSettings, Request, decision_report
-from controller.settings.config import Config
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
+from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
+from haptic_wall.controller.guard.guard import Situation, decide
+from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.schedule import age_bins_ns
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, decision_report
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
 
 ASKED = 1e6
 """As stiff as one likes, to hear what the guard allows [N·m/rad]"""

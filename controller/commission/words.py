@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from controller.experiments.identify_text import UNITS
-from controller.guard.delay_parts import ms
+from haptic_wall.controller.experiments.identify_text import UNITS
+from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
 

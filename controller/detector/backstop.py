@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from controller.detector.evidence import (
+from haptic_wall.controller.detector.evidence import (
     DYING,
     NEVER,
     Sighting,
@@ -26,9 +26,9 @@ from controller.detector.evidence import (
     saturates,
     sighting,
 )
-from controller.detector.half_cycles import Repeated
-from controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
-from controller.detector.steady import Steadiness
+from haptic_wall.controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
+from haptic_wall.controller.detector.steady import Steadiness
 
 _PROBED, _PROBED_COUNTS = 0.01745, 10.0
 """Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder"""

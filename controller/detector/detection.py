@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controller.detector.acting import ActingTorque
-from controller.detector.backstop import BackstopSettings, sizes
-from controller.detector.oscillation import Detector, DetectorSettings, State
-from controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.detector.own_motion import OwnMotion
 
 Array = NDArray[np.float64]
 

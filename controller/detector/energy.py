@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from controller.detector.swings import Sums, Swing
+from haptic_wall.controller.detector.swings import Sums, Swing
 
 _FRICTION_ROOM = 0.3
 """Share by which friction may be larger than believed."""

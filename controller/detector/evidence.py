@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.half_cycles import Repeated
 
 KEPT = 0.98
 """A motion that does not die keeps this fraction of its amplitude over a cycle."""

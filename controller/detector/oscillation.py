@@ -12,10 +12,10 @@ from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 
-from controller.detector.energy import EnergyBalance
-from controller.detector.regularity import bounces_grow, goes_on, grows_evenly, line
-from controller.detector.streaks import Streaks
-from controller.detector.swings import Swing, Swings
+from haptic_wall.controller.detector.energy import EnergyBalance
+from haptic_wall.controller.detector.regularity import bounces_grow, goes_on, grows_evenly, line
+from haptic_wall.controller.detector.streaks import Streaks
+from haptic_wall.controller.detector.swings import Swing, Swings
 
 _FILTER = 0.25
 """The filter's time constant, times the angular frequency expected."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from controller.detector.backstop import Backstop, BackstopSettings, Phase
-from controller.detector.contacts import Contacts
-from controller.detector.half_cycles import HalfCycles, Repeated
-from controller.detector.probe import STILL
+from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
+from haptic_wall.controller.detector.contacts import Contacts
+from haptic_wall.controller.detector.half_cycles import HalfCycles, Repeated
+from haptic_wall.controller.detector.probe import STILL
 
 
 class OwnMotion:

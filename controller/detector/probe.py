@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from controller.detector.evidence import (
+from haptic_wall.controller.detector.evidence import (
     NEVER,
     Answer,
     Sighting,
@@ -13,7 +13,7 @@ from controller.detector.evidence import (
     may_be_a_load,
     took_longer,
 )
-from controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.half_cycles import Repeated
 
 SAME_PERIOD, SAME_AMPLITUDE = 0.1, 0.5
 """Largest logarithms of the ratios of periods and of amplitudes of one motion at two times"""

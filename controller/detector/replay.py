@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.detection import DetectionRecord
-from controller.detector.watch import Watch
-from controller.telemetry import FLAG_OFF, FLAG_RAISED, FLAG_WARM_UP
-from controller.wall import Law
-from hw.servo import Outcome
+from haptic_wall.controller.detector.detection import DetectionRecord
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.telemetry import FLAG_OFF, FLAG_RAISED, FLAG_WARM_UP
+from haptic_wall.controller.wall import Law
+from haptic_wall.hw.servo import Outcome
 
 _FIELDS = (
     "seq",

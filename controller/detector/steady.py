@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.half_cycles import Repeated
 
 _AMPLITUDE, _COUNTS = 0.02, 0.6
 """An amplitude may differ by so much of itself, or by so many counts of the encoder."""

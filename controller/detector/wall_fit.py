@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.detection import KnownWall
+from haptic_wall.controller.detector.detection import KnownWall
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from math import isnan
 from typing import Literal
 
-from controller.detector.acting import ActingTorque
-from controller.detector.backstop import BackstopSettings
-from controller.detector.oscillation import Detector, DetectorSettings, State
-from controller.detector.own_motion import OwnMotion
-from controller.wall import Law
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.detector.backstop import BackstopSettings
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
 

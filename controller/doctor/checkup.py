@@ -13,29 +13,35 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
-from controller.doctor import machine, timing
-from controller.doctor.locate import Locator, name_of
-from controller.doctor.measure import measure
-from controller.doctor.report import Consent, Report, Tell, question, told
-from controller.lateness.machine_setup import machine_setup
-from controller.realtime import Setting, pick_cores
-from controller.settings.config import Config
-from controller.tree.children import Child, first_line
-from controller.tree.emulator import emulator_arguments
-from hw.clock import MonotonicClock
-from hw.dynamixel.drivable import drivable
-from hw.dynamixel.examine.adapter import examine_port
-from hw.dynamixel.examine.cycles import Phase, Series
-from hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
-from hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
-from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
-from hw.dynamixel.examine.replies import Replies
-from hw.dynamixel.examine.search import Found, opened
-from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
-from hw.dynamixel.port import kept_settings, open_port
-from hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
-from hw.errors import PortBusyError, PortError, ServoError, ServoLostError, UnfitServoError
-from hw.settings import DynamixelSettings
+from haptic_wall.controller.doctor import machine, timing
+from haptic_wall.controller.doctor.locate import Locator, name_of
+from haptic_wall.controller.doctor.measure import measure
+from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
+from haptic_wall.controller.lateness.machine_setup import machine_setup
+from haptic_wall.controller.realtime import Setting, pick_cores
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.tree.children import Child, first_line
+from haptic_wall.controller.tree.emulator import emulator_arguments
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.drivable import drivable
+from haptic_wall.hw.dynamixel.examine.adapter import examine_port
+from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
+from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
+from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
+from haptic_wall.hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from haptic_wall.hw.dynamixel.examine.replies import Replies
+from haptic_wall.hw.dynamixel.examine.search import Found, opened
+from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
+from haptic_wall.hw.dynamixel.port import kept_settings, open_port
+from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.errors import (
+    PortBusyError,
+    PortError,
+    ServoError,
+    ServoLostError,
+    UnfitServoError,
+)
+from haptic_wall.hw.settings import DynamixelSettings
 
 _START_S: Final = 60.0
 _END_S: Final = 2.0

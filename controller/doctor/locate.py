@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import contextlib
 
-from controller.doctor.report import Consent, Report, Tell
-from controller.sampler import COLLECT_SHARE
-from hw.clock import Clock
-from hw.dynamixel.examine.adapter import examine_latency_timer
-from hw.dynamixel.examine.finding import Change, Finding
-from hw.dynamixel.examine.registers import Contact
-from hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Found, Search, opened, scan, search
-from hw.dynamixel.latency import set_timer_to_1_ms
-from hw.dynamixel.tables import BAUD_RATES, model_by_number
-from hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
-from hw.settings import DynamixelSettings
-from hw.wire import cycle_s
+from haptic_wall.controller.doctor.report import Consent, Report, Tell
+from haptic_wall.controller.sampler import COLLECT_SHARE
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.examine.adapter import examine_latency_timer
+from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
+from haptic_wall.hw.dynamixel.examine.registers import Contact
+from haptic_wall.hw.dynamixel.examine.search import (
+    IDS,
+    LIKELY_FIRST,
+    Found,
+    Search,
+    opened,
+    scan,
+    search,
+)
+from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
+from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
+from haptic_wall.hw.settings import DynamixelSettings
+from haptic_wall.hw.wire import cycle_s
 
 
 class Locator:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.lateness.machine_setup import Found
-from controller.realtime import Profile, Setting, missing_for_strict
-from hw.dynamixel.examine.finding import Finding, not_applicable
-from hw.dynamixel.examine.replies import percentile
+from haptic_wall.controller.lateness.machine_setup import Found
+from haptic_wall.controller.realtime import Profile, Setting, missing_for_strict
+from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
+from haptic_wall.hw.dynamixel.examine.replies import percentile
 
 _LATE_SHARE = 4
 """A wake-up later than a period over this leaves too little for the bus"""

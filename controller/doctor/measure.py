@@ -7,12 +7,12 @@ import os
 from dataclasses import asdict
 from typing import Any, Final
 
-from controller.doctor.timing_process import Orders
-from controller.realtime import pick_cores
-from controller.sampler import COLLECT_SHARE, LONGER_SHARE
-from controller.settings.config import Config
-from controller.tree.children import Child, first_line
-from hw.errors import ServoError
+from haptic_wall.controller.doctor.timing_process import Orders
+from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.sampler import COLLECT_SHARE, LONGER_SHARE
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.tree.children import Child, first_line
+from haptic_wall.hw.errors import ServoError
 
 SERIES_S: Final = 0.1
 """Duration of the cycles at one phase"""
@@ -55,7 +55,9 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
         parent=os.getpid(),
     )
     descriptors = [] if port is None else [port]
-    child = Child("timing", ["controller.doctor.timing_process"], asdict(orders), descriptors)
+    child = Child(
+        "timing", ["haptic_wall.controller.doctor.timing_process"], asdict(orders), descriptors
+    )
     try:
         line = first_line(child, _MEASURE_S)
         if line is None:

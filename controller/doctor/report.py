@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hw.dynamixel.examine.cycles import Series
-from hw.dynamixel.examine.finding import Change, Finding, Findings
-from hw.dynamixel.examine.judgement import Judgement, Repair
+from haptic_wall.hw.dynamixel.examine.cycles import Series
+from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, Findings
+from haptic_wall.hw.dynamixel.examine.judgement import Judgement, Repair
 
 Tell = Callable[[str], None]
 Consent = Callable[[str], bool]

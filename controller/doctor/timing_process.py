@@ -14,14 +14,14 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from controller import realtime
-from controller.loop import Waiter, waiter_for
-from controller.orders import read_orders
-from hw.clock import MonotonicClock
-from hw.dynamixel.examine.cycles import SCHEDULES, run_series
-from hw.dynamixel.examine.replies import time_replies
-from hw.dynamixel.serial_line import FdLine
-from hw.errors import ServoError
+from haptic_wall.controller import realtime
+from haptic_wall.controller.loop import Waiter, waiter_for
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.examine.cycles import SCHEDULES, run_series
+from haptic_wall.hw.dynamixel.examine.replies import time_replies
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.errors import ServoError
 
 PHASES = 10
 LEAST_CYCLES, MOST_CYCLES = 20, 200

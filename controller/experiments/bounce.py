@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.experiments.kicks import unsaturated
-from controller.experiments.many_walls import Loops, Walls, blocks
-from controller.theory.checks import FloatArray
-from controller.theory.response import held_response
+from haptic_wall.controller.experiments.kicks import unsaturated
+from haptic_wall.controller.experiments.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.response import held_response
 
 _PHASES = (17, 9, 9)
 """Instants of entry tried: over the whole period, then around the worst one"""

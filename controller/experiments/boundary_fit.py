@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from controller import json_text
-from controller.errors import UserError
-from controller.experiments.identification import Estimated
-from controller.theory import critical_stiffness
-from controller.theory.checks import FloatArray
+from haptic_wall.controller import json_text
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.identification import Estimated
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 
 _STRAIGHT = 0.01
 """A point is on the straight part where the exact boundary is nearer to the line than this share"""

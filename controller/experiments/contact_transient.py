@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.holding import Hold
-from controller.experiments.step_fit import StepFit, shapes
-from controller.experiments.torque_steps import good
-from controller.program import Phase
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.experiments.step_fit import StepFit, shapes
+from haptic_wall.controller.experiments.torque_steps import good
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
 
 START, REACH = 0.3, 0.5
 """Distance from the wall at the start, and at which a returned shaft is caught [rad]."""

@@ -14,26 +14,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.errors import UserError
-from controller.experiments.growth_fit import Balance, Trial, balance
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import (
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.growth_fit import Balance, Trial, balance
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import (
     Options,
     Setting,
     hold_spring,
     reach,
     trial_phase,
 )
-from controller.experiments.sweep_result import (
+from haptic_wall.controller.experiments.sweep_result import (
     PointResult,
     nothing_text,
     out_of_reach_text,
     unstable_text,
 )
-from controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
-from controller.experiments.trial_watch import Seen, watch
-from controller.log.file import SUFFIX
-from controller.program import Phase
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
+from haptic_wall.controller.experiments.trial_watch import Seen, watch
+from haptic_wall.controller.log.file import SUFFIX
+from haptic_wall.controller.program import Phase
 
 _FIRST = (0.6, 0.8, 1.0, 1.25)
 _STIFFER = (1.2, 1.5, 1.9, 2.5)

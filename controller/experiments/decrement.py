@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 _WINDOW = 1.0 / 3.0
 """Half width of a fit in half periods: ±60 degrees."""

@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.detector.oscillation import State
-from controller.experiments.hands import draw_hands, goes_on, handled
-from controller.experiments.kicks import unsaturated
-from controller.experiments.listening import COUNT, PERIOD, listen
-from controller.experiments.many_walls import Walls, split_delay
-from controller.experiments.onset import onset
-from controller.experiments.watched import Trace, kicked, steady_oscillation
-from controller.theory import max_virtual_damping
-from controller.theory.checks import FloatArray, IntArray
-from controller.theory.servos import SERVOS
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.experiments.hands import draw_hands, goes_on, handled
+from haptic_wall.controller.experiments.kicks import unsaturated
+from haptic_wall.controller.experiments.listening import COUNT, PERIOD, listen
+from haptic_wall.controller.experiments.many_walls import Walls, split_delay
+from haptic_wall.controller.experiments.onset import onset
+from haptic_wall.controller.experiments.watched import Trace, kicked, steady_oscillation
+from haptic_wall.controller.theory import max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.servos import SERVOS
 
 LEAST_KICK, LARGEST_KICK = 10.0 * COUNT, 0.3
 WRONG = 0.2

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.holding import Hold
-from controller.experiments.step_fit import StepFit
-from controller.experiments.torque_steps import good
-from controller.program import Phase
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.experiments.step_fit import StepFit
+from haptic_wall.controller.experiments.torque_steps import good
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
 
 REACH = 0.4
 """The shaft is moved this far to either side [rad]."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from controller.program import Phase
-from controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 PULSE_S = 0.06
 """Length of a pulse [s]"""

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from controller.experiments.loads import Loads
-from controller.experiments.motion_model import Motion, Pieces, pieces_of
-from controller.experiments.output_error import OutputError, least_squares
-from controller.experiments.standard_errors import standard_errors
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.loads import Loads
+from haptic_wall.controller.experiments.motion_model import Motion, Pieces, pieces_of
+from haptic_wall.controller.experiments.output_error import OutputError, least_squares
+from haptic_wall.controller.experiments.standard_errors import standard_errors
+from haptic_wall.controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
 """Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.experiments.decrement import Growth
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.decrement import Growth
+from haptic_wall.controller.theory.checks import FloatArray
 
 _NEAR = (0.1, 0.25)
 """Trials within this logarithmic distance of the estimate are fitted: the nearer where they are

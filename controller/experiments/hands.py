@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.experiments.many_walls import Loops, Walls, blocks
-from controller.experiments.watched import Trace, as_traces
-from controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.experiments.watched import Trace, as_traces
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 HANDS = ("voluntary", "rhythm", "tremor", "tap", "lean")
 _SLOW = 20

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.errors import UserError
-from controller.program import Phase
-from controller.settings.config import Config
-from controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 _MARGIN = 0.4
 """Share of the critical stiffness."""

@@ -14,15 +14,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.errors import UserError
-from controller.experiments.excitation import Bounds, Guess
-from controller.experiments.fitting import Fit
-from controller.experiments.identify_bench import Bench, UnidentifiableError, rounding_of
-from controller.experiments.misfit import misfit
-from controller.experiments.motion_model import Motion, motion_of
-from controller.experiments.testbed import Played, Testbed
-from controller.experiments.torque_gain import torque_gain
-from controller.settings.config import Config
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.excitation import Bounds, Guess
+from haptic_wall.controller.experiments.fitting import Fit
+from haptic_wall.controller.experiments.identify_bench import (
+    Bench,
+    UnidentifiableError,
+    rounding_of,
+)
+from haptic_wall.controller.experiments.misfit import misfit
+from haptic_wall.controller.experiments.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.testbed import Played, Testbed
+from haptic_wall.controller.experiments.torque_gain import torque_gain
+from haptic_wall.controller.settings.config import Config
 
 REACH = 0.6
 """How far from its beginning the shaft may come unless told otherwise [rad]"""

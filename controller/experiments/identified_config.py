@@ -6,8 +6,8 @@ import time
 
 import yaml
 
-from controller.experiments.identification import Estimated, Identified
-from controller.settings.config import Config
+from haptic_wall.controller.experiments.identification import Estimated, Identified
+from haptic_wall.controller.settings.config import Config
 
 _ERRORS = 2.0
 """Standard errors to each side that the truth is believed to lie within"""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.errors import HapticWallError
-from controller.experiments.excitation import (
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.experiments.excitation import (
     PULSE_S,
     Bounds,
     Guess,
@@ -18,11 +18,11 @@ from controller.experiments.excitation import (
     motions,
     pulses,
 )
-from controller.experiments.fitting import Fit, NoFitError, fit_motion
-from controller.experiments.loaded_fit import fit_loaded
-from controller.experiments.motion_model import Motion, motion_of
-from controller.experiments.testbed import Played, Testbed
-from controller.program import Phase
+from haptic_wall.controller.experiments.fitting import Fit, NoFitError, fit_motion
+from haptic_wall.controller.experiments.loaded_fit import fit_loaded
+from haptic_wall.controller.experiments.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.testbed import Played, Testbed
+from haptic_wall.controller.program import Phase
 
 _STRONGER = 1.5
 """Each pulse that did not move the shaft is followed by one stronger by this"""

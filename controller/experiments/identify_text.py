@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from controller.experiments.boundary_fit import BoundaryFit
-from controller.experiments.identification import Estimated, Identified
-from controller.settings.config import Config
+from haptic_wall.controller.experiments.boundary_fit import BoundaryFit
+from haptic_wall.controller.experiments.identification import Estimated, Identified
+from haptic_wall.controller.settings.config import Config
 
 UNITS = {
     "inertia": "kg·m²",

@@ -14,8 +14,8 @@ from typing import IO, Any
 
 from pydantic import ValidationError
 
-from controller import __version__
-from controller.errors import UserError
+from haptic_wall import __version__
+from haptic_wall.controller.errors import UserError
 
 MOST_BYTES = 2**24
 """No table, report or picture that is kept is longer"""

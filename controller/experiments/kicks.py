@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.experiments.many_walls import Walls
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.many_walls import Walls
+from haptic_wall.controller.theory.checks import FloatArray
 
 _SHARE = 0.5
 """Of the torque limit, commanded by the spring alone: its damper needs some too."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.detector.acting import ActingTorque
-from controller.detector.oscillation import Detector, DetectorSettings, State
-from controller.experiments.many_walls import Walls
-from controller.experiments.watched import Trace
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.experiments.many_walls import Walls
+from haptic_wall.controller.experiments.watched import Trace
+from haptic_wall.controller.theory.checks import FloatArray
 
 COUNT = 2.0 * np.pi / 4096
 """One count of the encoder [rad]"""

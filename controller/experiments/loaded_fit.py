@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter, savgol_filter
 
-from controller.experiments.fitting import (
+from haptic_wall.controller.experiments.fitting import (
     NAMES,
     Fit,
     cuts_of,
@@ -24,10 +24,10 @@ from controller.experiments.fitting import (
     visible_play,
     window_of,
 )
-from controller.experiments.loads import Loads
-from controller.experiments.motion_model import Motion, Pieces, pieces_of, taken
-from controller.experiments.output_error import OutputError, weights_of
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.loads import Loads
+from haptic_wall.controller.experiments.motion_model import Motion, Pieces, pieces_of, taken
+from haptic_wall.controller.experiments.output_error import OutputError, weights_of
+from haptic_wall.controller.theory.checks import FloatArray
 
 MOST_PERIODS = 200
 """Of cogging in a turn that are looked for"""

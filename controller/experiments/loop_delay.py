@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from controller.experiments.holding import torque_limit_of, without_hand
-from controller.experiments.shaken import Shaken, Shaking, plan_shaking, shake
-from controller.experiments.step_fit import StepFit, from_command
-from controller.experiments.testbed import Testbed
-from controller.settings.config import Config
+from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
+from haptic_wall.controller.experiments.shaken import Shaken, Shaking, plan_shaking, shake
+from haptic_wall.controller.experiments.step_fit import StepFit, from_command
+from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.settings.config import Config
 
 BURSTS = 8
 BURST_S = 2.6

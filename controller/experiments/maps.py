@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.errors import UserError
-from controller.experiments.many_walls import Walls
-from controller.experiments.onset import onset
-from controller.experiments.processes import cores, not_from_the_terminal, processes
-from controller.settings.config import Config
-from controller.signals import interrupting
-from controller.theory import critical_stiffness, linear_limit, one_sided_limit
-from controller.theory.checks import FloatArray, IntArray
-from hw.settings import TrueServo
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.many_walls import Walls
+from haptic_wall.controller.experiments.onset import onset
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
 """Relative accuracy of a map unless told otherwise."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from controller.experiments.fitting import Fit
-from controller.experiments.loads import Loads
+from haptic_wall.controller.experiments.fitting import Fit
+from haptic_wall.controller.experiments.loads import Loads
 
 STRUCTURED = 1.5
 """Residual, in shares of what rounding leaves, from which it is told"""

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
-from controller.theory.response import held_response
-from hw.servo import Outcome
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.response import held_response
+from haptic_wall.hw.servo import Outcome
 
 IntArray = NDArray[np.int64]
 _NO_SPEED = 1e-6

@@ -11,11 +11,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controller.experiments.bounce import returned
-from controller.experiments.many_walls import Walls, split_delay
-from controller.experiments.turning import growth
-from controller.theory import critical_stiffness
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
+from haptic_wall.controller.experiments.bounce import returned
+from haptic_wall.controller.experiments.many_walls import Walls, split_delay
+from haptic_wall.controller.experiments.turning import growth
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+)
 
 _FIRST = np.geomspace(0.55, 2.1, 10)
 _REACH = 4.0

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.experiments.loads import Loads
-from controller.experiments.motion_model import Parameters, Pieces, simulated
-from controller.experiments.standard_errors import Linear
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.loads import Loads
+from haptic_wall.controller.experiments.motion_model import Parameters, Pieces, simulated
+from haptic_wall.controller.experiments.standard_errors import Linear
+from haptic_wall.controller.theory.checks import FloatArray
 
 _RUN = 8
 """A run of so many equal samples counts in full; a longer one counts no more"""

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 
-from controller.errors import PlatformError
-from controller.signals import held_back, interrupting
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.signals import held_back, interrupting
 
 
 def cores() -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.experiments.contact_transient import (
+from haptic_wall.controller.experiments.contact_transient import (
     FASTEST,
     REACH,
     Contact,
@@ -23,22 +23,27 @@ from controller.experiments.contact_transient import (
     contacts,
     plan_approach,
 )
-from controller.experiments.drag import Drag, drag, drag_phases
-from controller.experiments.holding import torque_limit_of, without_hand
-from controller.experiments.rendering_rows import Row, contact_rows, free_rows, stiffness_rows
-from controller.experiments.shaken import plan_shaking, shake
-from controller.experiments.static_stiffness import (
+from haptic_wall.controller.experiments.drag import Drag, drag, drag_phases
+from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
+from haptic_wall.controller.experiments.rendering_rows import (
+    Row,
+    contact_rows,
+    free_rows,
+    stiffness_rows,
+)
+from haptic_wall.controller.experiments.shaken import plan_shaking, shake
+from haptic_wall.controller.experiments.static_stiffness import (
     StaticStiffness,
     plan_push,
     push_phases,
     static_stiffness,
 )
-from controller.experiments.step_fit import from_command
-from controller.experiments.testbed import Testbed
-from controller.guard.guard import Situation, decide
-from controller.guard.types import Decision, Request
-from controller.settings.config import Config
-from controller.theory.one_sided import restitution
+from haptic_wall.controller.experiments.step_fit import from_command
+from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.guard.guard import Situation, decide
+from haptic_wall.controller.guard.types import Decision, Request
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.one_sided import restitution
 
 BURSTS = 8
 SECONDS = 110

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from controller.experiments.contact_transient import Approach, Contact
-from controller.experiments.drag import Drag
-from controller.experiments.shaken import Shaken
-from controller.experiments.static_stiffness import Push, StaticStiffness
-from controller.experiments.step_fit import from_command, lost_motion
-from controller.settings.config import Config
+from haptic_wall.controller.experiments.contact_transient import Approach, Contact
+from haptic_wall.controller.experiments.drag import Drag
+from haptic_wall.controller.experiments.shaken import Shaken
+from haptic_wall.controller.experiments.static_stiffness import Push, StaticStiffness
+from haptic_wall.controller.experiments.step_fit import from_command, lost_motion
+from haptic_wall.controller.settings.config import Config
 
 _NOT_MOVED = "the shaft did not follow at two speeds both ways"
 

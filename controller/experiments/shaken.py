@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.errors import HapticWallError, UserError
-from controller.experiments.holding import Hold, hold_of
-from controller.experiments.step_check import doubted, fault
-from controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps
-from controller.experiments.step_loads import without_loads
-from controller.experiments.testbed import Played, Testbed
-from controller.experiments.torque_steps import (
+from haptic_wall.controller.errors import HapticWallError, UserError
+from haptic_wall.controller.experiments.holding import Hold, hold_of
+from haptic_wall.controller.experiments.step_check import doubted, fault
+from haptic_wall.controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps
+from haptic_wall.controller.experiments.step_loads import without_loads
+from haptic_wall.controller.experiments.testbed import Played, Testbed
+from haptic_wall.controller.experiments.torque_steps import (
     PER_BURST,
     StepPlan,
     good,
@@ -21,8 +21,8 @@ from controller.experiments.torque_steps import (
     step_phases,
     steps_of,
 )
-from controller.settings.config import Config
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
 
 _LONGEST_LAG = 0.06
 """Lags are looked for up to this [s], or up to twice the believed one"""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 _CORRELATED_S = 0.05
 """How long errors of successive samples are taken to belong together [s]"""

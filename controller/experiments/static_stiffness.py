@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.holding import Hold
-from controller.experiments.torque_steps import good
-from controller.program import Phase
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.experiments.torque_steps import good
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
 
 FARTHEST = 0.3
 """The spring is pushed no further [rad]."""

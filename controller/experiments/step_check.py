@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps, residuals
-from controller.experiments.torque_steps import Step
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.step_fit import FEWEST_STEPS, StepFit, fit_steps, residuals
+from haptic_wall.controller.experiments.torque_steps import Step
+from haptic_wall.controller.theory.checks import FloatArray
 
 ROUGH = 1.25
 """Root mean square of the residuals, in that of the noise: up to 1.1 on servos with stiction,

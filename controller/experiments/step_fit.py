@@ -18,8 +18,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from controller.experiments.torque_steps import Step
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.torque_steps import Step
+from haptic_wall.controller.theory.checks import FloatArray
 
 LAG, GAIN, FRICTION, DECAY = range(4)
 FEWEST_STEPS = 8

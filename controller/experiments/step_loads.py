@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.experiments.step_check import ROUGH, noise
-from controller.experiments.step_fit import (
+from haptic_wall.controller.experiments.step_check import ROUGH, noise
+from haptic_wall.controller.experiments.step_fit import (
     GAIN,
     LAG,
     StepFit,
@@ -32,8 +32,8 @@ from controller.experiments.step_fit import (
     scale_of,
     without_start,
 )
-from controller.experiments.torque_steps import Step
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.torque_steps import Step
+from haptic_wall.controller.theory.checks import FloatArray
 
 EXPLAINED = 1.01
 """Root mean square of the residuals, in that of the noise, up to which there is nothing to seek"""

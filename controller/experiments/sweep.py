@@ -10,10 +10,10 @@ from collections.abc import Callable
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 
-from controller.experiments.critical import PointSearch
-from controller.experiments.processes import cores, not_from_the_terminal, processes
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import (
+from haptic_wall.controller.experiments.critical import PointSearch
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import (
     Hold,
     Options,
     Setting,
@@ -21,11 +21,11 @@ from controller.experiments.sweep_plan import (
     reach,
     trial_phase,
 )
-from controller.experiments.sweep_result import PointResult
-from controller.experiments.sweep_store import LOGS, SweepStore
-from controller.experiments.testbed import ExperimentInterruptedError, Testbed
-from controller.settings.config import Config
-from controller.signals import interrupting
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.sweep_store import LOGS, SweepStore
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.signals import interrupting
 
 _TRIALS = 8, 4
 """Trials of a point: in a typical sweep, and for each repeat more"""

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.errors import UserError
-from controller.settings.config import Config
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping
-from controller.theory.checks import FloatArray
-from controller.theory.exact import critical_point
-from controller.theory.friction import onset_amplitude
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory import critical_stiffness, linear_limit, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.exact import critical_point
+from haptic_wall.controller.theory.friction import onset_amplitude
 
 _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
 """Equivalent damping of friction that is tried, in shares of the damping that the limit without it

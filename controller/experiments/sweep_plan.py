@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.experiments.sweep_device import Device
-from controller.program import Phase
-from controller.theory import critical_stiffness
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 
 KICK = 0.1
 """Largest kick that is chosen where none is asked for [rad]"""

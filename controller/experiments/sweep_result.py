@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import Reach
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import Reach
 
 
 @dataclass(slots=True)

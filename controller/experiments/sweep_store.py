@@ -12,12 +12,18 @@ from typing import Any, Final, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from controller import __version__
-from controller.errors import UserError
-from controller.experiments.kept_folder import fingerprint, first_wrong, kept_bytes, made, replaced
-from controller.experiments.sweep_plan import Options, Setting
-from controller.experiments.sweep_result import PointResult
-from controller.settings.config import Config
+from haptic_wall import __version__
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.kept_folder import (
+    fingerprint,
+    first_wrong,
+    kept_bytes,
+    made,
+    replaced,
+)
+from haptic_wall.controller.experiments.sweep_plan import Options, Setting
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.settings.config import Config
 
 JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
 _FORMAT: Final = "haptic-wall sweep 1"

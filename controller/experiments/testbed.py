@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controller import __version__
-from controller.errors import UserError
-from controller.file_kinds import LOG, may_be_replaced
-from controller.lateness.machine_setup import START
-from controller.log.file import SUFFIX, read_log
-from controller.program import Phase
-from controller.report import explanation
-from controller.run import run
-from controller.safety import End, StopReason, Trip
-from controller.settings.config import Config
-from controller.telemetry import FLAG_WARM_UP
-from controller.tree.plan import Ended, LogState, Plan
+from haptic_wall import __version__
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.file_kinds import LOG, may_be_replaced
+from haptic_wall.controller.lateness.machine_setup import START
+from haptic_wall.controller.log.file import SUFFIX, read_log
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.report import explanation
+from haptic_wall.controller.run import run
+from haptic_wall.controller.safety import End, StopReason, Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.tree.plan import Ended, LogState, Plan
 
 _GONE = frozenset(
     (

@@ -16,11 +16,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.holding import Hold
-from controller.program import Phase
-from controller.settings.config import Config
-from controller.theory.checks import FloatArray
-from hw.servo import Outcome
+from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.servo import Outcome
 
 TRAVEL = 0.12
 """Angle that the shaft swings over, from turn to turn, at the planned torque [rad]."""

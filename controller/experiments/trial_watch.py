@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.decrement import Growth, growth, turning_points
-from controller.experiments.growth_fit import Trial
-from controller.experiments.sweep_device import Device
-from controller.program import Phase
-from controller.theory.checks import FloatArray
-from hw.servo import Outcome
+from haptic_wall.controller.experiments.decrement import Growth, growth, turning_points
+from haptic_wall.controller.experiments.growth_fit import Trial
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.servo import Outcome
 
 _DISTURBED, _HOPELESS = 0.03, 0.2
 """Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have; where

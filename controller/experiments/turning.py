@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.experiments.kicks import unsaturated
-from controller.experiments.many_walls import Loops, Walls, blocks
-from controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.kicks import unsaturated
+from haptic_wall.controller.experiments.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 _LEAST_PERIODS = 1000
 _MOST_PERIODS = 200_000

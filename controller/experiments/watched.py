@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.experiments.many_walls import Loops, Walls, blocks
-from controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 _TOGETHER = 80
 """Walls of like frequency simulated together: the slowest of them says for how long."""

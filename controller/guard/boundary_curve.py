@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from controller.guard.delay_parts import DelayParts
-from controller.guard.limits import Found, evaluate_box, passive_over_delays
-from controller.guard.plants import Plants
-from controller.guard.types import GuardSettings, Request, Situation
-from controller.theory import critical_point, max_virtual_damping, peak
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.guard.delay_parts import DelayParts
+from haptic_wall.controller.guard.limits import Found, evaluate_box, passive_over_delays
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.theory import critical_point, max_virtual_damping, peak
+from haptic_wall.controller.theory.checks import FloatArray
 
 WallSide = Literal["one", "both"]
 

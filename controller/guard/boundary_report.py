@@ -8,13 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from controller.guard.boundary_curve import EVERY_DAMPING, Curve, Question, ceiling, curve, highest
-from controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
-from controller.guard.design import FAST_BAUD, FINER, Change, Improvement, improvements
-from controller.guard.types import Limits
-from controller.theory.guaranteed import cost_of_each_unknown
-from controller.theory.ranges import Member, Ranges
-from hw.wire import cycle_s
+from haptic_wall.controller.guard.boundary_curve import (
+    EVERY_DAMPING,
+    Curve,
+    Question,
+    ceiling,
+    curve,
+    highest,
+)
+from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
+from haptic_wall.controller.guard.design import FAST_BAUD, FINER, Change, Improvement, improvements
+from haptic_wall.controller.guard.types import Limits
+from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
+from haptic_wall.controller.theory.ranges import Member, Ranges
+from haptic_wall.hw.wire import cycle_s
 
 _CHANGES: tuple[Change, ...] = (
     "virtual_damping",

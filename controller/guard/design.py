@@ -13,13 +13,19 @@ from typing import Literal
 
 import numpy as np
 
-from controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
-from controller.guard.limits import LOOKED_UP, Found, evaluate, evaluate_box, quantisation_limit
-from controller.guard.plants import Plants
-from controller.guard.types import GuardSettings, Request, Situation
-from controller.theory import linear_limit, max_virtual_damping
-from controller.theory.checks import FloatArray
-from hw.wire import cycle_s
+from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
+from haptic_wall.controller.guard.limits import (
+    LOOKED_UP,
+    Found,
+    evaluate,
+    evaluate_box,
+    quantisation_limit,
+)
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.theory import linear_limit, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.wire import cycle_s
 
 Change = Literal[
     "virtual_damping",

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.guard import reasons
-from controller.guard.delay_parts import SAMPLE_AGE, DelayParts
-from controller.guard.design import Improvement, improvements
-from controller.guard.limits import LOOKED_UP, Found, evaluate_box, unstable_nominally
-from controller.guard.plants import Plants
-from controller.guard.types import (
+from haptic_wall.controller.guard import reasons
+from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
+from haptic_wall.controller.guard.design import Improvement, improvements
+from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box, unstable_nominally
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import (
     Decision,
     GuardSettings,
     Limits,
@@ -27,7 +27,7 @@ from controller.guard.types import (
     Situation,
     decision_report,
 )
-from controller.theory.checks import FloatArray, not_negative
+from haptic_wall.controller.theory.checks import FloatArray, not_negative
 
 __all__ = [
     "Decision",

@@ -11,17 +11,17 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.guard.plants import Box, Plants
-from controller.guard.types import GuardSettings, Limits, Request, Situation
-from controller.theory import (
+from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.types import GuardSettings, Limits, Request, Situation
+from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
     one_sided_limit,
     passive_limit,
 )
-from controller.theory.checks import FloatArray, IntArray
-from controller.theory.one_sided_table import one_sided_limit_tabulated
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 
 LOOKED_UP = 0.05
 """How far below what is computed the table of the one-sided limit may lie"""

@@ -15,9 +15,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from controller.guard.belief import Belief
-from controller.guard.types import Situation
-from controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 LIGHT = 0.1
 """Largest b T / m at which the least damping is the least safe; also what the table reaches."""

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from controller.guard.delay_parts import HOLD, SAMPLE_AGE, SHORT_TIMER, DelayParts, ms, shorter
-from controller.guard.design import FINER, Change, Improvement
-from controller.guard.types import Decision, GuardSettings, Situation
+from haptic_wall.controller.guard.delay_parts import (
+    HOLD,
+    SAMPLE_AGE,
+    SHORT_TIMER,
+    DelayParts,
+    ms,
+    shorter,
+)
+from haptic_wall.controller.guard.design import FINER, Change, Improvement
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Situation
 
 _MEANING = {
     "linear": "sum of the damping over sum of the delay",

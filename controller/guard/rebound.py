@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from controller.guard.types import Side, Situation
-from controller.theory.rebound import (
+from haptic_wall.controller.guard.types import Side, Situation
+from haptic_wall.controller.theory.rebound import (
     OneSidedWall,
     Servos,
     highest_speed,

@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from controller.guard.guard import Decision
+    from haptic_wall.controller.guard.guard import Decision
 
 RUN = 10
 """The least number of ages in a row above the bin that lower at once."""

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from controller.guard.belief import Belief
+from haptic_wall.controller.guard.belief import Belief
 
 Side = Literal["above", "below", "both"]
 Mode = Literal["stable", "passive", "off"]

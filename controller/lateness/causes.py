@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from controller.lateness.thread_counters import Counters
+from haptic_wall.controller.lateness.thread_counters import Counters
 
 _ENOUGH = 0.5
 """Share of the delay that one kind of waiting has to make up to be its cause"""

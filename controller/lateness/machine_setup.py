@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.realtime import Setting
+from haptic_wall.controller.realtime import Setting
 
 START = "real time:"
 """How the table at the start begins"""

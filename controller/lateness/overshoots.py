@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controller.loop import Waiter
+from haptic_wall.controller.loop import Waiter
 
 
 class Overshoots:

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
-from controller.lateness.causes import Cause, Late, Machine, evidence, likely_cause
-from controller.lateness.overshoots import Overshoots
-from controller.lateness.thread_counters import CounterReader, Counters
-from controller.loop import Waiter
+from haptic_wall.controller.lateness.causes import Cause, Late, Machine, evidence, likely_cause
+from haptic_wall.controller.lateness.overshoots import Overshoots
+from haptic_wall.controller.lateness.thread_counters import CounterReader, Counters
+from haptic_wall.controller.loop import Waiter
 
 LATE_NS = 100_000
 """A tick that took this much longer than it need not have is late [ns]; ..."""

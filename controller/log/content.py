@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller import json_text
-from controller.log.blocks import Block
-from controller.log.pieces import End, Head, Piece
-from controller.log.plausible import fault, refusal
+from haptic_wall.controller import json_text
+from haptic_wall.controller.log.blocks import Block
+from haptic_wall.controller.log.pieces import End, Head, Piece
+from haptic_wall.controller.log.plausible import fault, refusal
 
 FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
 """First keys in the metadata of every log; those of before have no checksums, and say so by

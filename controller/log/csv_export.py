@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.log.columns import COLUMNS, values
-from controller.log.rows import LogRows
+from haptic_wall.controller.log.columns import COLUMNS, values
+from haptic_wall.controller.log.rows import LogRows
 
 
 def write_csv(path: Path, rows: LogRows) -> None:

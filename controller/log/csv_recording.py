@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.errors import UserError
-from controller.log.csv_table import TORQUE, columns_of
-from controller.log.recording import (
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.csv_table import TORQUE, columns_of
+from haptic_wall.controller.log.recording import (
     GAP,
     LEAST,
     MOST_TOLD,
@@ -32,8 +32,8 @@ from controller.log.recording import (
     seconds,
     short_text,
 )
-from controller.log.stretches import Stretch, stretches
-from controller.log.windows import BEFORE_S, WINDOW
+from haptic_wall.controller.log.stretches import Stretch, stretches
+from haptic_wall.controller.log.windows import BEFORE_S, WINDOW
 
 _UNEVEN = 0.25
 """Share of a period by which time stamps may be off and still count as on the grid."""

@@ -14,11 +14,11 @@ from typing import TextIO
 
 import numpy as np
 
-from controller.errors import UserError
-from controller.log.reader import SUFFIX
-from controller.log.recording import Floats
-from controller.printable import in_line
-from controller.regular_file import opened
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.reader import SUFFIX
+from haptic_wall.controller.log.recording import Floats
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.regular_file import opened
 
 NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"

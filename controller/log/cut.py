@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from controller.log.file import LogWriter
-from controller.log.reader import End
-from controller.log.rows import LogRows
-from controller.telemetry import ROW
+from haptic_wall.controller.log.file import LogWriter
+from haptic_wall.controller.log.reader import End
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.telemetry import ROW
 
 
 def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) -> None:

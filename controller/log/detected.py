@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.detection import DetectionRecord, KnownWall, detect
-from controller.detector.oscillation import DetectorSettings, State
-from controller.detector.servo_fit import FittedServo, fitted_servo
-from controller.detector.wall_fit import fitted_wall
-from controller.log.recording import Part, Recording
+from haptic_wall.controller.detector.detection import DetectionRecord, KnownWall, detect
+from haptic_wall.controller.detector.oscillation import DetectorSettings, State
+from haptic_wall.controller.detector.servo_fit import FittedServo, fitted_servo
+from haptic_wall.controller.detector.wall_fit import fitted_wall
+from haptic_wall.controller.log.recording import Part, Recording
 
 _LATE = 0.01
 """Periods of delay that are told"""

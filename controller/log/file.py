@@ -22,10 +22,10 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.errors import LogFormatError
-from controller.log.blocks import MOST_BYTES, encoded
-from controller.log.reader import FORMAT, SUFFIX, Head, LogReader
-from controller.whole_file import Beside
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.log.blocks import MOST_BYTES, encoded
+from haptic_wall.controller.log.reader import FORMAT, SUFFIX, Head, LogReader
+from haptic_wall.controller.whole_file import Beside
 
 __all__ = ["SUFFIX", "LogWriter", "append_end", "identity", "read_log"]
 

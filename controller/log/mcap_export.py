@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from controller import __version__
-from controller.errors import UserError
-from controller.log.columns import COLUMNS, finite_rows
-from controller.log.rows import LogRows
+from haptic_wall import __version__
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.columns import COLUMNS, finite_rows
+from haptic_wall.controller.log.rows import LogRows
 
 TOPIC = "haptic_wall"
 """The channel that every row is a message of."""

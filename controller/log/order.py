@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.log.pieces import Head, Misplaced, Piece
+from haptic_wall.controller.log.pieces import Head, Misplaced, Piece
 
 _GROW = ("seq", "deadline_ns")
 _MOST_GAPS = 1000

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.oscillation import State
-from controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
-from hw.servo import Outcome
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
+from haptic_wall.hw.servo import Outcome
 
 _GROW: Final = ("seq", "deadline_ns")
 _LONGEST_NS: Final = 1 << 50

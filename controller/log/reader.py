@@ -10,13 +10,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from controller.errors import LogFormatError
-from controller.log.blocks import Block, block_at, last_block, next_begin
-from controller.log.content import FORMAT, from_json, is_ours, judged, refused
-from controller.log.order import in_order
-from controller.log.pieces import Damage, End, Head, Misplaced, Piece, said_of
-from controller.printable import in_line
-from controller.regular_file import opened
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.log.blocks import Block, block_at, last_block, next_begin
+from haptic_wall.controller.log.content import FORMAT, from_json, is_ours, judged, refused
+from haptic_wall.controller.log.order import in_order
+from haptic_wall.controller.log.pieces import Damage, End, Head, Misplaced, Piece, said_of
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.regular_file import opened
 
 __all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Head", "LogReader", "Misplaced", "Piece"]
 

@@ -13,18 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from controller.errors import LogFormatError, UserError
-from controller.log.csv_recording import recordings_of_csv
-from controller.log.pieces import End, Head, said_of
-from controller.log.reader import LogReader, is_log
-from controller.log.recording import LEAST, Knowledge, Part, Recording, parted, position_count
-from controller.log.rows import LogRows
-from controller.log.windows import WINDOW, Window, windows
-from controller.printable import in_line
-from controller.settings.config import Config
-from controller.telemetry import FLAG_WARM_UP
-from controller.wall import SIGNS
-from hw.servo import Outcome
+from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.log.csv_recording import recordings_of_csv
+from haptic_wall.controller.log.pieces import End, Head, said_of
+from haptic_wall.controller.log.reader import LogReader, is_log
+from haptic_wall.controller.log.recording import (
+    LEAST,
+    Knowledge,
+    Part,
+    Recording,
+    parted,
+    position_count,
+)
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.log.windows import WINDOW, Window, windows
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.wall import SIGNS
+from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
 """Between a sample and its torque [s]; what acted is kept for so long"""

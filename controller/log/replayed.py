@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from controller.detector.oscillation import State
-from controller.detector.replay import Replay
-from controller.detector.watch import Watch
-from controller.log.detected import Detected, add
-from controller.log.pieces import Damage, End, said_of
-from controller.log.reader import LogReader
-from controller.log.recording import LEAST, Part, position_count
-from controller.log.rows import LogRows
-from controller.settings.config import Config
-from controller.telemetry import FLAG_WARM_UP
-from controller.wall import Wall
-from controller.watch_settings import watch_settings
-from hw.servo import Outcome
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.replay import Replay
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.log.detected import Detected, add
+from haptic_wall.controller.log.pieces import Damage, End, said_of
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.log.recording import LEAST, Part, position_count
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.wall import Wall
+from haptic_wall.controller.watch_settings import watch_settings
+from haptic_wall.hw.servo import Outcome
 
 _GATHERED = 100_000
 """Rows that are looked at in one go"""
@@ -32,7 +32,7 @@ _GATHERED = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """Facts of the servo that the log holds; see ``hw.servo.Facts``."""
+    """Facts of the servo that the log holds; see ``haptic_wall.hw.servo.Facts``."""
 
     torque_limit: float = math.inf
     stall_torque: float = math.inf

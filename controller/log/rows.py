@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.errors import LogFormatError
-from controller.log.pieces import End, Head, Piece
-from controller.log.reader import LogReader
-from controller.log.todays import todays
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.log.pieces import End, Head, Piece
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.log.todays import todays
 
 
 @dataclass(frozen=True, slots=True)

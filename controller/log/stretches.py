@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.log.recording import GAP, LEAST, Floats
+from haptic_wall.controller.log.recording import GAP, LEAST, Floats
 
 _DEEPEST = 4
 """How often a stretch is looked at again at its own rate"""

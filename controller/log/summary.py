@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.oscillation import State
-from controller.log.pieces import Damage, End, Head, Misplaced, Piece
-from controller.log.rows import LogRows, gathered
-from controller.printable import in_line
-from controller.statistics import RunStatistics
-from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
-from hw.servo import Outcome
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.log.pieces import Damage, End, Head, Misplaced, Piece
+from haptic_wall.controller.log.rows import LogRows, gathered
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.statistics import RunStatistics
+from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.hw.servo import Outcome
 
 
 @dataclass(slots=True)

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.errors import LogFormatError
-from controller.telemetry import ROW
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.telemetry import ROW
 
 _LATER: Final = {"phase": 0, "oscillation": 0, "measured_torque": math.nan}
 """Columns that the first logs had not: no program was played, nothing watched or measured"""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controller.paper import style
-from controller.paper.curves import (
+from haptic_wall.controller.paper import style
+from haptic_wall.controller.paper.curves import (
     Curve,
     FigureData,
     dimensionless,
@@ -16,8 +16,8 @@ from controller.paper.curves import (
     exact_boundary,
     linear_at,
 )
-from controller.theory import peak
-from controller.theory.closed_forms import no_delay_limit, one_sample_limit
+from haptic_wall.controller.theory import peak
+from haptic_wall.controller.theory.closed_forms import no_delay_limit, one_sample_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping
+from haptic_wall.controller.theory import critical_stiffness, linear_limit, max_virtual_damping
 
 FloatArray = NDArray[np.float64]
 

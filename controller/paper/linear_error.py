@@ -6,10 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.paper import style
-from controller.paper.boundaries import DELAYS
-from controller.paper.curves import Curve, FigureData, dimensionless, exact_at, linear_at
-from controller.theory.linear_error import ErrorPoint, error_points
+from haptic_wall.controller.paper import style
+from haptic_wall.controller.paper.boundaries import DELAYS
+from haptic_wall.controller.paper.curves import (
+    Curve,
+    FigureData,
+    dimensionless,
+    exact_at,
+    linear_at,
+)
+from haptic_wall.controller.theory.linear_error import ErrorPoint, error_points
 
 DELTAS = (0.0, 0.01)
 """Viscous damping of the two panels"""

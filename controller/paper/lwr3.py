@@ -11,9 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.paper import style
-from controller.paper.curves import Curve, FigureData, FloatArray
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping, peak
+from haptic_wall.controller.paper import style
+from haptic_wall.controller.paper.curves import Curve, FigureData, FloatArray
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    peak,
+)
 
 INERTIA = 0.8
 """[kg·m²], printed with figure 9"""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from controller.paper.curves import FigureData
-from controller.paper.table2 import Table2, rows
+from haptic_wall.controller.paper.curves import FigureData
+from haptic_wall.controller.paper.table2 import Table2, rows
 
 HEADINGS = {
     "kind": "point",

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from controller import __version__
-from controller.file_kinds import Kind
-from controller.paper.items import Made
-from controller.paper.table2 import worst_text
-from controller.whole_file import whole
+from haptic_wall import __version__
+from haptic_wall.controller.file_kinds import Kind
+from haptic_wall.controller.paper.items import Made
+from haptic_wall.controller.paper.table2 import worst_text
+from haptic_wall.controller.whole_file import whole
 
 PAGE = "index.html"
 KIND = Kind(
@@ -39,7 +39,9 @@ def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Pa
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = files("controller.paper").joinpath("page.html.j2").read_text(encoding="utf-8")
+    source = (
+        files("haptic_wall.controller.paper").joinpath("page.html.j2").read_text(encoding="utf-8")
+    )
     worst = {m.item.name: worst_text(m.table) for m in made if m.table is not None}
     page = folder / PAGE
     text = environment.from_string(source).render(made=made, worst=worst, version=__version__)

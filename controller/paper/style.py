@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from controller.file_kinds import SOFTWARE
-from controller.printable import in_line
+from haptic_wall.controller.file_kinds import SOFTWARE
+from haptic_wall.controller.printable import in_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.paper import style
-from controller.theory import critical_stiffness
+from haptic_wall.controller.paper import style
+from haptic_wall.controller.theory import critical_stiffness
 
 FloatArray = NDArray[np.float64]
 Simulate = Callable[[FloatArray, FloatArray], FloatArray]
@@ -74,7 +74,7 @@ def compare(simulate: Simulate | None = None) -> Table2:
     """Compute all 36 cells.
 
     Args:
-        simulate: None: the experiment of ``controller.experiments.onset``.
+        simulate: None: the experiment of ``haptic_wall.controller.experiments.onset``.
     """
     delay_samples, virtual_damping, printed = _printed()
     delay, virtual = np.meshgrid(delay_samples * PERIOD, virtual_damping, indexing="ij")
@@ -84,7 +84,7 @@ def compare(simulate: Simulate | None = None) -> Table2:
 
 
 def _simulate(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
-    from controller.experiments.onset import simulated_critical_stiffness
+    from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
 
     found = simulated_critical_stiffness(INERTIA, DAMPING, virtual_damping, PERIOD, delay)
     return np.asarray(found)
@@ -92,7 +92,9 @@ def _simulate(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
 
 def _printed() -> tuple[FloatArray, FloatArray, FloatArray]:
     """What the paper prints: delays in samples, virtual dampings, stiffness of each cell."""
-    with files("controller.paper").joinpath("table2.csv").open(encoding="utf-8") as file:
+    with (
+        files("haptic_wall.controller.paper").joinpath("table2.csv").open(encoding="utf-8") as file
+    ):
         head, *rows = list(csv.reader(file))
     numbers = np.array(rows, dtype=np.float64)
     virtual_damping = np.array([float(name.removeprefix("B_")) for name in head[1:]])

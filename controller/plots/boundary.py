@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.guard.boundary_curve import Curve, Question, curve
-from controller.paper.style import (
+from haptic_wall.controller.guard.boundary_curve import Curve, Question, curve
+from haptic_wall.controller.paper.style import (
     BLUE,
     FAINT,
     GREEN,
@@ -22,7 +22,7 @@ from controller.paper.style import (
     grid,
     picture,
 )
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controller.experiments.loop_delay import DelayPoint, LoopDelay
-from controller.experiments.step_fit import DECAY, caused, shapes
-from controller.guard.delay_parts import ms
-from controller.paper.style import GREY, INK, PAGE, grid, picture, shades, titled
+from haptic_wall.controller.experiments.loop_delay import DelayPoint, LoopDelay
+from haptic_wall.controller.experiments.step_fit import DECAY, caused, shapes
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.paper.style import GREY, INK, PAGE, grid, picture, shades, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.detector.detection import DetectionRecord
-from controller.detector.oscillation import State
-from controller.log.recording import Part
-from controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
-from controller.plots.dense_picture import line, outline
+from haptic_wall.controller.detector.detection import DetectionRecord
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.log.recording import Part
+from haptic_wall.controller.paper.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
+from haptic_wall.controller.plots.dense_picture import line, outline
 
 _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
 

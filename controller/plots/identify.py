@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controller.experiments.identification import Identified, whole_motion
-from controller.experiments.identify_text import row_text
-from controller.paper.style import (
+from haptic_wall.controller.experiments.identification import Identified, whole_motion
+from haptic_wall.controller.experiments.identify_text import row_text
+from haptic_wall.controller.paper.style import (
     BLUE,
     GREY,
     INK,

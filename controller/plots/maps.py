@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.experiments.maps import CriticalMap
-from controller.guard.delay_parts import ms
-from controller.paper.style import (
+from haptic_wall.controller.experiments.maps import CriticalMap
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.paper.style import (
     GREY,
     INK,
     PAGE,
@@ -20,9 +20,14 @@ from controller.paper.style import (
     shades,
     titled,
 )
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping, one_sided_limit
-from controller.theory.checks import FloatArray
-from controller.theory.friction import onset_amplitude
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    one_sided_limit,
+)
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.friction import onset_amplitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controller.experiments.contact_transient import Contact
-from controller.experiments.drag import Drag
-from controller.experiments.rendering import Rendering
-from controller.experiments.static_stiffness import StaticStiffness
-from controller.paper.style import (
+from haptic_wall.controller.experiments.contact_transient import Contact
+from haptic_wall.controller.experiments.drag import Drag
+from haptic_wall.controller.experiments.rendering import Rendering
+from haptic_wall.controller.experiments.static_stiffness import StaticStiffness
+from haptic_wall.controller.paper.style import (
     BLUE,
     GREY,
     INK,

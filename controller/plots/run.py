@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
-from controller.errors import LogFormatError
-from controller.file_kinds import SOFTWARE
-from controller.log.rows import LogRows
-from controller.paper.style import any_writing, titled
-from controller.plots import run_panels
-from controller.plots.sketch import Sketch, sketched
-from controller.safety import Trip
-from controller.settings.config import Config
-from controller.telemetry import FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.file_kinds import SOFTWARE
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.paper.style import any_writing, titled
+from haptic_wall.controller.plots import run_panels
+from haptic_wall.controller.plots.sketch import Sketch, sketched
+from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import FLAG_OFF, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.plots.dense_picture import line, outline
-from controller.plots.sketch import TIMES, Floats, Sketch
-from controller.settings.config import Config
-from controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.controller.plots.dense_picture import line, outline
+from haptic_wall.controller.plots.sketch import TIMES, Floats, Sketch
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

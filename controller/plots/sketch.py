@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.statistics import TimeStatistics
-from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.controller.statistics import TimeStatistics
+from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_result import PointResult
-from controller.guard.delay_parts import ms
-from controller.paper.style import (
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.paper.style import (
     GREY,
     INK,
     PAGE,
@@ -22,7 +22,7 @@ from controller.paper.style import (
     shades,
     titled,
 )
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

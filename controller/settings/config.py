@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationInfo, model_validator
 
-from controller.guard.belief import Belief, Bounded
-from controller.overspeed import DRIVEN_SHARE
-from controller.settings.model import (
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.overspeed import DRIVEN_SHARE
+from haptic_wall.controller.settings.model import (
     Delay,
     Estimate,
     Guard,
@@ -20,14 +20,14 @@ from controller.settings.model import (
     Section,
     Wall,
 )
-from controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
-from controller.settings.servo import EMULATED, Servo
-from controller.wall import SIGNS
-from hw.servo import JUMP_SPEED
-from hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
+from haptic_wall.controller.settings.servo import EMULATED, Servo
+from haptic_wall.controller.wall import SIGNS
+from haptic_wall.hw.servo import JUMP_SPEED
+from haptic_wall.hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 
 if TYPE_CHECKING:
-    from controller.guard.guard import GuardSettings, Request
+    from haptic_wall.controller.guard.guard import GuardSettings, Request
 
 APPROACH = 0.1
 """How far outside a one-sided wall a simulated servo starts unless told [rad]."""
@@ -108,7 +108,9 @@ class Config(Section):
             return most
         if servo.kind != "hardware" or servo.model is None:
             return JUMP_SPEED
-        from hw.open import no_load_speeds  # not at the top: most configurations have no bus
+        from haptic_wall.hw.open import (
+            no_load_speeds,  # not at the top: most configurations have no bus
+        )
 
         return DRIVEN_SHARE * no_load_speeds()[servo.model]
 
@@ -188,7 +190,7 @@ class Config(Section):
         )
 
     def servo_settings(self, port: str | None = None) -> ServoSettings:
-        """What ``hw.open`` needs.
+        """What ``haptic_wall.hw.open`` needs.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         process of its own, and whoever started it knows its port.
@@ -234,14 +236,16 @@ class Config(Section):
 
     def request(self) -> Request:
         """The wall that is asked for, as the guard takes it."""
-        from controller.guard.guard import Request  # not at the top: it loads the theory's arrays
+        from haptic_wall.controller.guard.guard import (
+            Request,  # not at the top: it loads the theory's arrays
+        )
 
         wall = self.wall
         return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
 
     def guard_settings(self) -> GuardSettings:
         """How careful the guard is."""
-        from controller.guard.guard import GuardSettings
+        from haptic_wall.controller.guard.guard import GuardSettings
 
         guard = self.guard
         return GuardSettings(guard.mode, guard.margin, guard.damping_cap, guard.quantisation_share)

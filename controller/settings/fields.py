@@ -9,9 +9,9 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from controller.settings.config import Config
-from controller.settings.model import Estimate, Section
-from controller.settings.servo import used_by
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.model import Estimate, Section
+from haptic_wall.controller.settings.servo import used_by
 
 _KIND_NAMES = {bool: "true or false", float: "a number", int: "a whole number", str: "a text"}
 

@@ -12,14 +12,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from controller import regular_file
-from controller.errors import ConfigError, UserError
-from controller.printable import in_line
-from controller.settings import yaml_text as config_yaml
-from controller.settings.config import OLD_NAMES, Config
-from controller.settings.fields import fields, sections
-from controller.settings.rules import BrokenRulesError, Problem
-from controller.settings.servo import IN_WORDS
+from haptic_wall.controller import regular_file
+from haptic_wall.controller.errors import ConfigError, UserError
+from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.settings import yaml_text as config_yaml
+from haptic_wall.controller.settings.config import OLD_NAMES, Config
+from haptic_wall.controller.settings.fields import fields, sections
+from haptic_wall.controller.settings.rules import BrokenRulesError, Problem
+from haptic_wall.controller.settings.servo import IN_WORDS
 
 DEFAULT_PRESET = "simulated"
 MOST_BYTES = 2**16
@@ -134,7 +134,7 @@ def apply_set(data: dict[str, Any], change: str) -> str:
 
 
 def _presets() -> resources.abc.Traversable:
-    return resources.files("controller").joinpath("presets")
+    return resources.files("haptic_wall.controller").joinpath("presets")
 
 
 def _read(source: str) -> tuple[str, str]:

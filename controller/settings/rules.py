@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from controller.engagement import MOST_TORQUE
-from controller.loop import SPIN_SHARE
-from controller.settings.servo import TRUTH_FIELDS
-from hw.wire import cycle_s
+from haptic_wall.controller.engagement import MOST_TORQUE
+from haptic_wall.controller.loop import SPIN_SHARE
+from haptic_wall.controller.settings.servo import TRUTH_FIELDS
+from haptic_wall.hw.wire import cycle_s
 
 if TYPE_CHECKING:
-    from controller.settings.config import Config
+    from haptic_wall.controller.settings.config import Config
 
 _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
@@ -215,7 +215,7 @@ def _model_makes_torque(config: Config) -> Iterator[Problem]:
     name = config.servo.model
     if config.servo.backend != "dynamixel" or name is None:
         return
-    from hw.open import torque_models  # not at the top: most configurations have no bus
+    from haptic_wall.hw.open import torque_models  # not at the top: most configurations have no bus
 
     models = torque_models()
     if name not in models:
@@ -244,7 +244,9 @@ def _faults_can_happen(config: Config) -> Iterator[Problem]:
             " one, such as the preset emulated-xm430",
         )
     elif servo.kind == "emulated":
-        from hw.open import check_fault  # not at the top: most configurations have no faults
+        from haptic_wall.hw.open import (
+            check_fault,  # not at the top: most configurations have no faults
+        )
 
         for spec in servo.faults:
             try:

@@ -13,8 +13,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
-from hw.settings import HandName, Schedule
+from haptic_wall.controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
+from haptic_wall.hw.settings import HandName, Schedule
 
 Kind = Literal["simulated", "emulated", "hardware"]
 EMULATED = "emulated"

@@ -1,15 +1,15 @@
 """The stability theory of sampled virtual walls. Needs numpy only, knows no bus and no hardware."""
 
-from controller.theory.exact import (
+from haptic_wall.controller.theory.exact import (
     CriticalPoint,
     critical_point,
     critical_stiffness,
     max_virtual_damping,
     peak,
 )
-from controller.theory.linear import linear_limit
-from controller.theory.one_sided import one_sided_limit, restitution
-from controller.theory.passivity import passive_limit
+from haptic_wall.controller.theory.linear import linear_limit
+from haptic_wall.controller.theory.one_sided import one_sided_limit, restitution
+from haptic_wall.controller.theory.passivity import passive_limit
 
 __all__ = [
     "CriticalPoint",

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray
-from controller.theory.loop import HeldLoop
-from controller.theory.roots import dips, refined
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.roots import dips, refined
 
 
 def ceiling(loop: HeldLoop) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.theory.checks import ComplexArray, FloatArray
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 
 def least_reach(

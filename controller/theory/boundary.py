@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory import all_branches, first_branch
-from controller.theory.checks import FloatArray
-from controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory import all_branches, first_branch
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.loop import HeldLoop
 
 __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 

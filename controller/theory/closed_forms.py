@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from controller.theory.checks import (
+from haptic_wall.controller.theory.checks import (
     FloatArray,
     broadcast,
     not_negative,
@@ -20,9 +20,9 @@ from controller.theory.checks import (
     scalar,
     whole_number,
 )
-from controller.theory.loop import HeldLoop
-from controller.theory.response import held_response
-from controller.theory.roots import zeros
+from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.response import held_response
+from haptic_wall.controller.theory.roots import zeros
 
 _MARGIN_POINTS = 64  # per turn of the delayed plant
 _LOWEST_W = 1e-7

@@ -16,8 +16,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray, IntArray
-from controller.theory.response import HeldResponse, held_response
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.response import HeldResponse, held_response
 
 _SWEEP = 8  # periods between two looks for contacts that are over
 _HALVINGS, _ENOUGH = 60, 1e-7  # steps at most, and the last one [periods]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import (
+from haptic_wall.controller.theory.checks import (
     ComplexArray,
     FloatArray,
     broadcast,
@@ -24,7 +24,7 @@ from controller.theory.checks import (
     samples,
     scalar,
 )
-from controller.theory.roots import dips, zeros
+from haptic_wall.controller.theory.roots import dips, zeros
 
 _TERMS = 18  # of the exponential, to rounding below _SMALL
 _SMALL = 0.5

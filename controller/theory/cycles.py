@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import (
+from haptic_wall.controller.theory.checks import (
     ComplexArray,
     FloatArray,
     not_negative,
@@ -34,10 +34,14 @@ from controller.theory.checks import (
     samples,
     scalar,
 )
-from controller.theory.coupled import HeldHand
-from controller.theory.describing import backlash_gain, quantisation_gain, saturation_gain
-from controller.theory.friction import onset_amplitude
-from controller.theory.roots import dips, zeros
+from haptic_wall.controller.theory.coupled import HeldHand
+from haptic_wall.controller.theory.describing import (
+    backlash_gain,
+    quantisation_gain,
+    saturation_gain,
+)
+from haptic_wall.controller.theory.friction import onset_amplitude
+from haptic_wall.controller.theory.roots import dips, zeros
 
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
 

@@ -8,7 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import ComplexArray, FloatArray, broadcast, not_negative, positive
+from haptic_wall.controller.theory.checks import (
+    ComplexArray,
+    FloatArray,
+    broadcast,
+    not_negative,
+    positive,
+)
 
 _MANY = 1000.0  # counts
 

@@ -12,7 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+)
 
 _MOST_DAMPING, _LONGEST = 1e100, 1e6
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.boundary import critical, highest, max_beta
-from controller.theory.checks import FloatArray
-from controller.theory.dimensionless import settings
+from haptic_wall.controller.theory.boundary import critical, highest, max_beta
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.dimensionless import settings
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import ComplexArray, FloatArray, IntArray
-from controller.theory.intervals import (
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.intervals import (
     Jet,
     decay_moments,
     turn_mean,

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from controller.theory.checks import FloatArray
-from controller.theory.loop import HeldLoop, PlantCurve
-from controller.theory.roots import refined
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.loop import HeldLoop, PlantCurve
+from haptic_wall.controller.theory.roots import refined
 
 _TINY = np.finfo(np.float64).tiny
 

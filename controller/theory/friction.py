@@ -13,8 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
-from controller.theory.exact import critical_point, critical_stiffness
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+)
+from haptic_wall.controller.theory.exact import critical_point, critical_stiffness
 
 _DOUBLINGS = 200
 _STEPS = 60  # false position takes about ten

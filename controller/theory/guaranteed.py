@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass, fields, replace
 
-from controller.theory.checks import number, positive, scalar
-from controller.theory.exclusion import Outcome
-from controller.theory.ranges import Member, Ranges
-from controller.theory.worst_member import Search, closed_in
+from haptic_wall.controller.theory.checks import number, positive, scalar
+from haptic_wall.controller.theory.exclusion import Outcome
+from haptic_wall.controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.theory.worst_member import Search, closed_in
 
 
 @dataclass(frozen=True, slots=True)

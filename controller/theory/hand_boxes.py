@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.theory.arcs import least_reach
-from controller.theory.checks import ComplexArray, FloatArray
+from haptic_wall.controller.theory.arcs import least_reach
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 _NEAR = np.array([0, -1, 1])  # aliases of which the region is taken as it is
 _FAR = np.array([n for n in range(-24, 25) if abs(n) > 1])  # those that are only bounded

@@ -15,10 +15,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.theory.checks import FloatArray, not_negative, number, positive, samples, scalar
-from controller.theory.coupled import Hand, coupled_limit, is_stable
-from controller.theory.hand_boxes import Box, Wall, doubt
-from controller.theory.passivity import passive_limit
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    not_negative,
+    number,
+    positive,
+    samples,
+    scalar,
+)
+from haptic_wall.controller.theory.coupled import Hand, coupled_limit, is_stable
+from haptic_wall.controller.theory.hand_boxes import Box, Wall, doubt
+from haptic_wall.controller.theory.passivity import passive_limit
 
 _REFINEMENTS = 12
 

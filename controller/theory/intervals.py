@@ -15,7 +15,7 @@ from math import factorial
 
 import numpy as np
 
-from controller.theory.checks import ComplexArray, FloatArray
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 SLACK = 1e-15
 """Share of a disc's size that each operation adds to its radius, against rounding"""

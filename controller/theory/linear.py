@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import (
+from haptic_wall.controller.theory.checks import (
     FloatArray,
     broadcast,
     not_negative,

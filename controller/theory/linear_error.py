@@ -7,9 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.boundary import critical, max_beta
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, scalar
-from controller.theory.roots import zeros
+from haptic_wall.controller.theory.boundary import critical, max_beta
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    scalar,
+)
+from haptic_wall.controller.theory.roots import zeros
 
 _POINTS = 1024
 _START = 1e-6  # share of the boundary's damping range from which on it is looked at

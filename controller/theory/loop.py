@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.theory.checks import ComplexArray, FloatArray
-from controller.theory.response import held_response
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
+from haptic_wall.controller.theory.response import held_response
 
 
 class PlantCurve(NamedTuple):

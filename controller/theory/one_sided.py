@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.boundary import critical
-from controller.theory.checks import (
+from haptic_wall.controller.theory.boundary import critical
+from haptic_wall.controller.theory.checks import (
     FloatArray,
     IntArray,
     broadcast,
@@ -23,8 +23,8 @@ from controller.theory.checks import (
     samples,
     scalar,
 )
-from controller.theory.contact import Contacts, exit_speed
-from controller.theory.dimensionless import Settings, settings
+from haptic_wall.controller.theory.contact import Contacts, exit_speed
+from haptic_wall.controller.theory.dimensionless import Settings, settings
 
 _FIRST = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 _LOWER = np.array([0.002, 0.05, 0.1, 0.15, 0.2, 0.25])

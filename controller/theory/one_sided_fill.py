@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.boundary import critical
-from controller.theory.checks import FloatArray, IntArray
-from controller.theory.one_sided import one_sided_limit
-from controller.theory.one_sided_table import (
+from haptic_wall.controller.theory.boundary import critical
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.one_sided import one_sided_limit
+from haptic_wall.controller.theory.one_sided_table import (
     GRIDS,
     MAX_DELTA,
     MAX_OF_CEILING,

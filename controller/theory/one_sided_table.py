@@ -26,10 +26,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controller.theory.boundary import critical, max_beta
-from controller.theory.checks import FloatArray, IntArray, not_negative, positive
-from controller.theory.dimensionless import settings
-from controller.theory.one_sided import one_sided_limit
+from haptic_wall.controller.theory.boundary import critical, max_beta
+from haptic_wall.controller.theory.checks import FloatArray, IntArray, not_negative, positive
+from haptic_wall.controller.theory.dimensionless import settings
+from haptic_wall.controller.theory.one_sided import one_sided_limit
 
 TABLE = Path(__file__).with_name("one_sided_table.npz")
 SAMPLES = (1,)

@@ -20,7 +20,7 @@ Fig. 10         ``linear_error``, ``error_points``, ``start_error``
 The exact boundary of its figures, for any delay, is ``critical_stiffness``.
 """
 
-from controller.theory.closed_forms import (
+from haptic_wall.controller.theory.closed_forms import (
     characteristic_polynomial,
     gain_margin,
     no_delay_condition,
@@ -29,15 +29,25 @@ from controller.theory.closed_forms import (
     one_sample_limit,
     one_sample_polynomial,
 )
-from controller.theory.dimensionless import Dimensionless, Units, to_dimensionless, to_si
-from controller.theory.linear import (
+from haptic_wall.controller.theory.dimensionless import (
+    Dimensionless,
+    Units,
+    to_dimensionless,
+    to_si,
+)
+from haptic_wall.controller.theory.linear import (
     linear,
     linear_limit,
     linear_no_delay,
     linear_one_sample,
     passive_no_delay,
 )
-from controller.theory.linear_error import ErrorPoint, error_points, linear_error, start_error
+from haptic_wall.controller.theory.linear_error import (
+    ErrorPoint,
+    error_points,
+    linear_error,
+    start_error,
+)
 
 __all__ = [
     "Dimensionless",

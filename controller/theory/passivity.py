@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controller.theory.checks import FloatArray
-from controller.theory.dimensionless import settings
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.dimensionless import settings
 
 _ZOOMS = 12
 _ZOOM_POINTS = 9

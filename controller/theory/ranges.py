@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from controller.theory.checks import number
+from haptic_wall.controller.theory.checks import number
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.theory.checks import FloatArray, not_negative, number, positive, samples, scalar
-from controller.theory.response import held_response
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    not_negative,
+    number,
+    positive,
+    samples,
+    scalar,
+)
+from haptic_wall.controller.theory.response import held_response
 
 
 class TransferFunction(NamedTuple):

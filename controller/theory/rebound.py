@@ -28,9 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.theory.checks import FloatArray
-from controller.theory.one_sided import restitution
-from controller.theory.rounded_contact import RoundedContacts, returned_speed
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.one_sided import restitution
+from haptic_wall.controller.theory.rounded_contact import RoundedContacts, returned_speed
 
 _STEP, _SPEEDS = 1.16, 40  # between two speeds that are tried, and how many: down to 1/330
 _DAMPER_ALONE = 4.0

@@ -33,9 +33,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controller.theory.checks import FloatArray, broadcast, not_negative, number, positive, samples
-from controller.theory.exact import critical_stiffness
-from controller.theory.servos import SERVOS
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+)
+from haptic_wall.controller.theory.exact import critical_stiffness
+from haptic_wall.controller.theory.servos import SERVOS
 
 
 class Region(StrEnum):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 # Below it the closed form of the position loses digits to cancellation (1e-16/x of its value)
 # and 15 terms of the series are exact in double precision.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray
 
 _HALVINGS, _TO_THE_LAST_BIT = 127, 60
 _BISECTIONS, _STEPS = 12, 28  # false position converges in five or six, once it is near

@@ -15,8 +15,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.theory.checks import FloatArray, IntArray
-from controller.theory.response import held_response
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.response import held_response
 
 _SWEEP = 8  # periods between two looks for contacts that are over
 _HALVINGS = 40

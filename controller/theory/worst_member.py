@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.theory.checks import FloatArray, number, positive, samples, scalar
-from controller.theory.exact import critical_stiffness, max_virtual_damping
-from controller.theory.exclusion import Family, Outcome, exclude
-from controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.theory.checks import FloatArray, number, positive, samples, scalar
+from haptic_wall.controller.theory.exact import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.exclusion import Family, Outcome, exclude
+from haptic_wall.controller.theory.ranges import Member, Ranges
 
 _BUDGET = 100_000  # boxes for one proof, under a second
 _ROUNDING = 1e-12  # by which the family is taken stronger than asked

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from controller.signals import held_back
+from haptic_wall.controller.signals import held_back
 
 KILLED_S = 2.0
 """How long a killed process may take to be gone [s]"""
@@ -61,14 +61,13 @@ class Child:
         self.name = name
         with held_back(_OF_THE_TERMINAL):
             self._process = subprocess.Popen(
-                # -P: a folder "controller" where the user stands is not this program.
+                # -P: a module of the folder where the user stands is not this program's.
                 [sys.executable, "-P", "-m", *arguments],
                 stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 pass_fds=descriptors,
                 process_group=0,
                 bufsize=0,
-                env={**os.environ, "PYTHONPATH": own_python_path()},
             )
         self.pid = self._process.pid
         if cores:
@@ -134,19 +133,6 @@ class Child:
         if self._process.stdout is not None and not self._process.stdout.closed:
             self._process.stdout.close()
             os.close(self.pidfd)
-
-
-def own_python_path() -> str:
-    """PYTHONPATH for a child, without the places where it would find packages named as ours."""
-    ours = Path(__file__).resolve().parents[2]
-    names = ("controller", "controller.py", "hw", "hw.py")
-
-    def is_ours(place: str) -> bool:
-        folder = Path(place).resolve()
-        return folder == ours or not any((folder / name).exists() for name in names)
-
-    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-    return os.pathsep.join(filter(is_ours, places))
 
 
 def first_line(

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 
 
 def emulator_arguments(
     settings: DynamixelSettings, true: TrueServo, witness: Path | None, *, force: bool = False
 ) -> list[str]:
     """The command that starts an emulated bus with one servo, after ``python -m``."""
-    arguments = ["controller.cli.main", "emulate", "--die-with-parent"]
+    arguments = ["haptic_wall.controller.cli.main", "emulate", "--die-with-parent"]
     arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
     arguments += ["--seed", str(settings.fault_seed)]
     for fault in settings.faults:

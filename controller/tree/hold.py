@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from controller.errors import UserError
+from haptic_wall.controller.errors import UserError
 
 KEY_NS = 45_000_000
 """How long a key counts as held after its state was last looked at [ns]: where the watcher stalls

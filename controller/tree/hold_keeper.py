@@ -6,10 +6,10 @@ import json
 import os
 from dataclasses import asdict
 
-from controller.engagement import place_text
-from controller.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
-from controller.tree.children import Child
-from controller.tree.plan import Plan, Tell
+from haptic_wall.controller.engagement import place_text
+from haptic_wall.controller.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
+from haptic_wall.controller.tree.children import Child
+from haptic_wall.controller.tree.plan import Plan, Tell
 
 _END_S = 2.0
 """How long the watcher may take to end [s]"""
@@ -101,7 +101,11 @@ def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldKeeper 
         descriptors.append(device)
     try:
         watcher = Child(
-            "dead man's watcher", ["controller.tree.hold_watcher"], orders, descriptors, cores
+            "dead man's watcher",
+            ["haptic_wall.controller.tree.hold_watcher"],
+            orders,
+            descriptors,
+            cores,
         )
     finally:
         if device is not None:

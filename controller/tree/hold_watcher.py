@@ -13,10 +13,10 @@ import signal
 import sys
 import time
 
-from controller.orders import read_orders
-from controller.realtime import die_with_parent
-from controller.telemetry import Telemetry, Word
-from controller.tree.hold import Hold, Source, source_of
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.realtime import die_with_parent
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tree.hold import Hold, Source, source_of
 
 LOOK_S = 0.01
 """How often the source is looked at, at least [s]"""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from controller.session import Surroundings, run_session
-from controller.statistics import RunStatistics
-from controller.telemetry import Telemetry
-from controller.tree.plan import Ended, Plan, Tell
-from controller.tree.recorder import Recorder, begun_log, rows_lacking
-from hw.clock import SimulatedClock
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.statistics import RunStatistics
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.tree.plan import Ended, Plan, Tell
+from haptic_wall.controller.tree.recorder import Recorder, begun_log, rows_lacking
+from haptic_wall.hw.clock import SimulatedClock
 
 
 def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None) -> Ended:

@@ -11,10 +11,10 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from controller.telemetry import CAPACITY, Word
-from controller.tree.children import Child
-from controller.tree.plan import Tell
-from controller.tree.recorder import rows_lacking
+from haptic_wall.controller.telemetry import CAPACITY, Word
+from haptic_wall.controller.tree.children import Child
+from haptic_wall.controller.tree.plan import Tell
+from haptic_wall.controller.tree.recorder import rows_lacking
 
 AGAIN_S = 1.0
 AGAIN_MOST_S = 10.0

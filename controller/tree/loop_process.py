@@ -14,20 +14,20 @@ import sys
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from controller import realtime
-from controller.defect import defect_text
-from controller.errors import PlatformError
-from controller.lateness.causes import Machine
-from controller.lateness.machine_setup import is_virtual, machine_setup, start_table
-from controller.lateness.thread_counters import CounterReader
-from controller.lateness.ticks import LateTicks
-from controller.orders import read_orders
-from controller.program import Phase
-from controller.session import Surroundings, run_session
-from controller.settings.config import Config
-from controller.telemetry import Telemetry, Word
-from hw.clock import MonotonicClock
-from hw.errors import ServoError
+from haptic_wall.controller import realtime
+from haptic_wall.controller.defect import defect_text
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.lateness.causes import Machine
+from haptic_wall.controller.lateness.machine_setup import is_virtual, machine_setup, start_table
+from haptic_wall.controller.lateness.thread_counters import CounterReader
+from haptic_wall.controller.lateness.ticks import LateTicks
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.errors import ServoError
 
 LAST_S = 5
 """How long this process may live on after it was told to end by a signal [s]; the kernel ends it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controller.telemetry import State, Word
+from haptic_wall.controller.telemetry import State, Word
 
 START_S = 60.0
 """How long the loop may take to start [s]: the checked start-up, and the guard's mathematics."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 
-from controller.telemetry import Word
+from haptic_wall.controller.telemetry import Word
 
 _SETTLED_NS = 20_000
 """What the torque's bytes need to be gone, after the tick has ended [ns]"""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from controller.safety import End, StopReason, Trip
-from hw.clock import Clock, Suspension
+from haptic_wall.controller.safety import End, StopReason, Trip
+from haptic_wall.hw.clock import Clock, Suspension
 
 _LOOKS_LIKE = frozenset(
     (

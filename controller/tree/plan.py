@@ -8,12 +8,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from controller.program import Phase
-from controller.safety import StopReason
-from controller.settings.config import Config
-from controller.statistics import RunStatistics
-from controller.tree.hold import Hold
-from controller.tree.stream import Stream
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.safety import StopReason
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.statistics import RunStatistics
+from haptic_wall.controller.tree.hold import Hold
+from haptic_wall.controller.tree.stream import Stream
 
 Tell = Callable[[str], None]
 """Called with what a person should know meanwhile."""

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.errors import LogFormatError
-from controller.file_kinds import LOG
-from controller.log.file import LogWriter, identity
-from controller.orders import read_orders
-from controller.realtime import die_with_parent, stand_back
-from controller.telemetry import ROW, Telemetry, Word
-from controller.tree.lull import pause_until_lull
-from controller.whole_file import Beside
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.file_kinds import LOG
+from haptic_wall.controller.log.file import LogWriter, identity
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.realtime import die_with_parent, stand_back
+from haptic_wall.controller.telemetry import ROW, Telemetry, Word
+from haptic_wall.controller.tree.lull import pause_until_lull
+from haptic_wall.controller.whole_file import Beside
 
 PAUSE_S = 0.25
 """How long rows gather between two blocks [s]; a killed recorder loses no more than that."""

@@ -7,10 +7,10 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.detector.oscillation import State
-from controller.statistics import RunStatistics
-from controller.telemetry import Telemetry
-from controller.tree.plan import Plan, Tell
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.statistics import RunStatistics
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.tree.plan import Plan, Tell
 
 BATCH = 5000
 """Rows that gather until they are counted. Counting takes longest of all that the supervisor does,

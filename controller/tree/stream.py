@@ -12,9 +12,9 @@ import re
 import socket
 from dataclasses import dataclass
 
-from controller.errors import UserError
-from controller.log.columns import finite_rows
-from controller.telemetry import Telemetry
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.columns import finite_rows
+from haptic_wall.controller.telemetry import Telemetry
 
 RATE_HZ = 100.0
 """Rows a second that are sent unless told otherwise"""

@@ -11,11 +11,11 @@ import os
 import signal
 import sys
 
-from controller.orders import read_orders
-from controller.realtime import die_with_parent, stand_back
-from controller.telemetry import Telemetry, Word
-from controller.tree.lull import pause_until_lull
-from controller.tree.stream import Sender, Stream
+from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.realtime import die_with_parent, stand_back
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tree.lull import pause_until_lull
+from haptic_wall.controller.tree.stream import Sender, Stream
 
 PAUSE_S = 0.02
 """How long rows gather [s]; a person sees no difference, and the machine has less to do."""

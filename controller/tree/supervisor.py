@@ -17,23 +17,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from controller.realtime import pick_cores
-from controller.safety import End, StopReason, Trip, stop_reason
-from controller.telemetry import State, Telemetry, Word
-from controller.tree.children import Child, first_line
-from controller.tree.emulator import emulator_arguments
-from controller.tree.hold_keeper import HoldKeeper, start_hold
-from controller.tree.log_keeper import LogKeeper
-from controller.tree.loop_process import Orders
-from controller.tree.loop_watch import END_S, START_S, LoopWatch
-from controller.tree.lull import until_lull
-from controller.tree.outside import Outside
-from controller.tree.plan import Ended, Plan, Tell
-from controller.tree.row_count import RowCount
-from hw.clock import MonotonicClock
-from hw.errors import ServoError
-from hw.open import cut_torque, open_port, port_users
-from hw.settings import DynamixelSettings
+from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.safety import End, StopReason, Trip, stop_reason
+from haptic_wall.controller.telemetry import State, Telemetry, Word
+from haptic_wall.controller.tree.children import Child, first_line
+from haptic_wall.controller.tree.emulator import emulator_arguments
+from haptic_wall.controller.tree.hold_keeper import HoldKeeper, start_hold
+from haptic_wall.controller.tree.log_keeper import LogKeeper
+from haptic_wall.controller.tree.loop_process import Orders
+from haptic_wall.controller.tree.loop_watch import END_S, START_S, LoopWatch
+from haptic_wall.controller.tree.lull import until_lull
+from haptic_wall.controller.tree.outside import Outside
+from haptic_wall.controller.tree.plan import Ended, Plan, Tell
+from haptic_wall.controller.tree.row_count import RowCount
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.open import cut_torque, open_port, port_users
+from haptic_wall.hw.settings import DynamixelSettings
 
 POLL_S = 0.02
 """How often the heartbeat is looked at [s]"""
@@ -164,7 +164,9 @@ class Supervisor:
             "resume": resume,
             "force": self._plan.force,
         }
-        return Child("recorder", ["controller.tree.recorder"], orders, [descriptor], self._others)
+        return Child(
+            "recorder", ["haptic_wall.controller.tree.recorder"], orders, [descriptor], self._others
+        )
 
     def _start_streamer(self, children: contextlib.ExitStack) -> None:
         stream = self._plan.stream
@@ -177,7 +179,7 @@ class Supervisor:
             "stream": asdict(stream),
             "period_ns": self._period_ns,
         }
-        module = "controller.tree.streamer"
+        module = "haptic_wall.controller.tree.streamer"
         self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
         children.callback(self._streamer.dismiss, END_S)
 
@@ -194,7 +196,9 @@ class Supervisor:
         descriptors = [self._telemetry.descriptor]
         if self._port is not None:
             descriptors.append(self._port)
-        loop = Child("loop", ["controller.tree.loop_process"], asdict(orders), descriptors)
+        loop = Child(
+            "loop", ["haptic_wall.controller.tree.loop_process"], asdict(orders), descriptors
+        )
         children.callback(self._leave, loop)
         return loop
 

@@ -11,7 +11,7 @@ import threading
 from queue import SimpleQueue
 from types import TracebackType
 
-from controller.tree.plan import Tell
+from haptic_wall.controller.tree.plan import Tell
 
 
 class Teller:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hw.errors import UnfitServoError
-from hw.servo import Check
+from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.servo import Check
 
 
 class Checklist:

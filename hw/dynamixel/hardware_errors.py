@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from hw.clock import Clock
-from hw.dynamixel.link import Link
-from hw.dynamixel.tables import REGISTERS
-from hw.errors import ServoLostError
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.tables import REGISTERS
+from haptic_wall.hw.errors import ServoLostError
 
 _BITS: Final[Mapping[int, tuple[str, str]]] = {
     0: ("input voltage", "bring its supply within Min and Max Voltage Limit (34, 32)"),

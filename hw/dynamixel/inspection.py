@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from hw.dynamixel.checklist import Checklist
-from hw.dynamixel.hardware_errors import error_names, what_to_do
-from hw.dynamixel.health import Bounds
-from hw.dynamixel.sdk import Table
-from hw.dynamixel.tables import Model, model_by_number
-from hw.errors import ServoLostError
+from haptic_wall.hw.dynamixel.checklist import Checklist
+from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
+from haptic_wall.hw.dynamixel.health import Bounds
+from haptic_wall.hw.dynamixel.sdk import Table
+from haptic_wall.hw.dynamixel.tables import Model, model_by_number
+from haptic_wall.hw.errors import ServoLostError
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""

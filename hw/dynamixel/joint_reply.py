@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from hw.dynamixel.codec import (
+from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ExpectedFastReply,
     FastReply,
@@ -19,7 +19,7 @@ from hw.dynamixel.codec import (
     crc16,
     decode_fast_status,
 )
-from hw.dynamixel.samples import LENGTHS, SAMPLE
+from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE
 
 _HEAD: Final = b"\xff\xff\xfd\x00\xfe"
 _HEAD_BYTES: Final = 8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from hw.clock import Clock
+from haptic_wall.hw.clock import Clock
 
 
 class Line(Protocol):

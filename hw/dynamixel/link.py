@@ -21,9 +21,16 @@ import struct
 from collections.abc import Sequence
 from typing import Final
 
-from hw.dynamixel.codec import BROADCAST, ExpectedReply, Frame, Instruction, Parser, encode
-from hw.dynamixel.line import Line
-from hw.dynamixel.samples import (
+from haptic_wall.hw.dynamixel.codec import (
+    BROADCAST,
+    ExpectedReply,
+    Frame,
+    Instruction,
+    Parser,
+    encode,
+)
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     QUARANTINE,
     SAMPLE,
@@ -32,9 +39,9 @@ from hw.dynamixel.samples import (
     Sample,
     ServoClock,
 )
-from hw.dynamixel.tables import Register
-from hw.servo import BusCounts, Outcome
-from hw.wire import wire_ns
+from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.servo import BusCounts, Outcome
+from haptic_wall.hw.wire import wire_ns
 
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # to look these up takes as long as to make a sample

@@ -22,9 +22,9 @@ from typing import Final
 
 import serial
 
-from hw.dynamixel.holders import holders, is_terminal
-from hw.dynamixel.latency import timer_file, timer_ms
-from hw.errors import BaudRefusedError, PortBusyError, PortError
+from haptic_wall.hw.dynamixel.holders import holders, is_terminal
+from haptic_wall.hw.dynamixel.latency import timer_file, timer_ms
+from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
 
 _LOG = logging.getLogger(__name__)
 

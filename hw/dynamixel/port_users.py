@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from hw.dynamixel.holders import holder, holders, is_pseudo, processes
+from haptic_wall.hw.dynamixel.holders import holder, holders, is_pseudo, processes
 
 LOOKS: Final = 24
 """Looks in which all processes are through: in a second where one comes every 40 ms, as with the

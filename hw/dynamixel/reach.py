@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 
 _REFUSALS: Final = 3
 """Positions out of reach that are refused in a row. What persists is no hiccup: the next is passed

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from typing import Final, NamedTuple
 
-from hw.dynamixel.tables import TICK_MODULUS
-from hw.servo import Outcome
+from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")
 """From 120: tick, moving, moving status, PWM, current, velocity, position"""

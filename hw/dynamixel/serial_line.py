@@ -8,8 +8,8 @@ import select
 import time
 from typing import Final
 
-from hw.clock import Clock
-from hw.errors import ServoLostError
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.errors import ServoLostError
 
 _SPIN_NS: Final = 60_000
 """The end of a wait is spun: a sleep this short returns late by its own length."""
@@ -26,7 +26,7 @@ class FdLine:
         """Take over ``descriptor``; ``close`` closes it.
 
         Args:
-            descriptor: An open port, as ``hw.dynamixel.port.open_port`` returns it.
+            descriptor: An open port, as ``haptic_wall.hw.dynamixel.port.open_port`` returns it.
             clock: Tells the deadlines' time; bytes arrive in real time, so a real one.
         """
         os.set_blocking(descriptor, False)

@@ -6,21 +6,21 @@ import math
 from contextlib import suppress
 from typing import Final
 
-from hw.clock import Clock
-from hw.dynamixel.cut import torque_off
-from hw.dynamixel.drivable import drivable
-from hw.dynamixel.hardware_errors import latched
-from hw.dynamixel.health import HealthWatch
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.dynamixel.reach import Reach
-from hw.dynamixel.samples import Sample
-from hw.dynamixel.stand_in import StandInLine
-from hw.dynamixel.startup import Startup
-from hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
-from hw.dynamixel.torque_law import torque_law
-from hw.dynamixel.vigil import Vigil
-from hw.errors import (
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.cut import torque_off
+from haptic_wall.hw.dynamixel.drivable import drivable
+from haptic_wall.hw.dynamixel.hardware_errors import latched
+from haptic_wall.hw.dynamixel.health import HealthWatch
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.reach import Reach
+from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.stand_in import StandInLine
+from haptic_wall.hw.dynamixel.startup import Startup
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
+from haptic_wall.hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.dynamixel.vigil import Vigil
+from haptic_wall.hw.errors import (
     ServoError,
     ServoLostError,
     ServoMissingError,
@@ -28,8 +28,8 @@ from hw.errors import (
     TorqueLostError,
     UnfitServoError,
 )
-from hw.servo import BusCounts, Check, Facts, Outcome, Reading
-from hw.settings import DynamixelSettings
+from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
 _REPLY_PATIENCE: Final = 1.5

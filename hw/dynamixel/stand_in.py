@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from hw.clock import Clock
-from hw.dynamixel.codec import Instruction, encode_status
-from hw.dynamixel.samples import SAMPLE
-from hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
+from haptic_wall.hw.dynamixel.samples import SAMPLE
+from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 
 _MIDDLE: Final = 2048
 _SWING: Final = 256

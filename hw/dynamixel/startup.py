@@ -11,27 +11,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from hw.dynamixel.checklist import Checklist
-from hw.dynamixel.health import Bounds
-from hw.dynamixel.inspection import (
+from haptic_wall.hw.dynamixel.checklist import Checklist
+from haptic_wall.hw.dynamixel.health import Bounds
+from haptic_wall.hw.dynamixel.inspection import (
     identify,
     judge_supply_and_heat,
     judge_what_only_a_person_changes,
     torque_off,
 )
-from hw.dynamixel.latency import describe, timer_file, timer_ms
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.dynamixel.samples import Sample
-from hw.dynamixel.sdk import Sdk, Table
-from hw.dynamixel.serial_line import FdLine
-from hw.dynamixel.sign import prove_the_sign
-from hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
-from hw.dynamixel.torque_law import TorqueLaw, torque_law
-from hw.dynamixel.watchdog import watchdog_units
-from hw.errors import ServoLostError
-from hw.servo import Check, Outcome
-from hw.settings import DynamixelSettings
+from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.sdk import Sdk, Table
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.dynamixel.sign import prove_the_sign
+from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
+from haptic_wall.hw.dynamixel.watchdog import watchdog_units
+from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.servo import Check, Outcome
+from haptic_wall.hw.settings import DynamixelSettings
 
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3

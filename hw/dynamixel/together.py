@@ -18,12 +18,19 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
-from hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, SyncWrite, encode
-from hw.dynamixel.joint_reply import JointReply, joint_bytes, shares, spoilt, strays
-from hw.dynamixel.line import Line
-from hw.dynamixel.samples import LENGTHS, QUARANTINE, SAMPLE, SAMPLE_ADDRESS, Sample, ServoClock
-from hw.dynamixel.turns import Turns
-from hw.servo import BusCounts, Outcome
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, SyncWrite, encode
+from haptic_wall.hw.dynamixel.joint_reply import JointReply, joint_bytes, shares, spoilt, strays
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.samples import (
+    LENGTHS,
+    QUARANTINE,
+    SAMPLE,
+    SAMPLE_ADDRESS,
+    Sample,
+    ServoClock,
+)
+from haptic_wall.hw.dynamixel.turns import Turns
+from haptic_wall.hw.servo import BusCounts, Outcome
 
 _GOAL_CURRENT: Final = 102
 _GRACE_NS: Final = 200_000

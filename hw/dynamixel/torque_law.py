@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from hw.dynamixel.tables import Model
+from haptic_wall.hw.dynamixel.tables import Model
 
 _WHOLE = 1e-9
 """Keeps a torque of exactly so many units from losing one to rounding"""

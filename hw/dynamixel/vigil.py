@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from hw.clock import Clock, Suspension
-from hw.dynamixel.link import Link
-from hw.dynamixel.tables import WATCHDOG_UNIT_NS
-from hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
-from hw.errors import ServoLostError
-from hw.settings import DynamixelSettings
+from haptic_wall.hw.clock import Clock, Suspension
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.tables import WATCHDOG_UNIT_NS
+from haptic_wall.hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
+from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.settings import DynamixelSettings
 
 _NEVER_NS: Final = 1 << 62
 

@@ -3,8 +3,8 @@
 import click
 import pytest
 
-from controller.cli import main as cli
-from controller.settings.fields import fields
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.settings.fields import fields
 
 
 def said(capsys, *arguments):

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from controller.cli import main as cli
-from controller.theory import (
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
     linear_limit,
@@ -15,7 +15,7 @@ from controller.theory import (
     passive_limit,
     peak,
 )
-from controller.theory.servos import servo
+from haptic_wall.controller.theory.servos import servo
 
 LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--delay", "0.002"]
 POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
@@ -171,7 +171,7 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
 
 def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
     monkeypatch.setattr(
-        "controller.plots.boundary.plot_boundary", lambda _q, _f, path: path.touch()
+        "haptic_wall.controller.plots.boundary.plot_boundary", lambda _q, _f, path: path.touch()
     )
     status, out, err = call(capsys, *LOOP, "--plot", "/nowhere/plane.png")
     assert (status, out) == (2, "")
@@ -183,7 +183,9 @@ def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
 def test_the_picture_is_drawn(capsys, tmp_path, more, monkeypatch):
     from matplotlib.image import imread
 
-    monkeypatch.setattr("controller.plots.boundary._SHARES", np.linspace(1e-3, 1 - 1e-3, 20))
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.boundary._SHARES", np.linspace(1e-3, 1 - 1e-3, 20)
+    )
 
     plot = tmp_path / "plane.png"
     assert call(capsys, *LOOP, *more, "--plot", str(plot))[0] == 0

@@ -6,10 +6,10 @@ import os
 import pytest
 from click.testing import CliRunner
 
-from controller.cli import config, presets
-from controller.cli.main import main
-from controller.settings.fields import fields
-from controller.settings.load import load_config, preset_names
+from haptic_wall.controller.cli import config, presets
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.load import load_config, preset_names
 
 
 def answer(module, *arguments):

@@ -5,8 +5,8 @@ import json
 import pytest
 from matplotlib.figure import Figure
 
-from controller.cli.main import main
-from controller.experiments.testbed import (
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
     Testbed,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from controller.cli.detect import command
-from controller.cli.main import main
+from haptic_wall.controller.cli.detect import command
+from haptic_wall.controller.cli.main import main
 
 STEP = math.tau / 4096
 DECEIVED = (
@@ -125,7 +125,7 @@ def test_a_picture_that_is_interrupted_leaves_the_one_before(log, tmp_path, monk
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("controller.plots.detect.plot_detection", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.plots.detect.plot_detection", interrupted)
     assert CliRunner().invoke(command, [str(log), "--plot", str(target)]).exit_code
     assert target.read_text() == "before"
     assert list(tmp_path.iterdir()) == [target]

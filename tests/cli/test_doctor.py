@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli import main as cli
-from hw.clock import MonotonicClock
-from hw.dynamixel.examine import search
-from hw.dynamixel.examine.registers import Contact
-from hw.dynamixel.examine.search import opened
-from hw.dynamixel.tables import MODELS
-from hw.errors import BaudRefusedError
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.examine import search
+from haptic_wall.hw.dynamixel.examine.registers import Contact
+from haptic_wall.hw.dynamixel.examine.search import opened
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.errors import BaudRefusedError
 from tests.hw.dynamixel.test_emulated_server import emulate
 
 TIMED = {
@@ -34,9 +34,9 @@ QUIET = ["--set", "realtime.profile=off"]
 
 @pytest.fixture(autouse=True)
 def short_measurements(monkeypatch):
-    monkeypatch.setattr("controller.doctor.measure.SERIES_S", 0.02)
-    monkeypatch.setattr("controller.doctor.measure.REPLIES", 20)
-    monkeypatch.setattr("controller.doctor.measure.WAKES", 20)
+    monkeypatch.setattr("haptic_wall.controller.doctor.measure.SERIES_S", 0.02)
+    monkeypatch.setattr("haptic_wall.controller.doctor.measure.REPLIES", 20)
+    monkeypatch.setattr("haptic_wall.controller.doctor.measure.WAKES", 20)
 
 
 def doctor(capsys, *arguments):
@@ -198,8 +198,8 @@ def test_a_port_that_somebody_else_has_names_him(capsys):
 
 @pytest.mark.realtime
 def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(capsys, monkeypatch):
-    monkeypatch.setattr("hw.dynamixel.examine.adapter.holders", lambda _device: [])
-    monkeypatch.setattr("hw.dynamixel.port.holders", lambda _device: [])
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.holders", lambda _device: [])
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.port.holders", lambda _device: [])
     with emulate() as (_, port), Path(port).open("rb") as end:
         fcntl.flock(end, fcntl.LOCK_EX)
         status, checks, wrong, found = report(capsys, *at(port))
@@ -219,7 +219,7 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(capsys, mo
             raise BaudRefusedError(f"Port {path} refuses {baud} baud: set servo.baud.")
         return opens(path, baud)
 
-    monkeypatch.setattr("hw.dynamixel.examine.search.port.open_port", refuses_4_mbit)
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.search.port.open_port", refuses_4_mbit)
     with emulate("--baud", "1000000") as (_, port):
         _, checks, wrong, found = report(capsys, *at(port), "--fix", "--change-baud")
         assert "baud rate" not in [change["name"] for change in found["changes"]]

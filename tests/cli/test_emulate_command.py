@@ -7,12 +7,12 @@ import sys
 import pytest
 import serial
 
-from controller.claim import claimed
-from controller.cli import main as cli
-from controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
-from hw.dynamixel.codec import Instruction, Parser, encode
-from hw.dynamixel.emulated.witness import COLUMNS
-from hw.dynamixel.tables import MODELS
+from haptic_wall.controller.claim import claimed
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.emulated.witness import COLUMNS
+from haptic_wall.hw.dynamixel.tables import MODELS
 
 
 def refused(capsys, *arguments):
@@ -120,7 +120,7 @@ def test_kick_is_the_distance_from_the_wall():
 def test_two_servos_may_share_an_id_and_it_is_said():
     servos = ("XM430-W350:3", "XL330-M288:3", "XM430-W350:4")
     words = [word for servo in servos for word in ("--servo", servo)]
-    program = [sys.executable, "-m", "controller.cli.main", "emulate", *words]
+    program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "emulate", *words]
     with subprocess.Popen(
         program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -20,7 +20,7 @@ class Interrupting:
 
 sys.meta_path.insert(0, Interrupting())
 sys.argv = ["haptic-wall", "config", "simulated"]
-from controller.cli.entry import main
+from haptic_wall.controller.cli.entry import main
 sys.exit(main())
 """
 
@@ -32,7 +32,9 @@ def interrupted(module):
     )
 
 
-@pytest.mark.parametrize("module", ["controller.cli.main", "click", "controller.cli.config"])
+@pytest.mark.parametrize(
+    "module", ["haptic_wall.controller.cli.main", "click", "haptic_wall.controller.cli.config"]
+)
 def test_a_ctrl_c_while_it_loads_is_quiet(module):
     done = interrupted(module)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
@@ -44,7 +46,7 @@ def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module):
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
-@pytest.mark.parametrize("module", ["controller.cli.main", "yaml"])
+@pytest.mark.parametrize("module", ["haptic_wall.controller.cli.main", "yaml"])
 def test_with_json_a_ctrl_c_is_one_object(module):
     program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
     done = subprocess.run(
@@ -62,10 +64,10 @@ def test_with_json_a_ctrl_c_is_one_object(module):
 def test_after_its_answer_a_ctrl_c_says_nothing_more():
     program = (
         "import os, signal, sys\n"
-        "from controller.cli import interrupt, options\n"
+        "from haptic_wall.controller.cli import interrupt, options\n"
         "sys.argv = ['haptic-wall', 'presets', '--json']\n"
         "interrupt.leave_at_once()\n"
-        "from controller.cli.main import main\n"
+        "from haptic_wall.controller.cli.main import main\n"
         "print_ = options.click.echo\n"
         "def echo(*a, **k):\n"
         "    print_(*a, **k)\n"
@@ -98,7 +100,9 @@ def test_an_ignored_ctrl_c_stays_ignored():
     assert "wall.stiffness" in done.stdout
 
 
-@pytest.mark.parametrize("module", ["scipy.optimize", "controller.experiments.excitation"])
+@pytest.mark.parametrize(
+    "module", ["scipy.optimize", "haptic_wall.controller.experiments.excitation"]
+)
 def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path):
     """Raised in them it would be an ImportError now and then, or be forgotten."""
     program = INTERRUPTING.replace('"config"', '"identify"').format(module=module)
@@ -112,7 +116,7 @@ def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
     """pydantic, which it loads, swallowed the exception once in five hundred."""
     program = INTERRUPTING.replace('"config", "simulated"', '"bench"')
     done = subprocess.run(
-        [sys.executable, "-c", program.format(module="controller.benchmarks.lateness")],
+        [sys.executable, "-c", program.format(module="haptic_wall.controller.benchmarks.lateness")],
         capture_output=True,
         text=True,
         check=False,
@@ -123,8 +127,8 @@ def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
 def test_what_is_begun_is_put_in_order(tmp_path):
     program = (
         "import os, pathlib, signal\n"
-        "from controller.cli import interrupt\n"
-        "from controller.whole_file import whole\n"
+        "from haptic_wall.controller.cli import interrupt\n"
+        "from haptic_wall.controller.whole_file import whole\n"
         "interrupt.leave_at_once()\n"
         "try:\n"
         "    with whole(pathlib.Path('half')) as part:\n"
@@ -146,7 +150,7 @@ def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
         "import atexit, os, signal, sys\n"
         "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
         "sys.argv = ['haptic-wall', 'presets']\n"
-        "from controller.cli.entry import main\n"
+        "from haptic_wall.controller.cli.entry import main\n"
         "sys.exit(main())\n"
     )
     done = subprocess.run(
@@ -165,14 +169,14 @@ def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(tmp
         "        abort()\n"
         "torn = Torn()\n"
         "atexit.register(lambda: print('in order'))\n"
-        "import controller.plots.boundary\n"
+        "import haptic_wall.controller.plots.boundary\n"
         "def plot(question, found, path):\n"
         "    path.write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "controller.plots.boundary.plot_boundary = plot\n"
+        "haptic_wall.controller.plots.boundary.plot_boundary = plot\n"
         "sys.argv = 'haptic-wall boundary --servo=MX-64 --rate=1000 --delay=0.002 --plot=b.png"
         " --virtual-damping=0.1'.split()\n"
-        "from controller.cli.entry import main\n"
+        "from haptic_wall.controller.cli.entry import main\n"
         "sys.exit(main())\n"
     )
     done = subprocess.run(

@@ -7,8 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from controller.cli import delay, experiment, identify, rendered, sweep
-from controller.settings.load import load_config
+from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep
+from haptic_wall.controller.settings.load import load_config
 
 REAL = load_config("xm430-w350").config.servo
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from controller.cli import main as cli
-from controller.experiments.testbed import ExperimentTrippedError
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
 
 
 def failed(capsys, *arguments):
@@ -57,7 +57,7 @@ def test_an_interruption_is_one_too(capsys, monkeypatch):
     def interrupted():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("controller.cli.presets.preset_names", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.cli.presets.preset_names", interrupted)
     assert cli.main(["presets", "--json"]) == 130
     found = json.loads(capsys.readouterr().out)
     assert found == {"error": "interrupted", "field": None, "advice": None, "exit_status": 130}
@@ -67,7 +67,7 @@ def test_a_trip_that_ends_an_experiment_is_one_too(capsys, tmp_path, monkeypatch
     def tripped(*_):
         raise ExperimentTrippedError("trip:overspeed", "too fast")
 
-    monkeypatch.setattr("controller.experiments.loop_delay.measure_delay", tripped)
+    monkeypatch.setattr("haptic_wall.controller.experiments.loop_delay.measure_delay", tripped)
     found = failed(capsys, "delay", "simulated", f"--out={tmp_path}")
     assert found["error"].startswith("trip:overspeed: ")
     assert found["exit_status"] == 3

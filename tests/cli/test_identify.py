@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli import main as cli
-from controller.cli.identify import _CONFIG
-from controller.experiments.testbed import Testbed
-from controller.file_kinds import may_be_replaced
-from controller.log.file import read_log
-from controller.settings.load import load_config
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.identify import _CONFIG
+from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.file_kinds import may_be_replaced
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.settings.load import load_config
 
 QUICK = [
     "--set=loop.clock=simulated",
@@ -62,7 +62,7 @@ def test_figures_are_printed_though_a_file_cannot_be_written(monkeypatch, capsys
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("controller.plots.identify.plot_identification", full)
+    monkeypatch.setattr("haptic_wall.controller.plots.identify.plot_identification", full)
     words = ["identify", "simulated", *QUICK, "--out=mine.yaml", "--plot=fit.png", "--json"]
     assert call(words) == 2
     said = capsys.readouterr()

@@ -4,10 +4,10 @@ import re
 
 import pytest
 
-from controller.cli import main as cli
-from controller.cli.init import commented
-from controller.settings.fields import fields
-from controller.settings.load import load_config, preset_names
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.init import commented
+from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.load import load_config, preset_names
 
 EMULATED = "emulated-port"
 

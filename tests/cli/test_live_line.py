@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli.live_line import Shown, bar_of, line_of
+from haptic_wall.controller.cli.live_line import Shown, bar_of, line_of
 
 CALM = Shown("contact", 0, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
 

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from controller.cli.log import command
-from controller.errors import UserError
-from controller.log.file import LogWriter, append_end, read_log
-from controller.log.recordings import read_recordings
-from controller.log.summary import summarised
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
+from haptic_wall.controller.cli.log import command
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.file import LogWriter, append_end, read_log
+from haptic_wall.controller.log.recordings import read_recordings
+from haptic_wall.controller.log.summary import summarised
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def export_after(log, tmp_path, monkeypatch, option, change):
         change()
         return summary
 
-    monkeypatch.setattr("controller.cli.log.summarised", summarise)
+    monkeypatch.setattr("haptic_wall.controller.cli.log.summarised", summarise)
     with pytest.raises(UserError) as refused:
         answer(log, option, tmp_path / "export.png", "--from", "0")
     assert not (tmp_path / "export.png").exists()
@@ -224,7 +224,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(log, tmp_path, monkey
         drawn.append(sketch.time)
         path.touch()
 
-    monkeypatch.setattr("controller.plots.run.plot_run", keep)
+    monkeypatch.setattr("haptic_wall.controller.plots.run.plot_run", keep)
     answer(log, "--from", 0.3, "--to", 0.6, "--plot", tmp_path / "a.png")
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
 
@@ -312,7 +312,7 @@ def test_an_export_whose_terminal_is_closed_leaves_nothing(log, tmp_path, monkey
         os.kill(os.getpid(), number)
         pytest.fail("went on")
 
-    monkeypatch.setattr("controller.log.csv_export.write_csv", ended)
+    monkeypatch.setattr("haptic_wall.controller.log.csv_export.write_csv", ended)
     before = signal.getsignal(number)
     assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
     assert list(tmp_path.iterdir()) == [log]
@@ -334,8 +334,8 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
         raise KeyboardInterrupt
 
     for place in ("log.csv_export.write_csv", "plots.run.plot_log", "log.mcap_export.write_mcap"):
-        monkeypatch.setattr(f"controller.{place}", interrupted)
-    monkeypatch.setattr("controller.log.cut.cut_log", interrupted)
+        monkeypatch.setattr(f"haptic_wall.controller.{place}", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.log.cut.cut_log", interrupted)
     assert CliRunner().invoke(command, words).exit_code
     assert seen
     assert target.read_bytes() == before

@@ -10,9 +10,9 @@ import sys
 import click
 import pytest
 
-from controller.cli import main as cli
-from controller.errors import PlatformError
-from hw.errors import PortBusyError
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.hw.errors import PortBusyError
 
 PYTHON = shlex.quote(sys.executable)
 
@@ -25,7 +25,7 @@ def call(capsys, *arguments):
 
 def shell(*arguments, **kwargs):
     return subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", *arguments],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -39,8 +39,10 @@ def raising(monkeypatch, error):
     def fail():
         raise error
 
-    monkeypatch.setitem(cli.COMMANDS, "presets", ("controller.cli.presets", ""))
-    monkeypatch.setattr("controller.cli.presets.command", click.Command("presets", callback=fail))
+    monkeypatch.setitem(cli.COMMANDS, "presets", ("haptic_wall.controller.cli.presets", ""))
+    monkeypatch.setattr(
+        "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=fail)
+    )
 
 
 def test_help_lists_the_commands_without_importing_them():
@@ -53,7 +55,7 @@ def test_help_lists_the_commands_without_importing_them():
         [
             sys.executable,
             "-c",
-            "import sys; from controller.cli.main import main; main(['--help']);"
+            "import sys; from haptic_wall.controller.cli.main import main; main(['--help']);"
             "print(*[m for m in ('numpy', 'pydantic', 'matplotlib', 'serial') if m in sys.modules],"
             " file=sys.stderr)",
         ],
@@ -120,7 +122,7 @@ def test_exit_status_of_foreseen_errors(monkeypatch, capsys, error, status):
 
 def test_the_exit_status_of_a_command_is_the_programs(monkeypatch, capsys):
     monkeypatch.setattr(
-        "controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
+        "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
     )
     assert call(capsys, "presets")[0] == 3
 
@@ -138,7 +140,7 @@ def test_another_system_is_told_in_a_sentence(monkeypatch, capsys, name):
 
 def test_a_reader_that_leaves_early_causes_no_noise():
     done = subprocess.run(
-        f"{PYTHON} -m controller.cli.main config | head -n 1",
+        f"{PYTHON} -m haptic_wall.controller.cli.main config | head -n 1",
         shell=True,
         capture_output=True,
         text=True,
@@ -150,7 +152,7 @@ def test_a_reader_that_leaves_early_causes_no_noise():
 
 def test_the_exit_status_is_the_commands_own_when_the_reader_has_left():
     script = (
-        "import os, sys; from controller.cli.main import main;"
+        "import os, sys; from haptic_wall.controller.cli.main import main;"
         "end, other = os.pipe(); os.close(end); os.dup2(other, 1);"
         "sys.exit(main(sys.argv[1:]))"
     )
@@ -176,7 +178,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
     words, status, tmp_path
 ):
     script = (
-        "import os, sys; from controller.cli.main import main;"
+        "import os, sys; from haptic_wall.controller.cli.main import main;"
         "end, other = os.pipe(); os.close(end); os.dup2(other, 2);"
         "sys.exit(main(sys.argv[1:]))"
     )
@@ -191,7 +193,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
     done = subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", "run", *brief],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *brief],
         capture_output=True,
         check=False,
         cwd=tmp_path,
@@ -204,7 +206,7 @@ def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
 
 def test_a_full_disk_is_told_in_a_sentence():
     done = subprocess.run(
-        f"{PYTHON} -m controller.cli.main presets > /dev/full",
+        f"{PYTHON} -m haptic_wall.controller.cli.main presets > /dev/full",
         shell=True,
         capture_output=True,
         text=True,
@@ -216,7 +218,7 @@ def test_a_full_disk_is_told_in_a_sentence():
 
 def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full():
     done = subprocess.run(
-        f"{PYTHON} -m controller.cli.main scan --port /dev/none --json > /dev/full",
+        f"{PYTHON} -m haptic_wall.controller.cli.main scan --port /dev/none --json > /dev/full",
         shell=True,
         capture_output=True,
         text=True,
@@ -240,7 +242,7 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(error, monkeypatch, capsys)
 )
 def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
     """As a service manager may start it: what it opens must not take their numbers."""
-    command = f"exec {PYTHON} -m controller.cli.main run simulated --duration 0.1"
+    command = f"exec {PYTHON} -m haptic_wall.controller.cli.main run simulated --duration 0.1"
     command = f"{command} --set loop.clock={clock}"
     done = subprocess.run(
         ["sh", "-c", f"{command} --log run.hwlog --plot run.png {closed}"],

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pytest
 
-from controller.claim import claimed
-from controller.cli.main import main
-from controller.experiments import maps
-from controller.theory import critical_stiffness
+from haptic_wall.controller.claim import claimed
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.experiments import maps
+from haptic_wall.controller.theory import critical_stiffness
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -145,7 +145,7 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(capsys, tmp_path, mon
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("controller.plots.maps.plot_map", full)
+    monkeypatch.setattr("haptic_wall.controller.plots.maps.plot_map", full)
     status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
     assert status == 2
     assert f"--out {tmp_path}: cannot be written: No space left on device" in err
@@ -191,7 +191,15 @@ def test_a_kick_given_twice_is_drawn_as_one(capsys, tmp_path):
 @pytest.mark.realtime
 @pytest.mark.parametrize("impatient", [False, True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path, impatient):
-    arguments = ["-m", "controller.cli.main", "map", "simulated", "--out", str(tmp_path), "--json"]
+    arguments = [
+        "-m",
+        "haptic_wall.controller.cli.main",
+        "map",
+        "simulated",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
     with subprocess.Popen(
         [sys.executable, *arguments],
         stdout=subprocess.PIPE,

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from controller.cli import main as cli
-from controller.cli.run import _length
-from controller.settings.load import load_config
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.run import _length
+from haptic_wall.controller.settings.load import load_config
 
 BRIEF = ["--set=loop.clock=simulated", "--duration=0.05"]
 
@@ -24,7 +24,9 @@ def run(*arguments):
 )
 def test_the_picture_goes_beside_an_explicit_log(tmp_path, monkeypatch, capsys, log, picture):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("controller.plots.run.plot_log", lambda _rows, path, _why: path.touch())
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.run.plot_log", lambda _rows, path, _why: path.touch()
+    )
     assert run("--log", log) == 0
     assert {each.name for each in tmp_path.iterdir()} == {log, picture}
     assert f"picture     {picture}" in capsys.readouterr().out
@@ -57,7 +59,7 @@ def test_a_long_run_says_how_much_it_will_write():
 def test_a_dash_is_standard_output(tmp_path):
     """The file is there alone; what else is said goes to standard error."""
     done = subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", "init", "-", "--from", "lwr3"],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", "init", "-", "--from", "lwr3"],
         capture_output=True,
         check=True,
         cwd=tmp_path,

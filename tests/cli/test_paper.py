@@ -8,8 +8,8 @@ import sys
 import pytest
 from matplotlib.figure import Figure
 
-from controller.cli import main as cli
-from controller.theory import critical_stiffness
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.theory import critical_stiffness
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def call(capsys, monkeypatch):
     def simulated(virtual_damping, delay):
         return 1.00001 * critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
 
-    monkeypatch.setattr("controller.paper.table2._simulate", simulated)
+    monkeypatch.setattr("haptic_wall.controller.paper.table2._simulate", simulated)
 
     def run(*arguments):
         status = cli.main(["paper", *map(str, arguments)])
@@ -99,7 +99,15 @@ def test_a_place_that_is_none_is_one_sentence(call, tmp_path):
 
 def test_ctrl_c_ends_it(tmp_path):
     running = subprocess.Popen(
-        [sys.executable, "-m", "controller.cli.main", "paper", "table2", "--out", str(tmp_path)],
+        [
+            sys.executable,
+            "-m",
+            "haptic_wall.controller.cli.main",
+            "paper",
+            "table2",
+            "--out",
+            str(tmp_path),
+        ],
         stderr=subprocess.PIPE,
         text=True,
     )

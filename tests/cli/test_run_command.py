@@ -14,14 +14,14 @@ import click
 import numpy as np
 import pytest
 
-from controller.cli import main as cli
-from controller.cli import run as run_command
-from controller.log.file import LogWriter, read_log
-from controller.report import exit_status
-from controller.telemetry import ROW
-from controller.tree import inline
-from controller.tree.plan import LogState
-from controller.tree.recorder import Recorder
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli import run as run_command
+from haptic_wall.controller.log.file import LogWriter, read_log
+from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.telemetry import ROW
+from haptic_wall.controller.tree import inline
+from haptic_wall.controller.tree.plan import LogState
+from haptic_wall.controller.tree.recorder import Recorder
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
@@ -74,7 +74,7 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
     def impatient(*_):
         os.kill(os.getpid(), number)
 
-    monkeypatch.setattr("controller.plots.run.plot_run", impatient)
+    monkeypatch.setattr("haptic_wall.controller.plots.run.plot_run", impatient)
     before = signal.getsignal(number)
     status, out, _ = run(capsys, "--log", "run.hwlog")
     report = json.loads(out)
@@ -84,7 +84,9 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
 
 
 def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
-    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+    )
     status, out, _ = run(capsys, "--log", "run.hwlog", "--set", "safety.max_speed=1e-9")
     assert cli.main(["log", "run.hwlog", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -95,7 +97,9 @@ def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
 
 
 def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
-    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+    )
     for name in ("a", "b"):
         assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
     assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()
@@ -172,7 +176,7 @@ def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(capsys, tmp_path,
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
 def test_the_configuration_is_not_written_over(capsys, folder, option):
-    text = (resources.files("controller") / "presets/simulated.yaml").read_text()
+    text = (resources.files("haptic_wall.controller") / "presets/simulated.yaml").read_text()
     (folder / "mine").write_text(text)
     status, _, err = run(capsys, "./mine", option, "mine")
     assert status == 2
@@ -181,7 +185,9 @@ def test_the_configuration_is_not_written_over(capsys, folder, option):
 
 
 def test_a_preset_is_no_file_that_could_be_written_over(capsys, monkeypatch):
-    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+    )
     assert run(capsys, "simulated", "--log", "simulated")[0] == 0
 
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from controller.cli import main as cli
+from haptic_wall.controller.cli import main as cli
 from tests.hw.dynamixel.test_emulated_server import emulate
 
 
@@ -37,7 +37,7 @@ def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):
 
 
 def test_without_an_adapter_the_port_is_asked_for(capsys, monkeypatch):
-    monkeypatch.setattr("hw.dynamixel.examine.adapter.list_ports.comports", list)
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.list_ports.comports", list)
     status, out, err = scan(capsys)
     assert (status, out) == (4, "")
     assert "--port" in err

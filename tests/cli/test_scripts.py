@@ -205,6 +205,7 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project
             link.symlink_to(found)
     install_python(project)
     (project / "scripts" / "test").write_text(SUITE)
+    (project / ".ci" / "wheel").write_text("#!/bin/sh\necho the wheel is tried >&2\n")
     folders = project.parent / "folders"
     folders.mkdir()
     more = {} if sets_up else {"NO_NETWORK": "1"}
@@ -217,6 +218,7 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project
     )
     place, locale = done.stdout.splitlines()[-2:]
     assert locale == "C" and done.returncode == 7
+    assert ("the wheel is tried" in done.stderr) == sets_up
     if sets_up:
         assert place.startswith(str(folders)) and place.endswith("/a wäll")
     else:

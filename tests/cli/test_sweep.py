@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli.main import main
+from haptic_wall.controller.cli.main import main
 
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
@@ -33,8 +33,8 @@ def swept(tmp_path_factory):
     """A finished sweep."""
     folder = tmp_path_factory.mktemp("sweep") / "here"
     done = subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", "sweep", "simulated", *PLANT, *POINTS,
-         "--out", folder, "--json"],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", "sweep", "simulated", *PLANT,
+         *POINTS, "--out", folder, "--json"],
         check=True, capture_output=True, text=True,
     )  # fmt: skip
     return folder, json.loads(done.stdout), done.stderr
@@ -90,7 +90,7 @@ def test_the_same_settings_go_on_and_others_are_refused(swept, capsys):
 def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path):
     many = [0.02 + 1e-4 * i for i in range(299)]  # however late the signal comes, some are left
     command = [
-        sys.executable, "-m", "controller.cli.main", "sweep", "simulated", *PLANT,
+        sys.executable, "-m", "haptic_wall.controller.cli.main", "sweep", "simulated", *PLANT,
         f"--virtual-damping=9,{','.join(map(str, many))}", "--delay-steps=3", "--workers=1",
         "--out", str(tmp_path), "--json",
     ]  # fmt: skip

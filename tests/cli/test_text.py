@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.cli.brief import LINES, brief_text
-from controller.cli.options import as_json
-from controller.cli.text import report_text
+from haptic_wall.controller.cli.brief import LINES, brief_text
+from haptic_wall.controller.cli.options import as_json
+from haptic_wall.controller.cli.text import report_text
 
 TIMES = {"p50": 0.123456, "p99": 15.1, "p99_9": 31.9, "max": 310.0}
 REPORT = {

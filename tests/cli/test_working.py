@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from controller.cli import working as progress
-from controller.cli.working import Work, working
+from haptic_wall.controller.cli import working as progress
+from haptic_wall.controller.cli.working import Work, working
 
 PROGRAM = """
 import os, signal, sys, time
-from controller.cli import interrupt, options, working
+from haptic_wall.controller.cli import interrupt, options, working
 working.FIRST_S = 0.01
 interrupt.leave_at_once()
 with working.working("drawing", 9.0) as work:
@@ -86,16 +86,16 @@ def test_nothing_is_shown_where_there_is_no_terminal(capsys, monkeypatch, stream
 def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly():
     code = """
 import builtins, os, signal, sys
-from controller.cli import interrupt
+from haptic_wall.controller.cli import interrupt
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests ignore it
 interrupt.leave_at_once()
 def trip(frame, event, _):
-    if frame.f_globals.get("__name__") == "controller.cli.working":
+    if frame.f_globals.get("__name__") == "haptic_wall.controller.cli.working":
         sys.settrace(None)
         os.kill(os.getpid(), signal.SIGINT)
     return trip
 sys.settrace(trip)
-import controller.cli.working
+import haptic_wall.controller.cli.working
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.cli import wrapping
+from haptic_wall.controller.cli import wrapping
 
 COMMAND = "`sudo prlimit --rtprio=95 --pid 4711`"
 

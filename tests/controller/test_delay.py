@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.delay import DelayRing
+from haptic_wall.controller.delay import DelayRing
 
 values = st.lists(st.floats(-10, 10), min_size=1, max_size=50)
 

@@ -7,17 +7,17 @@ import sys
 
 import pytest
 
-from controller.errors import ConfigError
-from controller.session import run_session
-from controller.settings.config import Config
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry
-from controller.tree.emulator import emulator_arguments
-from hw.clock import SimulatedClock
-from hw.errors import UnfitServoError
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.session import run_session
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.controller.tree.emulator import emulator_arguments
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import UnfitServoError
 
 EMULATED = "emulated-xm430"
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 
 def faults(*sets):

@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from controller.engagement import (
+from haptic_wall.controller.engagement import (
     EngageLimits,
     Engagement,
     engage_torque,
     place_text,
     waiting_text,
 )
-from controller.wall import Wall
+from haptic_wall.controller.wall import Wall
 
 COUNT = math.tau / 4096
 LIMITS = EngageLimits(torque=0.1, position_step=COUNT, periods=50)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import pytest
 
-from controller.gains import Gains
-from controller.guard.schedule import RUN, GainSchedule
-from controller.wall import Wall
+from haptic_wall.controller.gains import Gains
+from haptic_wall.controller.guard.schedule import RUN, GainSchedule
+from haptic_wall.controller.wall import Wall
 
 PERIOD_NS = 1_000_000
 AGES = [0, 100_000, 200_000]

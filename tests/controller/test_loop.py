@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from controller.loop import (
+from haptic_wall.controller.loop import (
     PLACE_SHARE,
     SPIN_MAX_NS,
     SPIN_MIN_NS,
@@ -17,7 +17,7 @@ from controller.loop import (
     next_deadline,
     waiter_for,
 )
-from hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 
 PERIOD = 1_000_000
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from controller.wall import Wall
-from hw.servo import Facts
+from haptic_wall.controller.overspeed import DrivenLimits, DrivenSpeed, speed_limits
+from haptic_wall.controller.wall import Wall
+from haptic_wall.hw.servo import Facts
 
 COUNT = math.tau / 4096
 LIMIT = 3.85

@@ -4,9 +4,9 @@ import unicodedata
 
 import pytest
 
-from controller.cli.main import main
-from controller.cli.options import answer, as_json, say
-from controller.printable import in_line, printable
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.cli.options import answer, as_json, say
+from haptic_wall.controller.printable import in_line, printable
 
 HOSTILE = "a\x1b[31m\x07\r\x9b\x7f\u202e\udcffb"
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from controller.program import Phase, Program
+from haptic_wall.controller.program import Phase, Program
 
 T = 1e-3
 

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from controller.errors import UserError
-from controller.realtime import pick_cores
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.realtime import pick_cores
 
 
 @pytest.mark.parametrize(

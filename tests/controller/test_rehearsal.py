@@ -2,16 +2,16 @@
 
 import pytest
 
-from controller import loop, rehearsal
-from controller.assembly import guard_schedule, most_injected
-from controller.assembly import rehearsal as rehearsal_of
-from controller.loop import SpinWaiter, waiter_for
-from controller.rehearsal import Rehearsal, StandInClock
-from controller.session import Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry
-from hw.clock import MonotonicClock, SimulatedClock
-from hw.open import open_servo
+from haptic_wall.controller import loop, rehearsal
+from haptic_wall.controller.assembly import guard_schedule, most_injected
+from haptic_wall.controller.assembly import rehearsal as rehearsal_of
+from haptic_wall.controller.loop import SpinWaiter, waiter_for
+from haptic_wall.controller.rehearsal import Rehearsal, StandInClock
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.open import open_servo
 
 PERIOD_NS = 1_000_000
 RUNS = {

@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from controller.report import explanation
-from controller.settings.load import load_config
-from controller.tree.plan import Ended
+from haptic_wall.controller.report import explanation
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.tree.plan import Ended
 
 
 def ended_by(trip, port, preset="emulated-port"):

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from controller.safety import EXPLANATIONS, Safety, SafetyLimits, Trip
-from hw.servo import Outcome, Reading
+from haptic_wall.controller.safety import EXPLANATIONS, Safety, SafetyLimits, Trip
+from haptic_wall.hw.servo import Outcome, Reading
 
 MS = 1_000_000
 LIMITS = SafetyLimits(

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from controller.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
-from controller.velocity import BackwardDifference
-from hw.servo import Outcome, Reading
+from haptic_wall.controller.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
+from haptic_wall.controller.velocity import BackwardDifference
+from haptic_wall.hw.servo import Outcome, Reading
 
 PERIOD_NS = 1_000_000
 

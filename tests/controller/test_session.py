@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from controller.session import Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import (
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import (
     FLAG_OFF,
     FLAG_SATURATED,
     FLAG_WARM_UP,
@@ -18,8 +18,8 @@ from controller.telemetry import (
     Telemetry,
     Word,
 )
-from controller.theory import critical_stiffness
-from hw.clock import SimulatedClock
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.clock import SimulatedClock
 
 LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0"]
 LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
@@ -42,7 +42,7 @@ def heights(rows, wall=0.0):
 
 def run_command(folder, *arguments):
     return subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", "run", *arguments],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *arguments],
         capture_output=True,
         text=True,
         cwd=folder,
@@ -163,7 +163,7 @@ def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
 
 
 def test_a_stop_before_the_start_never_switches_the_torque_on(monkeypatch):
-    from hw.dynamixel.servo import DynamixelServo
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     def start(_):
         raise AssertionError("started")
@@ -193,7 +193,7 @@ def test_an_end_in_the_warm_up_counts_no_ticks():
 @pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
 def test_every_period_is_a_tick_or_missed(stalled, monkeypatch):
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
-    from controller import tick
+    from haptic_wall.controller import tick
 
     plain = tick.Tick._follow_guard
     seen = []
@@ -366,7 +366,7 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
 
 
 def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkeypatch):
-    from hw.dynamixel.servo import DynamixelServo
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     plain, seen = DynamixelServo.collect, []
 
@@ -388,7 +388,7 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkey
 @pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
 def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
     """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
-    from controller.tick import Tick
+    from haptic_wall.controller.tick import Tick
 
     plain, telemetry = Tick.run, Telemetry.create()
 
@@ -445,7 +445,7 @@ def test_a_configured_sample_age_counts_where_it_is_the_larger():
 
 
 def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
-    from controller import tick
+    from haptic_wall.controller import tick
 
     def broken(*_, **__):
         raise ZeroDivisionError("boom")
@@ -458,7 +458,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
 
 
 def test_a_position_that_is_not_a_number_trips(monkeypatch):
-    from hw.dynamixel.servo import DynamixelServo
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     plain = DynamixelServo.collect
     seen = []

@@ -4,18 +4,23 @@ from dataclasses import replace
 
 import pytest
 
-from controller import session
-from controller.log.reader import LogReader
-from controller.run import run
-from controller.safety import Trip
-from controller.session import Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import State, Telemetry, Word
-from controller.tree.plan import Plan
-from hw.clock import SimulatedClock
-from hw.dynamixel.servo import DynamixelServo
-from hw.errors import ServoLostError, ServoMissingError, StrangeServoError, UnfitServoError
-from hw.open import open_servo
+from haptic_wall.controller import session
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.run import run
+from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import State, Telemetry, Word
+from haptic_wall.controller.tree.plan import Plan
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.errors import (
+    ServoLostError,
+    ServoMissingError,
+    StrangeServoError,
+    UnfitServoError,
+)
+from haptic_wall.hw.open import open_servo
 
 CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
 
@@ -87,7 +92,7 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
         scene.go_deaf()
         raise error
 
-    monkeypatch.setattr("hw.dynamixel.startup.prove_the_sign", push)
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.startup.prove_the_sign", push)
     with pytest.raises(type(error)):
         scene.run()
     assert scene.words[Word.STATE] == State.TORQUE_UNKNOWN
@@ -166,7 +171,7 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
     def gone(*_, **__):
         raise ServoLostError("The serial port is gone.")
 
-    monkeypatch.setattr("controller.tick.Tick._follow_guard", gone)
+    monkeypatch.setattr("haptic_wall.controller.tick.Tick._follow_guard", gone)
     monkeypatch.setattr(session, "guard_report", broken_report)
     result = scene.run()
     assert result.stop_reason == Trip.SERVO_LOST

@@ -8,9 +8,11 @@ import threading
 
 import pytest
 
-from controller.signals import STOPPING, interrupting, on_signals
+from haptic_wall.controller.signals import STOPPING, interrupting, on_signals
 
-SAYS = "from controller.signals import STOPPING; print(*(each.name for each in STOPPING))"
+SAYS = (
+    "from haptic_wall.controller.signals import STOPPING; print(*(each.name for each in STOPPING))"
+)
 
 
 def begun(ignores):

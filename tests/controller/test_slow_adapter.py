@@ -6,7 +6,7 @@ In memory on the simulated clock; what the shaft did is the emulated bus's own r
 import numpy as np
 import pytest
 
-from hw.servo import Outcome
+from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import rehearse
 
 MS = 1_000_000

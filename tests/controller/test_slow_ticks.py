@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from controller.missed import MissedPeriods
-from controller.session import Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_WARM_UP, Telemetry
-from controller.theory import critical_stiffness
-from hw.clock import SimulatedClock
-from hw.open import open_servo
+from haptic_wall.controller.missed import MissedPeriods
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_WARM_UP, Telemetry
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.open import open_servo
 
 PERIOD = 1e-3
 INERTIA, DAMPING, VIRTUAL = 0.011951, 0.011692, 0.03

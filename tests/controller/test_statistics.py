@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controller.statistics import RunStatistics, TimeStatistics
-from controller.telemetry import FLAG_SATURATED, FLAG_WARM_UP, ROW
+from haptic_wall.controller.statistics import RunStatistics, TimeStatistics
+from haptic_wall.controller.telemetry import FLAG_SATURATED, FLAG_WARM_UP, ROW
 
 
 def test_percentiles_agree_with_numpy():

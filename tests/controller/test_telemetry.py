@@ -7,7 +7,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from controller.telemetry import CAPACITY, FLOAT_FIELDS, INT_FIELDS, ROW, Row, Telemetry, Word
+from haptic_wall.controller.telemetry import (
+    CAPACITY,
+    FLOAT_FIELDS,
+    INT_FIELDS,
+    ROW,
+    Row,
+    Telemetry,
+    Word,
+)
 
 VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
 

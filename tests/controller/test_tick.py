@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from controller.delay import DelayRing
-from controller.detector.oscillation import DetectorSettings
-from controller.detector.watch import Watch, WatchSettings
-from controller.engagement import EngageLimits, Engagement
-from controller.gains import Gains
-from controller.guard.schedule import GainSchedule
-from controller.loop import next_deadline
-from controller.missed import MissedPeriods
-from controller.motion_watch import MotionWatch
-from controller.overspeed import DrivenLimits, DrivenSpeed
-from controller.safety import Safety, SafetyLimits, Trip
-from controller.sampler import Sampler
-from controller.telemetry import (
+from haptic_wall.controller.delay import DelayRing
+from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.engagement import EngageLimits, Engagement
+from haptic_wall.controller.gains import Gains
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.loop import next_deadline
+from haptic_wall.controller.missed import MissedPeriods
+from haptic_wall.controller.motion_watch import MotionWatch
+from haptic_wall.controller.overspeed import DrivenLimits, DrivenSpeed
+from haptic_wall.controller.safety import Safety, SafetyLimits, Trip
+from haptic_wall.controller.sampler import Sampler
+from haptic_wall.controller.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_SATURATED,
@@ -25,11 +25,11 @@ from controller.telemetry import (
     Telemetry,
     Word,
 )
-from controller.tick import COLLECT_SHARE, LONGER_SHARE, Tick, TickParts
-from controller.velocity import BackwardDifference
-from controller.wall import Wall
-from hw.clock import SimulatedClock
-from hw.servo import BusCounts, Facts, Outcome, Reading
+from haptic_wall.controller.tick import COLLECT_SHARE, LONGER_SHARE, Tick, TickParts
+from haptic_wall.controller.velocity import BackwardDifference
+from haptic_wall.controller.wall import Wall
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
 
 PERIOD_NS = 1_000_000
 LOST = object()

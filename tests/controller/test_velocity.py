@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.velocity import BackwardDifference, SampleDifference, velocity_estimator
+from haptic_wall.controller.velocity import BackwardDifference, SampleDifference, velocity_estimator
 
 T = 0.001
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.wall import Wall
+from haptic_wall.controller.wall import Wall
 
 number = st.floats(-100, 100)
 

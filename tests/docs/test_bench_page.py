@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from controller.cli.bench import SECTIONS
+from haptic_wall.controller.cli.bench import SECTIONS
 from scripts import bench_page
 from scripts.bench_page import renewed
 from tests.docs.pages import text_of

@@ -16,14 +16,14 @@ from concurrent.futures import Executor
 
 import pytest
 
-from controller.cli import main as cli
-from controller.experiments import maps
-from controller.experiments.testbed import ExperimentInterruptedError, Testbed
-from controller.paper import items
-from controller.settings.load import load_config
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.experiments import maps
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.paper import items
+from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
 
-PROGRAM = [sys.executable, "-m", "controller.cli.main"]
+PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
@@ -40,9 +40,13 @@ def folder(tmp_path, monkeypatch):
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
-    monkeypatch.setattr("controller.benchmarks.report.measured_section", lambda _: NOTHING)
+    monkeypatch.setattr(
+        "haptic_wall.controller.benchmarks.report.measured_section", lambda _: NOTHING
+    )
     # What is drawn has tests of its own, and takes most of a second each time.
-    monkeypatch.setattr("controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch())
+    monkeypatch.setattr(
+        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+    )
     (tmp_path / "config").symlink_to(ROOT / "config")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     yield tmp_path
@@ -63,17 +67,18 @@ def cut_short(monkeypatch, thorough):
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
-    monkeypatch.setattr("controller.experiments.sweep.sweep", lambda *_, **__: False)
+    monkeypatch.setattr("haptic_wall.controller.experiments.sweep.sweep", lambda *_, **__: False)
     nobody = functools.partial(maps.critical_map, executor=Nobody())
     monkeypatch.setattr(maps, "critical_map", nobody)
     monkeypatch.setattr(
-        "controller.plots.boundary.plot_boundary", lambda _question, _found, path: path.touch()
+        "haptic_wall.controller.plots.boundary.plot_boundary",
+        lambda _question, _found, path: path.touch(),
     )
     few = [item for item in items.ITEMS if item.name == "fig8"]
     monkeypatch.setattr(items, "ITEMS", few)
     for name in ("REPLIES", "WAKES"):
-        monkeypatch.setattr(f"controller.doctor.measure.{name}", 20)
-    monkeypatch.setattr("controller.doctor.measure.SERIES_S", 0.02)
+        monkeypatch.setattr(f"haptic_wall.controller.doctor.measure.{name}", 20)
+    monkeypatch.setattr("haptic_wall.controller.doctor.measure.SERIES_S", 0.02)
 
 
 class Nobody(Executor):

@@ -1,4 +1,5 @@
-"""Independent answers that the simulated servo is held against; nothing here uses ``hw``."""
+"""Independent answers that the simulated servo is held against; nothing here uses
+``haptic_wall``."""
 
 from __future__ import annotations
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hw.bodies import Bodies
-from hw.plant import PlantParameters, State, step
+from haptic_wall.hw.bodies import Bodies
+from haptic_wall.hw.plant import PlantParameters, State, step
 
 
 def random_bodies(seed: int, n: int, fastest: float):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hw.clock import MonotonicClock, SimulatedClock, Suspension
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock, Suspension
 
 
 class Paused(SimulatedClock):

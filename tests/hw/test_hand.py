@@ -2,9 +2,9 @@
 
 import pytest
 
-from hw.hand import LEAD_IN_S, SCRIPTS, hand_of
-from hw.mechanism import Mechanism
-from hw.settings import TrueServo
+from haptic_wall.hw.hand import LEAD_IN_S, SCRIPTS, hand_of
+from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 HANDS = ["push", "tap", "lean"]
 MS = 1_000_000

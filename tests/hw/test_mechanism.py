@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.mechanism import Mechanism
-from hw.plant import PlantParameters, State, step
-from hw.settings import TrueServo
+from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.plant import PlantParameters, State, step
+from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000
 FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from hw.clock import MonotonicClock, SimulatedClock
-from hw.dynamixel.servo import DynamixelServo
-from hw.errors import PortError, ServoMissingError, UnfitServoError
-from hw.open import cut_torque, open_port, open_servo
-from hw.servo import Outcome
-from hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
-from hw.simulated import SimulatedServo
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.errors import PortError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.open import cut_torque, open_port, open_servo
+from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
 
@@ -98,9 +98,9 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
     """Loading it when the loop has died cost 10 ms, with the torque on."""
     program = (
         "import sys\n"
-        "from hw.clock import MonotonicClock\n"
-        "from hw.open import cut_torque, open_port\n"
-        "from hw.settings import DynamixelSettings\n"
+        "from haptic_wall.hw.clock import MonotonicClock\n"
+        "from haptic_wall.hw.open import cut_torque, open_port\n"
+        "from haptic_wall.hw.settings import DynamixelSettings\n"
         f"settings = DynamixelSettings({silent_port!r}, 4_000_000, 1, 'XM430-W350')\n"
         "port = open_port(settings)\n"
         "before = set(sys.modules)\n"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.plant import PlantParameters, Pull, State, step
 from tests.hw.oracles import Body, Stretch, integrate
 
 PERIOD = 1e-3

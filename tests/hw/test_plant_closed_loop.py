@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.settings import SimulatedSettings, TrueServo
-from hw.simulated import SimulatedServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
 from tests.hw.oracles import closed_loop_poles
 
 PERIOD = 1e-3

@@ -5,7 +5,7 @@ from decimal import Decimal, localcontext
 
 import pytest
 
-from hw.response import Slide, response, time_to_rest
+from haptic_wall.hw.response import Slide, response, time_to_rest
 
 # Damping ratios around every place where the closed form changes.
 RATIOS = [0.0, 1e-6, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 1.1546, 1.1548, 2.0, 50.0]

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from hw.clock import Clock, SimulatedClock
-from hw.errors import ServoError
-from hw.open import open_servo
-from hw.servo import Check, Outcome, Servo
-from hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
-from hw.simulated import SimulatedServo
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Check, Outcome, Servo
+from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
 
 PERIOD_NS = 1_000_000
 

@@ -5,10 +5,10 @@ import random
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.servo import Outcome
-from hw.settings import SimulatedSettings, TrueServo
-from hw.simulated import SimulatedServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
 
 MS = 1_000_000
 

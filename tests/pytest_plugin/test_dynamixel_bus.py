@@ -9,7 +9,8 @@ from pathlib import Path
 
 import dynamixel_sdk as sdk
 import pytest
-from haptic_wall_pytest import BusError, BusRow, DynamixelBus
+
+from haptic_wall.controller.pytest_plugin import BusError, BusRow, DynamixelBus
 
 pytestmark = pytest.mark.realtime
 
@@ -149,7 +150,7 @@ def test_the_bus_outlives_the_thread_that_started_it():
 
 KILLED = """
 import os, signal, sys
-from haptic_wall_pytest import DynamixelBus
+from haptic_wall.controller.pytest_plugin import DynamixelBus
 with DynamixelBus() as bus:
     print(bus.port, flush=True)
     sys.stdin.read()

@@ -4,9 +4,9 @@ import sys
 
 import numpy as np
 import pytest
-from haptic_wall_pytest.record import BusRow
 
-from hw.dynamixel.codec import Instruction
+from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts import chaos, day
 from scripts.chaos_judge import (
     Stall,

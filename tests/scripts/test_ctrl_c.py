@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from controller.cli.main import COMMANDS
+from haptic_wall.controller.cli.main import COMMANDS
 from scripts.ctrl_c import CASES, LIMIT_S, Try, batches, keep, kept, row
 
 ENDED = Try("run", signal.SIGINT, 1.2, False, 130, 0.4, "run   interrupted", 0, 0, 0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controller.telemetry import ROW, Row
-from hw.servo import Outcome
+from haptic_wall.controller.telemetry import ROW, Row
+from haptic_wall.hw.servo import Outcome
 from scripts.day import PERIOD_NS, WatchedTelemetry, long_run, turning
 
 TICKS = 15_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.settings.load import load_config
+from haptic_wall.controller.settings.load import load_config
 from scripts.first_touch import CANDIDATES, PAGE, row
 
 

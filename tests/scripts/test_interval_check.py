@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness
 from scripts.interval_check import PAGE, PART, losses, mixtures, patterns, slow_tick
 from scripts.irregular_loop import (
     PERIOD,

@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from controller.theory.cycles import Backlash, LimitCycle, Quantisation, Saturation, limit_cycles
+from haptic_wall.controller.theory.cycles import (
+    Backlash,
+    LimitCycle,
+    Quantisation,
+    Saturation,
+    limit_cycles,
+)
 from scripts import limit_cycle_check
 from scripts.limit_cycle_check import PAGE, PART, Setting, missed, settled, spread, wall, worth
 from scripts.uncertainty import renewed

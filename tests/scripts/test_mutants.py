@@ -192,7 +192,7 @@ def project(tmp_path, monkeypatch):
         "    return position > 2.0 or position == 7\n"
     )
     (root / "tests" / "test_far.py").write_text(
-        "from controller.safety import far\n\n"
+        "from haptic_wall.controller.safety import far\n\n"
         "def test_far():\n    assert far(3.0) and not far(1.0) and far(10)\n\n"
         "def test_fails():\n    assert not far(3.0)\n"
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from controller.experiments.trials.cases import Case
-from controller.experiments.trials.run import WallAsked
-from controller.experiments.trials.truth import Truth
+from haptic_wall.controller.experiments.trials.cases import Case
+from haptic_wall.controller.experiments.trials.run import WallAsked
+from haptic_wall.controller.experiments.trials.truth import Truth
 from scripts import detector_table, reaction_table
 
 CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}

@@ -1,4 +1,4 @@
-"""The closed loop's poles in extended precision; nothing here uses ``controller``.
+"""The closed loop's poles in extended precision; nothing here uses ``haptic_wall``.
 
 Dimensionless (period and inertia 1). The motion over a held torque is written down from the
 exponential, in so many digits that its cancellations do not matter. Two independent questions can

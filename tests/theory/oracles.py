@@ -1,4 +1,4 @@
-"""Independent answers that the theory is held against; nothing here uses ``controller``.
+"""Independent answers that the theory is held against; nothing here uses ``haptic_wall``.
 
 The loop is written as a state matrix in SI units: position, speed, the torques still to act, and
 the positions that the velocity difference looks back at. Motion over a held torque comes from the

@@ -1,6 +1,6 @@
 """Passive loads on a device: networks of masses, springs and dampers, and the poles with them.
 
-Units: period 1. Nothing here uses ``controller``.
+Units: period 1. Nothing here uses ``haptic_wall``.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.theory import (
+from haptic_wall.controller.theory import (
     all_branches,
     critical_point,
     critical_stiffness,
@@ -19,8 +19,8 @@ from controller.theory import (
     max_virtual_damping,
     peak,
 )
-from controller.theory.boundary import critical, highest, max_beta
-from controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.boundary import critical, highest, max_beta
+from haptic_wall.controller.theory.loop import HeldLoop
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
-from controller.theory.arcs import least_reach
-from controller.theory.coupled import Hand, coupled_limit, is_stable
-from controller.theory.hand_boxes import Box, Wall, doubt
-from controller.theory.hands import HandRange, stable_hands
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+from haptic_wall.controller.theory.arcs import least_reach
+from haptic_wall.controller.theory.coupled import Hand, coupled_limit, is_stable
+from haptic_wall.controller.theory.hand_boxes import Box, Wall, doubt
+from haptic_wall.controller.theory.hands import HandRange, stable_hands
 from tests.theory.oracles import Loop, radius
 
 PERIOD = 1e-3

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from controller.theory import critical_stiffness, max_virtual_damping
-from controller.theory.cycles import (
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.cycles import (
     Backlash,
     Coulomb,
     LimitCycle,
@@ -17,13 +17,13 @@ from controller.theory.cycles import (
     Saturation,
     limit_cycles,
 )
-from controller.theory.describing import (
+from haptic_wall.controller.theory.describing import (
     backlash_gain,
     coulomb_damping,
     quantisation_gain,
     saturation_gain,
 )
-from controller.theory.exact import critical_point
+from haptic_wall.controller.theory.exact import critical_point
 from scripts.nonlinear_walls import PERIOD, Motion, Walls
 from tests.theory.oracles import Loop
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.theory import (
+from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
     linear_limit,

@@ -5,14 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness, linear_limit, max_virtual_damping, worst_member
-from controller.theory.guaranteed import (
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    worst_member,
+)
+from haptic_wall.controller.theory.guaranteed import (
     cost_of_each_unknown,
     guaranteed_damping_ceiling,
     guaranteed_limit,
     is_stable_over,
 )
-from controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.theory.ranges import Member, Ranges
 from tests.theory.oracles import Loop, radius
 
 # MX-64 as identified by Rhoban's bam, with the bounds of somebody who has not measured his own

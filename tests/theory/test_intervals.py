@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from controller.theory.intervals import Jet, decay_moments, turn_mean, turned, variables
+from haptic_wall.controller.theory.intervals import Jet, decay_moments, turn_mean, turned, variables
 
 FUNCTIONS: dict[str, tuple[Callable[[Jet, Jet], Jet], Callable[[float, float], complex]]] = {
     "sum": (lambda x, y: x + y.scaled(2j), lambda x, y: x + 2j * y),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness, linear_limit
+from haptic_wall.controller.theory import critical_stiffness, linear_limit
 
 
 def test_sum_of_damping_over_sum_of_delay() -> None:

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controller.theory import (
+from haptic_wall.controller.theory import (
     critical_stiffness,
     max_virtual_damping,
     one_sided_limit,
     restitution,
 )
-from controller.theory.one_sided_table import one_sided_limit_tabulated
+from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 from tests.theory.oracles import Loop, bounce, radius
 
 

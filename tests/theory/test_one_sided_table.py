@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.guard import GuardSettings, Request, Situation, decide
-from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
-from controller.theory import one_sided_table as tables
-from controller.theory.one_sided_fill import computed_share
-from controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
+from haptic_wall.controller.theory import one_sided_table as tables
+from haptic_wall.controller.theory.one_sided_fill import computed_share
+from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
 
 Array = np.ndarray
-COMPUTED = "controller.theory.one_sided_table.one_sided_limit"
+COMPUTED = "haptic_wall.controller.theory.one_sided_table.one_sided_limit"
 
 
 def random_settings(count: int, seed: int, n: int = 1) -> tuple[Array, ...]:
@@ -187,7 +187,7 @@ def test_a_decision_simulates_no_contact(monkeypatch: pytest.MonkeyPatch) -> Non
         raise AssertionError("a contact was simulated")
 
     monkeypatch.setattr(COMPUTED, none)
-    monkeypatch.setattr("controller.guard.limits.one_sided_limit", none)
+    monkeypatch.setattr("haptic_wall.controller.guard.limits.one_sided_limit", none)
     belief = Belief(
         inertia=Bounded(0.012, 0.008, 0.018),
         damping=Bounded(0.0117, 0.006, 0.023),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
-from controller.theory.paper import (
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+from haptic_wall.controller.theory.paper import (
     characteristic_polynomial,
     error_points,
     gain_margin,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from controller.theory import linear_limit, passive_limit
+from haptic_wall.controller.theory import linear_limit, passive_limit
 from tests.theory.oracles import Loop, radius
 from tests.theory.passive_loads import Wall, adverse_load, distance, random_load
 from tests.theory.passive_loads import radius as loaded_radius

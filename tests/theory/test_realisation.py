@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from controller.theory import critical_point
-from controller.theory.realisation import closed_loop, plant, pulse_transfer, wall_transfer
+from haptic_wall.controller.theory import critical_point
+from haptic_wall.controller.theory.realisation import (
+    closed_loop,
+    plant,
+    pulse_transfer,
+    wall_transfer,
+)
 from tests.theory.oracles import Loop, state_matrix
 
 INERTIA, DAMPING, PERIOD = 0.01, 0.02, 1e-3

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.theory import max_virtual_damping, one_sided_limit, restitution
-from controller.theory.rebound import (
+from haptic_wall.controller.theory import max_virtual_damping, one_sided_limit, restitution
+from haptic_wall.controller.theory.rebound import (
     OneSidedWall,
     Servos,
     highest_speed,
     lowest_speed,
     never_faster,
 )
-from controller.theory.rounded_contact import RoundedContacts, returned_speed
+from haptic_wall.controller.theory.rounded_contact import RoundedContacts, returned_speed
 
 T, M, STEP = 1e-3, 0.01, 2 * np.pi / 4096
 UNIT = STEP / T

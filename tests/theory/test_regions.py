@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from controller.theory import critical_stiffness
-from controller.theory.regions import Region, place, servo_places
-from hw.plant import PlantParameters, State, step
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.regions import Region, place, servo_places
+from haptic_wall.hw.plant import PlantParameters, State, step
 
 PERIOD, COUNT = 1e-3, 1e-3
 INERTIA, DAMPING = 5e-3, 0.02

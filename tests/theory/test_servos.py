@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from controller.theory import linear_limit
-from controller.theory.servos import SERVOS, servo
+from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory.servos import SERVOS, servo
 
 
 @pytest.mark.parametrize("name", ["XL330-M288", "xl330-m288", "XL330M288", "xl-330-m288"])

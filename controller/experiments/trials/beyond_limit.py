@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from controller.experiments.trials.cases import (
+from haptic_wall.controller.experiments.trials.cases import (
     LAGS,
     PRESETS,
     Case,
@@ -15,11 +15,15 @@ from controller.experiments.trials.cases import (
     draw_row,
     log_uniform,
 )
-from controller.experiments.trials.draws import bench_of, critical_of, damping_ceiling_of
-from controller.experiments.trials.rates import most
-from controller.experiments.trials.run import WallAsked
-from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+from haptic_wall.controller.experiments.trials.draws import (
+    bench_of,
+    critical_of,
+    damping_ceiling_of,
+)
+from haptic_wall.controller.experiments.trials.rates import most
+from haptic_wall.controller.experiments.trials.run import WallAsked
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
 
 RATIOS = (1.2, 2.0)
 _ANY = Row("any back-EMF", back_emf=None)

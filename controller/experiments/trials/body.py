@@ -6,15 +6,15 @@ step. Coulomb friction sticks exactly: a speed that reaches zero within a step i
 
 Error of the output after 0.4 s and 1 rad of a wild motion, in counts of 4096: rigid 0.002; two
 masses at 30 Hz 0.02, with a backlash of 0.5 degrees inside the transmission 0.3. The tests compare
-it with the exact solution of ``hw.plant`` and with a general solver.
+it with the exact solution of ``haptic_wall.hw.plant`` and with a general solver.
 """
 
 from __future__ import annotations
 
 import math
 
-from controller.experiments.trials.operators import NOTHING, Row
-from controller.experiments.trials.truth import Truth
+from haptic_wall.controller.experiments.trials.operators import NOTHING, Row
+from haptic_wall.controller.experiments.trials.truth import Truth
 
 RIGID_STEP_S = 5e-4
 """Longest step of a rigid servo [s]: exact between changes of friction but for the operator's

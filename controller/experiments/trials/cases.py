@@ -7,16 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.experiments.trials.draws import (
+from haptic_wall.controller.experiments.trials.draws import (
     LAG_FACTOR,
     Bench,
     bench_of,
     draw_truth,
     natural_hz,
 )
-from controller.experiments.trials.operators import NOBODY, Operator, draw_operator, operator_of
-from controller.experiments.trials.run import Trial, WallAsked, run_trial
-from controller.experiments.trials.truth import BackEmf, Truth
+from haptic_wall.controller.experiments.trials.operators import (
+    NOBODY,
+    Operator,
+    draw_operator,
+    operator_of,
+)
+from haptic_wall.controller.experiments.trials.run import Trial, WallAsked, run_trial
+from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
 
 PRESETS = ("xm430-w350", "xl330-m288")
 DAMPINGS = {

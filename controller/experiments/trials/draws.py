@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from controller.experiments.trials.truth import BackEmf, Truth
-from controller.guard.belief import Belief, Bounded
-from controller.settings.load import load_config
-from controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 LAG_FACTOR = 4.0
 """Largest lag, by the upper bound of what is believed [1]"""

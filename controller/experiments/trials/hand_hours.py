@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.experiments.hands import HANDS
-from controller.experiments.trials.cases import PRESETS, Case, draw_damping, hand_case
-from controller.experiments.trials.draws import (
+from haptic_wall.controller.experiments.hands import HANDS
+from haptic_wall.controller.experiments.trials.cases import PRESETS, Case, draw_damping, hand_case
+from haptic_wall.controller.experiments.trials.draws import (
     bench_of,
     critical_of,
     damping_ceiling_of,
     draw_truth,
 )
-from controller.experiments.trials.operators import HARDER, Operator, operator_of
-from controller.experiments.trials.rates import hourly
-from controller.experiments.trials.run import Trial, WallAsked
-from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from controller.experiments.trials.verdicts import small, sustains
+from haptic_wall.controller.experiments.trials.operators import HARDER, Operator, operator_of
+from haptic_wall.controller.experiments.trials.rates import hourly
+from haptic_wall.controller.experiments.trials.run import Trial, WallAsked
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from haptic_wall.controller.experiments.trials.verdicts import small, sustains
 
 OF_THE_LIMIT = 0.9
 _ONE_SIDED = 0.4

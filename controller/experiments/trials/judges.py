@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.detector.oscillation import State
-from controller.experiments.decrement import reversals
-from controller.experiments.trials.run import Trial
-from controller.guard.belief import Belief
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.experiments.decrement import reversals
+from haptic_wall.controller.experiments.trials.run import Trial
+from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.theory.checks import FloatArray
 
 LARGE_RAD = math.radians(1.0)
 LARGE_COUNTS = 10.0

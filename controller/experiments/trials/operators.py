@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.experiments.hands import HANDS, draw_grips, slow_changes, wanted_motion
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.hands import HANDS, draw_grips, slow_changes, wanted_motion
+from haptic_wall.controller.theory.checks import FloatArray
 
 HARDER = ("jittered", "resonant", "varying", "heavy")
 """A rhythm whose periods vary by 3 to 5 %; a rhythm at 0.8 to 1.2 times the wall's own frequency;

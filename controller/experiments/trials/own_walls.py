@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.experiments.trials.cases import (
+from haptic_wall.controller.experiments.trials.cases import (
     LAGS,
     PRESETS,
     ROWS,
@@ -15,11 +15,11 @@ from controller.experiments.trials.cases import (
     draw_kick,
     draw_row,
 )
-from controller.experiments.trials.draws import bench_of
-from controller.experiments.trials.rates import few, most
-from controller.experiments.trials.run import WallAsked
-from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+from haptic_wall.controller.experiments.trials.draws import bench_of
+from haptic_wall.controller.experiments.trials.rates import few, most
+from haptic_wall.controller.experiments.trials.run import WallAsked
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
 
 ANY_STIFFNESS = 1e6
 """Asked for, so that the guard commands all that it allows [N·m/rad]"""

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.detector.detection import detect
-from controller.detector.oscillation import DetectorSettings
-from controller.detector.servo_fit import fitted_servo
-from controller.detector.wall_fit import fitted_wall
-from controller.experiments.detector_trials import NAMES, above_limit
-from controller.experiments.listening import COUNT, PERIOD
-from controller.experiments.trials.rates import most
-from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from controller.experiments.watched import kicked
-from controller.log.detected import with_fit
+from haptic_wall.controller.detector.detection import detect
+from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.servo_fit import fitted_servo
+from haptic_wall.controller.detector.wall_fit import fitted_wall
+from haptic_wall.controller.experiments.detector_trials import NAMES, above_limit
+from haptic_wall.controller.experiments.listening import COUNT, PERIOD
+from haptic_wall.controller.experiments.trials.rates import most
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from haptic_wall.controller.experiments.watched import kicked
+from haptic_wall.controller.log.detected import with_fit
 
 SHARES = 1.3, 2.2
 """Range of K over the limit for the kick [1]"""

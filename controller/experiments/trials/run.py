@@ -10,20 +10,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.assembly import guard_schedule, most_injected, rendered, tick_parts
-from controller.detector.watch import oscillation_report
-from controller.experiments.trials.operators import NOBODY, Operator
-from controller.experiments.trials.servo import TrialServo
-from controller.experiments.trials.truth import Truth
-from controller.guard.schedule import GainSchedule
-from controller.guard.types import Decision
-from controller.settings.config import Config
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
-from controller.theory.checks import FloatArray, IntArray
-from controller.tick import Tick
-from controller.wall import Side
-from hw.clock import SimulatedClock
+from haptic_wall.controller.assembly import guard_schedule, most_injected, rendered, tick_parts
+from haptic_wall.controller.detector.watch import oscillation_report
+from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator
+from haptic_wall.controller.experiments.trials.servo import TrialServo
+from haptic_wall.controller.experiments.trials.truth import Truth
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.tick import Tick
+from haptic_wall.controller.wall import Side
+from haptic_wall.hw.clock import SimulatedClock
 
 _CHUNK = 8192
 """Ticks between two readings of the rows; the ring holds one more at least."""
@@ -60,7 +60,7 @@ class Trial:
     damping: FloatArray
     """Commanded B, with what was injected [N·m·s/rad]"""
     state: IntArray
-    """Of the detector; see ``controller.detector.oscillation.State``"""
+    """Of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
     saturated: NDArray[np.bool_]
     """The torque limit has cut the torque"""
     first_alarm_s: float

@@ -13,8 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from controller.experiments.processes import cores, processes
-from controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.processes import cores, processes
+from haptic_wall.controller.theory.checks import FloatArray
 
 Point = Mapping[str, float]
 Objective = Callable[[Point], float]

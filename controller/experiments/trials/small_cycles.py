@@ -7,13 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.experiments.trials.cases import LAGS, PRESETS, Case, Row, draw_damping, draw_row
-from controller.experiments.trials.draws import bench_of
-from controller.experiments.trials.own_walls import ANY_STIFFNESS
-from controller.experiments.trials.rates import few, most
-from controller.experiments.trials.run import WallAsked
-from controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from controller.experiments.trials.verdicts import (
+from haptic_wall.controller.experiments.trials.cases import (
+    LAGS,
+    PRESETS,
+    Case,
+    Row,
+    draw_damping,
+    draw_row,
+)
+from haptic_wall.controller.experiments.trials.draws import bench_of
+from haptic_wall.controller.experiments.trials.own_walls import ANY_STIFFNESS
+from haptic_wall.controller.experiments.trials.rates import few, most
+from haptic_wall.controller.experiments.trials.run import WallAsked
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
+from haptic_wall.controller.experiments.trials.verdicts import (
     longest_unseen_s,
     small,
     sustains,

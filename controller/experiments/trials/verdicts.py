@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.detector.oscillation import State
-from controller.experiments.trials.cases import Case
-from controller.experiments.trials.draws import bench_of
-from controller.experiments.trials.judges import (
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.experiments.trials.cases import Case
+from haptic_wall.controller.experiments.trials.draws import bench_of
+from haptic_wall.controller.experiments.trials.judges import (
     LOST,
     SMALL_COUNTS,
     OwnOscillation,
@@ -19,7 +19,7 @@ from controller.experiments.trials.judges import (
     large,
     own_oscillation,
 )
-from controller.experiments.trials.run import Trial
+from haptic_wall.controller.experiments.trials.run import Trial
 
 WINDOW_S = 4.0
 """At the end of a trial, in which a motion shows that it sustains itself [s]"""

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from controller.experiments.trials.cases import DAMPINGS, KICKS, PRESETS, Case
-from controller.experiments.trials.draws import (
+from haptic_wall.controller.experiments.trials.cases import DAMPINGS, KICKS, PRESETS, Case
+from haptic_wall.controller.experiments.trials.draws import (
     LAG_FACTOR,
     MODE_DAMPING,
     MODE_HZ,
@@ -16,13 +16,17 @@ from controller.experiments.trials.draws import (
     MOST_BACKLASH,
     bench_of,
 )
-from controller.experiments.trials.judges import LONGEST_S, large, own_oscillation
-from controller.experiments.trials.own_walls import ANY_STIFFNESS
-from controller.experiments.trials.run import WallAsked
-from controller.experiments.trials.search import Axis, Found, worst_cases
-from controller.experiments.trials.sections import Amount, Job, Made, Section
-from controller.experiments.trials.truth import BackEmf, Truth
-from controller.experiments.trials.verdicts import at_alarm_and_after, longest_unseen_s, sustains
+from haptic_wall.controller.experiments.trials.judges import LONGEST_S, large, own_oscillation
+from haptic_wall.controller.experiments.trials.own_walls import ANY_STIFFNESS
+from haptic_wall.controller.experiments.trials.run import WallAsked
+from haptic_wall.controller.experiments.trials.search import Axis, Found, worst_cases
+from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section
+from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
+from haptic_wall.controller.experiments.trials.verdicts import (
+    at_alarm_and_after,
+    longest_unseen_s,
+    sustains,
+)
 
 Body = Literal["rigid", "flexible"]
 BODIES: tuple[Body, ...] = ("rigid", "flexible")

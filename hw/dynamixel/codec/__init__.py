@@ -5,14 +5,14 @@ Shared by the driver and the emulated bus.
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
-from hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
-from hw.dynamixel.codec.fast import (
+from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
+from haptic_wall.hw.dynamixel.codec.fast import (
     FastReply,
     decode_fast_bulk_status,
     decode_fast_status,
     encode_fast_status,
 )
-from hw.dynamixel.codec.frames import (
+from haptic_wall.hw.dynamixel.codec.frames import (
     ALERT,
     BROADCAST,
     MAX_ID,
@@ -24,7 +24,7 @@ from hw.dynamixel.codec.frames import (
     encode,
     encode_status,
 )
-from hw.dynamixel.codec.parser import Parser
+from haptic_wall.hw.dynamixel.codec.parser import Parser
 
 __all__ = [
     "ALERT",

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from struct import Struct
 from typing import Final
 
-from hw.dynamixel.codec.frames import (
+from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
     MARK,

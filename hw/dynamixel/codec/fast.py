@@ -10,7 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from hw.dynamixel.codec.frames import BROADCAST, HEADER, MAX_LENGTH, Frame, Instruction, crc16
+from haptic_wall.hw.dynamixel.codec.frames import (
+    BROADCAST,
+    HEADER,
+    MAX_LENGTH,
+    Frame,
+    Instruction,
+    crc16,
+)
 
 
 class FastReply(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hw.dynamixel.codec.frames import (
+from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
     MAX_LENGTH,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hw.dynamixel.codec import BROADCAST, Frame
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.emulated.witness import Row, Witness
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.witness import Row, Witness
 
 
 class Account:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from hw.wire import BYTE_AT_ONE_BAUD_NS, wire_ns
+from haptic_wall.hw.wire import BYTE_AT_ONE_BAUD_NS, wire_ns
 
 BLOCKS = (62, 510)
 """User bytes of a full USB packet, on full-speed and on high-speed parts"""

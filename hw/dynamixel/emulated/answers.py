@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from hw.dynamixel.codec import (
+from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ErrorCode,
     FastReply,
@@ -14,10 +14,10 @@ from hw.dynamixel.codec import (
     encode_fast_status,
     encode_status,
 )
-from hw.dynamixel.emulated.collision import Sending, collide, pull_low
-from hw.dynamixel.emulated.instructions import carry_out, carry_out_as_secondary
-from hw.dynamixel.emulated.lists import READS, WRITES, Entry, entries
-from hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.collision import Sending, collide, pull_low
+from haptic_wall.hw.dynamixel.emulated.instructions import carry_out, carry_out_as_secondary
+from haptic_wall.hw.dynamixel.emulated.lists import READS, WRITES, Entry, entries
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 
 _FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 _ById = Mapping[int, Sequence[EmulatedServo]]

@@ -14,19 +14,19 @@ from collections import deque
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from hw.dynamixel.codec import Parser
-from hw.dynamixel.emulated.account import Account
-from hw.dynamixel.emulated.adapter import BLOCKS, Adapter
-from hw.dynamixel.emulated.answers import Answer, addressed, answer
-from hw.dynamixel.emulated.damage import id_of
-from hw.dynamixel.emulated.faults import Fault, parse_fault
-from hw.dynamixel.emulated.injection import Faults, Happening
-from hw.dynamixel.emulated.mishaps import SILENCING, befall
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.emulated.slots import in_slots
-from hw.dynamixel.emulated.traffic import Piece, Reply, instruction_of, pieces
-from hw.dynamixel.emulated.witness import Witness
-from hw.wire import wire_ns
+from haptic_wall.hw.dynamixel.codec import Parser
+from haptic_wall.hw.dynamixel.emulated.account import Account
+from haptic_wall.hw.dynamixel.emulated.adapter import BLOCKS, Adapter
+from haptic_wall.hw.dynamixel.emulated.answers import Answer, addressed, answer
+from haptic_wall.hw.dynamixel.emulated.damage import id_of
+from haptic_wall.hw.dynamixel.emulated.faults import Fault, parse_fault
+from haptic_wall.hw.dynamixel.emulated.injection import Faults, Happening
+from haptic_wall.hw.dynamixel.emulated.mishaps import SILENCING, befall
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.slots import in_slots
+from haptic_wall.hw.dynamixel.emulated.traffic import Piece, Reply, instruction_of, pieces
+from haptic_wall.hw.dynamixel.emulated.witness import Witness
+from haptic_wall.hw.wire import wire_ns
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""

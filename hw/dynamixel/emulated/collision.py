@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from hw.dynamixel.codec import Frame
-from hw.wire import wire_ns
+from haptic_wall.hw.dynamixel.codec import Frame
+from haptic_wall.hw.wire import wire_ns
 
 
 class Sending(NamedTuple):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.faults import KINDS
-from hw.dynamixel.emulated.values import suggestion
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.faults import KINDS
+from haptic_wall.hw.dynamixel.emulated.values import suggestion
 
 _READ_SIZE = 4096
 _LEFT_ALONE_NS = 500_000_000

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hw.dynamixel.emulated.profile import Plan, Point, by_time, by_velocity, ramp_to
-from hw.dynamixel.emulated.rules import ControlTable
-from hw.dynamixel.tables import COUNTS_PER_REV
+from haptic_wall.hw.dynamixel.emulated.profile import Plan, Point, by_time, by_velocity, ramp_to
+from haptic_wall.hw.dynamixel.emulated.rules import ControlTable
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV
 
 PWM_FULL = 885
 """Units of PWM at which the whole supply is on the motor"""

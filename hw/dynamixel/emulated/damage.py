@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
-from hw.dynamixel.codec import MAX_ID, crc16
-from hw.dynamixel.emulated.faults import Fault
-from hw.dynamixel.emulated.traffic import HEADER
+from haptic_wall.hw.dynamixel.codec import MAX_ID, crc16
+from haptic_wall.hw.dynamixel.emulated.faults import Fault
+from haptic_wall.hw.dynamixel.emulated.traffic import HEADER
 
 _ID, _SHORTEST = 4, 10
 _NOISE = 8

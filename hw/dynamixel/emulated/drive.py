@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hw.dynamixel.emulated.control_modes import (
+from haptic_wall.hw.dynamixel.emulated.control_modes import (
     CURRENT_POSITION_MODE,
     POSITION_MODE,
     POSITION_MODES,
@@ -20,12 +20,12 @@ from hw.dynamixel.emulated.control_modes import (
     Controllers,
     Motion,
 )
-from hw.dynamixel.emulated.encoder import Encoder
-from hw.dynamixel.emulated.health import HEALTH_NS, Health
-from hw.dynamixel.emulated.motor import Motor
-from hw.dynamixel.emulated.rules import ControlTable
-from hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
-from hw.mechanism import Mechanism
+from haptic_wall.hw.dynamixel.emulated.encoder import Encoder
+from haptic_wall.hw.dynamixel.emulated.health import HEALTH_NS, Health
+from haptic_wall.hw.dynamixel.emulated.motor import Motor
+from haptic_wall.hw.dynamixel.emulated.rules import ControlTable
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
+from haptic_wall.hw.mechanism import Mechanism
 
 STEP_NS: Final = 1_000_000
 """The controllers' period [ns]"""

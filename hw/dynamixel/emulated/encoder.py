@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hw.dynamixel.tables import POSITION_UNIT
-from hw.mechanism import Mechanism
+from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.mechanism import Mechanism
 
 
 class Encoder:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from hw.dynamixel.codec import BROADCAST, MAX_ID
-from hw.dynamixel.emulated.values import number, one_of, suggestion, whole
+from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID
+from haptic_wall.hw.dynamixel.emulated.values import number, one_of, suggestion, whole
 
 ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
     {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from hw.dynamixel.emulated.rules import ControlTable
+from haptic_wall.hw.dynamixel.emulated.rules import ControlTable
 
 STALL_RISE = 200.0
 """[K] An assumption: from 32 °C an X430 held at stall then shuts down at 80 °C after 55 s"""

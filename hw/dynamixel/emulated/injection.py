@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from random import Random
 from typing import NamedTuple
 
-from hw.dynamixel.emulated.damage import Passage, id_of, strike
-from hw.dynamixel.emulated.faults import Fault, parse_fault
+from haptic_wall.hw.dynamixel.emulated.damage import Passage, id_of, strike
+from haptic_wall.hw.dynamixel.emulated.faults import Fault, parse_fault
 
 _HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults that last until they are over; a jump only if it says how long"""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from hw.dynamixel.codec import BROADCAST, ErrorCode, Frame, Instruction
-from hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Frame, Instruction
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 
 CLEAR_KEY = b"\x44\x58\x4c\x22"
 BACKUP_KEY = b"\x43\x54\x52\x4c"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hw.dynamixel.codec import Frame, Instruction
+from haptic_wall.hw.dynamixel.codec import Frame, Instruction
 
 READS = frozenset(
     {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from hw.dynamixel.emulated.control_modes import PWM_FULL
-from hw.dynamixel.emulated.drive import Drive
-from hw.dynamixel.tables import VELOCITY_UNIT
+from haptic_wall.hw.dynamixel.emulated.control_modes import PWM_FULL
+from haptic_wall.hw.dynamixel.emulated.drive import Drive
+from haptic_wall.hw.dynamixel.tables import VELOCITY_UNIT
 
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """Realtime Tick to Present Temperature, in the order of their addresses"""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from hw.dynamixel.codec import ErrorCode
-from hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.codec import ErrorCode
+from haptic_wall.hw.dynamixel.tables import Register
 
 _DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 

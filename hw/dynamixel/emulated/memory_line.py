@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.errors import ServoLostError
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.errors import ServoLostError
 
 
 class MemoryLine:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hw.dynamixel.emulated.injection import Happening
-from hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.injection import Happening
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 
 SILENCING = ("brown-out", "unplug")
 """Those that end a reply on its way"""

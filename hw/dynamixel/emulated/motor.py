@@ -7,8 +7,9 @@ do not fit together that well). The no-load speed is that of a motor without fri
 mechanism's own friction is a load like any other.
 
 Models of the X330 family measure the current of the supply, by the law of
-``hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 by its duty (k_t 0.370
-N·m/A, R 3.50 ohm, Apache-2.0) agrees with its stall figures (0.354 N·m/A, 3.40 ohm) within 5 %.
+``haptic_wall.hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 by its
+duty (k_t 0.370 N·m/A, R 3.50 ohm, Apache-2.0) agrees with its stall figures (0.354 N·m/A, 3.40 ohm)
+within 5 %.
 
 Source: ROBOTIS e-Manual, specification and "Goal Current" of each model.
 """
@@ -17,8 +18,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hw.dynamixel.tables import Model
-from hw.dynamixel.torque_law import motor_current, resistance, supply_current
+from haptic_wall.hw.dynamixel.tables import Model
+from haptic_wall.hw.dynamixel.torque_law import motor_current, resistance, supply_current
 
 
 @dataclass(frozen=True, slots=True)

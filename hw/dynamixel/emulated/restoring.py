@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from hw.dynamixel.codec import ErrorCode
-from hw.dynamixel.emulated.memory import Memory
+from haptic_wall.hw.dynamixel.codec import ErrorCode
+from haptic_wall.hw.dynamixel.emulated.memory import Memory
 
 _KEPT: Final[Mapping[int, frozenset[str]]] = MappingProxyType(
     {

@@ -8,10 +8,10 @@ Source: ROBOTIS e-Manual, control table pages of the X series.
 
 from __future__ import annotations
 
-from hw.dynamixel.codec import ErrorCode
-from hw.dynamixel.emulated.memory import Memory
-from hw.dynamixel.emulated.restoring import Backup
-from hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
+from haptic_wall.hw.dynamixel.codec import ErrorCode
+from haptic_wall.hw.dynamixel.emulated.memory import Memory
+from haptic_wall.hw.dynamixel.emulated.restoring import Backup
+from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
 
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04

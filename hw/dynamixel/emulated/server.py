@@ -19,9 +19,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.console import Console
-from hw.dynamixel.emulated.witness import Witness
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.console import Console
+from haptic_wall.hw.dynamixel.emulated.witness import Witness
 
 _SPIN_NS = 60_000
 """Sleeping ends this long before a reply is due: waking up takes about as long [ns]"""

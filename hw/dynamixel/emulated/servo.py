@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
-from hw.dynamixel.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
-from hw.dynamixel.emulated.drive import Drive
-from hw.dynamixel.emulated.encoder import Encoder
-from hw.dynamixel.emulated.measured import measured
-from hw.dynamixel.emulated.motor import motor_of
-from hw.dynamixel.emulated.restoring import factory_reset
-from hw.dynamixel.emulated.rules import ControlTable
-from hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from haptic_wall.hw.dynamixel.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
+from haptic_wall.hw.dynamixel.emulated.drive import Drive
+from haptic_wall.hw.dynamixel.emulated.encoder import Encoder
+from haptic_wall.hw.dynamixel.emulated.measured import measured
+from haptic_wall.hw.dynamixel.emulated.motor import motor_of
+from haptic_wall.hw.dynamixel.emulated.restoring import factory_reset
+from haptic_wall.hw.dynamixel.emulated.rules import ControlTable
+from haptic_wall.hw.dynamixel.tables import (
     BAUD_RATES,
     COUNTS_PER_REV,
     EEPROM_END,
@@ -24,8 +24,8 @@ from hw.dynamixel.tables import (
     WATCHDOG_UNIT_NS,
     Model,
 )
-from hw.mechanism import Mechanism
-from hw.settings import TrueServo
+from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 BOOT_NS = 200_000_000
 """A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""

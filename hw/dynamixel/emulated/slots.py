@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hw.dynamixel.codec import BROADCAST, Frame, Instruction
-from hw.dynamixel.emulated.answers import Answer
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Instruction
+from haptic_wall.hw.dynamixel.emulated.answers import Answer
 
 SLOT_NS = 3_000_000
 """For an id that is not there [ns]"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from hw.dynamixel.codec import Frame
+from haptic_wall.hw.dynamixel.codec import Frame
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 _INSTRUCTION_AT: Final = 7

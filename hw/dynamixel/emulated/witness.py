@@ -23,7 +23,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import NamedTuple, Self, TextIO
 
-from hw.dynamixel.emulated.servo import State
+from haptic_wall.hw.dynamixel.emulated.servo import State
 
 COLUMNS = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm,error,params,fault"
 _SECOND_NS = 1_000_000_000

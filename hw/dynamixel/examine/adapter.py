@@ -15,11 +15,11 @@ from typing import Final, NamedTuple
 
 from serial.tools import list_ports
 
-from hw.dynamixel.examine.finding import Finding, not_applicable
-from hw.dynamixel.holders import holders, is_terminal
-from hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
-from hw.dynamixel.port import access_remedy
-from hw.errors import PortError
+from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
+from haptic_wall.hw.dynamixel.holders import holders, is_terminal
+from haptic_wall.hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
+from haptic_wall.hw.dynamixel.port import access_remedy
+from haptic_wall.hw.errors import PortError
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
 _PTS_MAJORS: Final = range(136, 144)

@@ -14,11 +14,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, get_args
 
-from hw.dynamixel.examine.replies import percentile
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.servo import Outcome
-from hw.settings import Schedule
+from haptic_wall.hw.dynamixel.examine.replies import percentile
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.settings import Schedule
 
 SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
 

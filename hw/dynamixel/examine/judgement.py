@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
-from hw.dynamixel.examine.finding import Finding
-from hw.dynamixel.hardware_errors import error_names, what_to_do
-from hw.dynamixel.inspection import WATCHDOG_FIRMWARE
-from hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.examine.finding import Finding
+from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
+from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
+from haptic_wall.hw.dynamixel.tables import (
     CURRENT_MODE,
     POSITION_UNIT,
     RETURN_DELAY_UNIT_NS,
     WATCHDOG_TRIPPED,
     Model,
 )
-from hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.dynamixel.torque_law import torque_law
 
 _MODES: Final = {
     0: "current",

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from hw.dynamixel.examine.finding import Change
-from hw.dynamixel.examine.judgement import Examined, Repair
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.dynamixel.sdk import Sdk, Table
-from hw.dynamixel.tables import Model, Register
-from hw.errors import ServoError, ServoLostError, ServoMissingError
+from haptic_wall.hw.dynamixel.examine.finding import Change
+from haptic_wall.hw.dynamixel.examine.judgement import Examined, Repair
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.sdk import Sdk, Table
+from haptic_wall.hw.dynamixel.tables import Model, Register
+from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError
 
 READ: Final = (
     "status_return_level",

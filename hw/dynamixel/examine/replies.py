@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from hw.dynamixel.line import Line
-from hw.dynamixel.link import Link
-from hw.servo import Outcome
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.servo import Outcome
 
 _PATIENCE_NS: Final = 60_000_000
 _RUNS: Final = 3

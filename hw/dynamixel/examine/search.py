@@ -13,14 +13,14 @@ from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
-from hw.clock import Clock
-from hw.dynamixel import port
-from hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
-from hw.dynamixel.line import Line
-from hw.dynamixel.serial_line import FdLine
-from hw.dynamixel.tables import BAUD_RATES, model_by_number
-from hw.errors import BaudRefusedError
-from hw.wire import wire_ns
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel import port
+from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.errors import BaudRefusedError
+from haptic_wall.hw.wire import wire_ns
 
 IDS: Final = range(21)
 """Ids that are pinged one by one unless others are asked for: few buses have more"""

@@ -1,8 +1,8 @@
 """Control tables and models of the Dynamixel X series: facts as data."""
 
-from hw.dynamixel.tables.models import MODELS, REGISTERS, Model, model_by_number
-from hw.dynamixel.tables.register import Register
-from hw.dynamixel.tables.units import (
+from haptic_wall.hw.dynamixel.tables.models import MODELS, REGISTERS, Model, model_by_number
+from haptic_wall.hw.dynamixel.tables.register import Register
+from haptic_wall.hw.dynamixel.tables.units import (
     BAUD_RATES,
     COUNTS_PER_REV,
     CURRENT_MODE,

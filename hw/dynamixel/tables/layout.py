@@ -15,8 +15,8 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from hw.dynamixel.tables.register import Register
-from hw.dynamixel.tables.units import EEPROM_END, Family
+from haptic_wall.hw.dynamixel.tables.register import Register
+from haptic_wall.hw.dynamixel.tables.units import EEPROM_END, Family
 
 _ANY_8, _ANY_16 = (0, 0xFF), (-0x8000, 0x7FFF)
 _ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)

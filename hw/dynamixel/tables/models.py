@@ -17,10 +17,10 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from hw.dynamixel.tables.factory import FACTORY
-from hw.dynamixel.tables.layout import control_table, fast_read_firmware
-from hw.dynamixel.tables.register import Register
-from hw.dynamixel.tables.units import VELOCITY_UNIT, Family
+from haptic_wall.hw.dynamixel.tables.factory import FACTORY
+from haptic_wall.hw.dynamixel.tables.layout import control_table, fast_read_firmware
+from haptic_wall.hw.dynamixel.tables.register import Register
+from haptic_wall.hw.dynamixel.tables.units import VELOCITY_UNIT, Family
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hw.dynamixel.tables.units import EEPROM_END
+from haptic_wall.hw.dynamixel.tables.units import EEPROM_END
 
 
 class Register(NamedTuple):

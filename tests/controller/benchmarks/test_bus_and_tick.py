@@ -5,24 +5,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from haptic_wall_pytest.record import BusRow
 
-from controller.benchmarks import telemetry_row, torque_frames
-from controller.benchmarks.highest_rate import Search, holds, kept_up
-from controller.benchmarks.loops import LOOPS, Ran, emulated_bus
-from controller.benchmarks.lost_reply import request_to_torque_s, waits_ns
-from controller.benchmarks.report import measured
-from controller.benchmarks.stage_times import STAGES, WALL, StageTimes
-from controller.benchmarks.torque_frames import held_up, intervals_us
-from controller.errors import PlatformError
-from controller.session import run_session
-from controller.settings.load import load_config
-from controller.telemetry import ROW, Telemetry
-from controller.tick import Tick
-from controller.wall import Wall
-from hw.clock import SimulatedClock
-from hw.errors import ServoError
-from hw.simulated import SimulatedServo
+from haptic_wall.controller.benchmarks import telemetry_row, torque_frames
+from haptic_wall.controller.benchmarks.highest_rate import Search, holds, kept_up
+from haptic_wall.controller.benchmarks.loops import LOOPS, Ran, emulated_bus
+from haptic_wall.controller.benchmarks.lost_reply import request_to_torque_s, waits_ns
+from haptic_wall.controller.benchmarks.report import measured
+from haptic_wall.controller.benchmarks.stage_times import STAGES, WALL, StageTimes
+from haptic_wall.controller.benchmarks.torque_frames import held_up, intervals_us
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.controller.session import run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import ROW, Telemetry
+from haptic_wall.controller.tick import Tick
+from haptic_wall.controller.wall import Wall
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.simulated import SimulatedServo
 
 READ, SYNC_WRITE = 2, 131
 
@@ -228,7 +228,9 @@ def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch):
         raise PlatformError("the emulated bus did not start: it ended with 4")
 
     monkeypatch.setattr(torque_frames, "emulated_bus", none)
-    report = measured({"torque_frames": "controller.benchmarks.torque_frames"}, lambda _name: None)
+    report = measured(
+        {"torque_frames": "haptic_wall.controller.benchmarks.torque_frames"}, lambda _name: None
+    )
     section = report["sections"]["torque_frames"]
     assert section["rows"] == []
     (note,) = section["notes"]

@@ -4,8 +4,8 @@ import stat
 
 import pytest
 
-from controller.benchmarks import cyclictest
-from controller.errors import PlatformError
+from haptic_wall.controller.benchmarks import cyclictest
+from haptic_wall.controller.errors import PlatformError
 
 PRINTED = """\
 # /dev/cpu_dma_latency set to 0us

@@ -6,11 +6,11 @@ from importlib.metadata import PackageNotFoundError
 import numpy as np
 import pytest
 
-from controller.benchmarks import cyclictest, lateness
-from controller.benchmarks.lateness_client import PERIOD_NS, on_grid
-from controller.benchmarks.rights import granted
-from controller.errors import PlatformError
-from controller.realtime import pick_cores
+from haptic_wall.controller.benchmarks import cyclictest, lateness
+from haptic_wall.controller.benchmarks.lateness_client import PERIOD_NS, on_grid
+from haptic_wall.controller.benchmarks.rights import granted
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.realtime import pick_cores
 
 SETTINGS = [
     {"name": "scheduler", "wanted": "SCHED_FIFO 80", "got": "refused: no", "ok": False,

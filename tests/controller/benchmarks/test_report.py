@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from controller.benchmarks.bins import binned, percentile
-from controller.benchmarks.machine import ProcessorTime, processor_time, stolen_percent
-from controller.benchmarks.rows import Histogram, over_rounds, ratio
-from controller.benchmarks.words import figure
+from haptic_wall.controller.benchmarks.bins import binned, percentile
+from haptic_wall.controller.benchmarks.machine import ProcessorTime, processor_time, stolen_percent
+from haptic_wall.controller.benchmarks.rows import Histogram, over_rounds, ratio
+from haptic_wall.controller.benchmarks.words import figure
 
 
 def test_a_percentile_is_one_of_the_values():

@@ -9,16 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli.main import main
-from controller.commission import picture, plan, steps
-from controller.commission.sequence import run_steps
-from controller.commission.steps import Bench, Measured
-from controller.commission.store import CommissionStore, settings_of
-from controller.experiments.identification import UnidentifiableError
-from controller.experiments.sweep_plan import Setting
-from controller.experiments.testbed import ExperimentInterruptedError, ExperimentTrippedError
-from controller.settings.load import load_config
-from hw.errors import ServoLostError
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.commission import picture, plan, steps
+from haptic_wall.controller.commission.sequence import run_steps
+from haptic_wall.controller.commission.steps import Bench, Measured
+from haptic_wall.controller.commission.store import CommissionStore, settings_of
+from haptic_wall.controller.experiments.identification import UnidentifiableError
+from haptic_wall.controller.experiments.sweep_plan import Setting
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+)
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.errors import ServoLostError
 from scripts.ordinary_servos import Effects, ordinary
 
 ROOT = Path(__file__).parents[3]

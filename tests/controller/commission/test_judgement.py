@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from controller.commission import agreement, words
-from controller.commission.sweep_points import OPTIONS, short_sweep
-from controller.commission.verdict import Question, verdict
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import reach
-from controller.settings.load import load_config
+from haptic_wall.controller.commission import agreement, words
+from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
+from haptic_wall.controller.commission.verdict import Question, verdict
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import reach
+from haptic_wall.controller.settings.load import load_config
 
 
 def question(name="simulated", *sets):

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.detector.backstop import Backstop, BackstopSettings, Phase
-from controller.experiments.trials.draws import bench_of
-from controller.experiments.trials.judges import called_quiet, own_oscillation
-from controller.experiments.trials.operators import NOBODY, operator_of
-from controller.experiments.trials.run import WallAsked, run_trial
-from controller.experiments.trials.truth import Truth
+from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
+from haptic_wall.controller.experiments.trials.draws import bench_of
+from haptic_wall.controller.experiments.trials.judges import called_quiet, own_oscillation
+from haptic_wall.controller.experiments.trials.operators import NOBODY, operator_of
+from haptic_wall.controller.experiments.trials.run import WallAsked, run_trial
+from haptic_wall.controller.experiments.trials.truth import Truth
 
 BENCH = bench_of("xm430-w350")
 RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.detector.contacts import Contacts
-from controller.detector.evidence import lasts, same_period
+from haptic_wall.controller.detector.contacts import Contacts
+from haptic_wall.controller.detector.evidence import lasts, same_period
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.detector.evidence import lasts, same_period
-from controller.detector.half_cycles import HalfCycles
+from haptic_wall.controller.detector.evidence import lasts, same_period
+from haptic_wall.controller.detector.half_cycles import HalfCycles
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096

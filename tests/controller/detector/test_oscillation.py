@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from controller.detector.acting import ActingTorque
-from controller.detector.detection import detect, position_step
-from controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.detector.acting import ActingTorque
+from haptic_wall.controller.detector.detection import detect, position_step
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 
 PERIOD = 1e-3
 COUNT = 2.0 * math.pi / 4096

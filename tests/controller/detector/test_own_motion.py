@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from controller.detector.backstop import BackstopSettings
-from controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.detector.backstop import BackstopSettings
+from haptic_wall.controller.detector.own_motion import OwnMotion
 
 COUNT = math.tau / 4096
 SETTINGS = BackstopSettings(

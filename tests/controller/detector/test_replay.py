@@ -7,8 +7,8 @@ import math
 import pytest
 from click.testing import CliRunner
 
-from controller.cli.detect import command
-from controller.cli.main import main
+from haptic_wall.controller.cli.detect import command
+from haptic_wall.controller.cli.main import main
 
 BASE = ("loop.clock=simulated", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0")
 DECEIVED = (*BASE, "wall.side=both", "servo.delay=0.006", "model.delay=0.002", "wall.damping=0")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from controller.detector.servo_fit import fitted_servo
+from haptic_wall.controller.detector.servo_fit import fitted_servo
 
 T, STEP = 1e-3, math.tau / 4096
 J, B, K = 2e-3, 4e-3, 8.0

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.detector.backstop import STEADY
-from controller.detector.half_cycles import HalfCycles
-from controller.detector.steady import Steadiness
+from haptic_wall.controller.detector.backstop import STEADY
+from haptic_wall.controller.detector.half_cycles import HalfCycles
+from haptic_wall.controller.detector.steady import Steadiness
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096

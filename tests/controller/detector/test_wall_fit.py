@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from controller.detector.wall_fit import fitted_wall
+from haptic_wall.controller.detector.wall_fit import fitted_wall
 
 T, STEP = 1e-3, math.tau / 4096
 

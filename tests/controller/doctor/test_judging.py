@@ -2,12 +2,12 @@
 
 import pytest
 
-from controller.doctor.machine import judge_lateness, judge_rights, judge_setup
-from controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
-from controller.lateness.machine_setup import machine_setup
-from controller.realtime import Setting
-from hw.dynamixel.examine.cycles import Phase, Series
-from hw.dynamixel.examine.replies import Replies, percentile
+from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
+from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
+from haptic_wall.controller.lateness.machine_setup import machine_setup
+from haptic_wall.controller.realtime import Setting
+from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
+from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
 
 MS = 1_000_000
 

@@ -4,9 +4,14 @@ import math
 import numpy as np
 import pytest
 
-from controller.errors import UserError
-from controller.experiments.boundary_fit import BoundaryPoints, Loop, fit_boundary, read_points
-from controller.theory import critical_point
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.boundary_fit import (
+    BoundaryPoints,
+    Loop,
+    fit_boundary,
+    read_points,
+)
+from haptic_wall.controller.theory import critical_point
 
 M, B, C, T = 0.0018142, 0.0036617, 0.012833, 1e-3
 LATE = 0.0013

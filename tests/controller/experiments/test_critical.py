@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-from controller.errors import UserError
-from controller.experiments import testbed
-from controller.experiments.critical import PointSearch
-from controller.experiments.sweep import excursion, expected_s, experiment_config
-from controller.experiments.sweep_device import Device
-from controller.experiments.sweep_plan import Options, Setting, hold_spring
-from controller.experiments.testbed import ExperimentTrippedError, Testbed
-from controller.log.file import read_log
-from controller.run import run
-from controller.settings.load import load_config
-from controller.theory import critical_stiffness
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments import testbed
+from haptic_wall.controller.experiments.critical import PointSearch
+from haptic_wall.controller.experiments.sweep import excursion, expected_s, experiment_config
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_plan import Options, Setting, hold_spring
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.run import run
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import critical_stiffness
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
 

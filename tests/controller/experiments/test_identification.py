@@ -5,22 +5,22 @@ import numpy as np
 import pytest
 import yaml
 
-from controller.errors import UserError
-from controller.experiments import identification
-from controller.experiments.fitting import fit_motion
-from controller.experiments.identification import (
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments import identification
+from haptic_wall.controller.experiments.fitting import fit_motion
+from haptic_wall.controller.experiments.identification import (
     Estimated,
     UnidentifiableError,
     bounds_of,
     identify,
 )
-from controller.experiments.identified_config import identified_config, identified_model
-from controller.experiments.identify_bench import Bench
-from controller.experiments.motion_model import motion_of
-from controller.experiments.testbed import ExperimentTrippedError, Testbed
-from controller.settings.load import load_config
-from hw.mechanism import Mechanism
-from hw.plant import Pull, step
+from haptic_wall.controller.experiments.identified_config import identified_config, identified_model
+from haptic_wall.controller.experiments.identify_bench import Bench
+from haptic_wall.controller.experiments.motion_model import motion_of
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.plant import Pull, step
 from scripts.ordinary_servos import Effects, ordinary
 
 SMALL = (
@@ -159,7 +159,7 @@ def test_a_strong_spring_on_the_shaft_is_told(tmp_path, monkeypatch):
         assert pull is None
         return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
 
-    monkeypatch.setattr("hw.mechanism.step", on_a_spring)
+    monkeypatch.setattr("haptic_wall.hw.mechanism.step", on_a_spring)
     assert Mechanism  # whose step it is
     try:
         found = identify(config_of(), tmp_path)

@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-import hw.simulated
-from controller.errors import UserError
-from controller.experiments.loop_delay import delay_report, measure_delay
-from controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
-from controller.experiments.step_fit import lost_motion
-from controller.experiments.testbed import ExperimentTrippedError, Testbed
-from controller.experiments.trials.servo import TrialServo
-from controller.experiments.trials.truth import Truth
-from controller.settings.load import load_config
+import haptic_wall.hw.simulated
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.loop_delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
+from haptic_wall.controller.experiments.step_fit import lost_motion
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.experiments.trials.servo import TrialServo
+from haptic_wall.controller.experiments.trials.truth import Truth
+from haptic_wall.controller.settings.load import load_config
 
 SMALL = (
     "servo.inertia=0.0018142",
@@ -158,7 +158,9 @@ RIGID = Truth(inertia=0.011951, damping=0.011692, coulomb=0.09039, delay=0.0007)
 
 def tried(monkeypatch, truth):
     """The simulated servo is this one from now on; what is believed of it is rigid."""
-    monkeypatch.setattr(hw.simulated, "SimulatedServo", lambda _, clock: TrialServo(truth, clock))
+    monkeypatch.setattr(
+        haptic_wall.hw.simulated, "SimulatedServo", lambda _, clock: TrialServo(truth, clock)
+    )
     return config_of(
         "servo.hand=none",
         "safety.max_speed=1000",

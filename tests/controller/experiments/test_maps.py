@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from controller.errors import UserError
-from controller.experiments.maps import MapInterruptedError, Setting, critical_map
-from controller.experiments.onset import simulated_critical_stiffness
-from controller.settings.load import load_config
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.maps import MapInterruptedError, Setting, critical_map
+from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+from haptic_wall.controller.settings.load import load_config
 
 DAMPINGS, STEPS, KICKS = [0.0, 0.05], [0, 2], [0.01, 0.1]
 

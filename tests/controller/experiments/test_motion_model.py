@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from controller.experiments.motion_model import (
+from haptic_wall.controller.experiments.motion_model import (
     Motion,
     Parameters,
     motion_of,
     pieces_of,
     simulated,
 )
-from controller.telemetry import ROW
-from hw.mechanism import Mechanism
-from hw.settings import TrueServo
+from haptic_wall.controller.telemetry import ROW
+from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000
 

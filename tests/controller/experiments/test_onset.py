@@ -8,10 +8,10 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from controller.experiments.many_walls import Loops, Walls, split_delay
-from controller.experiments.onset import simulated_critical_stiffness
-from controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
-from controller.theory.friction import onset_amplitude
+from haptic_wall.controller.experiments.many_walls import Loops, Walls, split_delay
+from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
+from haptic_wall.controller.theory.friction import onset_amplitude
 from scripts.nonlinear_walls import Motion
 from scripts.nonlinear_walls import Walls as AloneWalls
 
@@ -36,7 +36,7 @@ def random_loops(seed, n):
 def test_every_cell_of_the_papers_table_within_a_thousandth(thorough):
     if not thorough:
         pytest.skip("the paper's Table II says the same in its own tests; --thorough runs it")
-    with (files("controller.paper") / "table2.csv").open() as stream:
+    with (files("haptic_wall.controller.paper") / "table2.csv").open() as stream:
         rows = [[float(cell) for cell in row] for row in list(csv.reader(stream))[1:]]
     table = np.array(rows)
     delay, printed = 1e-3 * table[:, :1], table[:, 1:]

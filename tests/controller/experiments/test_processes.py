@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from controller.errors import PlatformError
-from controller.experiments.processes import processes
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.experiments.processes import processes
 
 _LONG = 600.0
 

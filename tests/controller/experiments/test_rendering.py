@@ -2,11 +2,11 @@
 
 import pytest
 
-from controller.experiments.contact_transient import plan_approach
-from controller.experiments.rendering import measure_rendering, rendering_report
-from controller.experiments.static_stiffness import plan_push
-from controller.settings.load import load_config
-from controller.theory import restitution
+from haptic_wall.controller.experiments.contact_transient import plan_approach
+from haptic_wall.controller.experiments.rendering import measure_rendering, rendering_report
+from haptic_wall.controller.experiments.static_stiffness import plan_push
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import restitution
 
 
 def measured(folder, *sets):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from controller.experiments.loop_delay import measure_delay
-from controller.settings.load import load_config
+from haptic_wall.controller.experiments.loop_delay import measure_delay
+from haptic_wall.controller.settings.load import load_config
 from scripts.ordinary_servos import Effects, ordinary
 
 ORDINARY = Effects(stiction=1.25, cogging=0.03, periods=24, phase=0.7, gravity=0.1, hanging=0.6)

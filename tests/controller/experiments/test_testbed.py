@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.errors import UserError
-from controller.experiments import testbed
-from controller.experiments.testbed import (
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments import testbed
+from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
     Testbed,
 )
-from controller.log.file import append_end
-from controller.program import Phase
-from controller.run import run
-from controller.settings.load import load_config
+from haptic_wall.controller.log.file import append_end
+from haptic_wall.controller.program import Phase
+from haptic_wall.controller.run import run
+from haptic_wall.controller.settings.load import load_config
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
 
@@ -64,7 +64,7 @@ def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(tmp_path, mo
         os.kill(os.getpid(), signal.SIGINT)
         append_end(path, facts, sync=sync)
 
-    monkeypatch.setattr("controller.run.append_end", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.run.append_end", interrupted)
     with pytest.raises(ExperimentInterruptedError):
         bed(tmp_path).play("whole", [Phase(0.01)])
     assert (tmp_path / "whole.hwlog").exists()

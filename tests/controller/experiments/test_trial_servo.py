@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from controller.experiments.trials.operators import NOBODY, Operator, kick, operator_of
-from controller.experiments.trials.servo import TrialServo
-from controller.experiments.trials.truth import Truth
-from hw.clock import SimulatedClock
-from hw.plant import PlantParameters, Pull, State, step
-from hw.settings import SimulatedSettings, TrueServo
-from hw.simulated import SimulatedServo
+from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator, kick, operator_of
+from haptic_wall.controller.experiments.trials.servo import TrialServo
+from haptic_wall.controller.experiments.trials.truth import Truth
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
 
 COUNT = math.tau / 4096
 SERVO = Truth(0.012, 0.012, 0.09, counts_per_rev=0, torque_limit=100.0)

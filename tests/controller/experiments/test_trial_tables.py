@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from controller.experiments.trials.cases import LAGS, ROWS, Case, draw_row, hand_case
-from controller.experiments.trials.draws import bench_of
-from controller.experiments.trials.hand_hours import judged
-from controller.experiments.trials.rates import (
+from haptic_wall.controller.experiments.trials.cases import LAGS, ROWS, Case, draw_row, hand_case
+from haptic_wall.controller.experiments.trials.draws import bench_of
+from haptic_wall.controller.experiments.trials.hand_hours import judged
+from haptic_wall.controller.experiments.trials.rates import (
     few,
     hourly,
     lower_bound,
@@ -18,10 +18,10 @@ from controller.experiments.trials.rates import (
     most_per_hour,
     upper_bound,
 )
-from controller.experiments.trials.run import Trial, WallAsked
-from controller.experiments.trials.sections import Made, renewed
-from controller.experiments.trials.truth import Truth
-from controller.experiments.trials.verdicts import (
+from haptic_wall.controller.experiments.trials.run import Trial, WallAsked
+from haptic_wall.controller.experiments.trials.sections import Made, renewed
+from haptic_wall.controller.experiments.trials.truth import Truth
+from haptic_wall.controller.experiments.trials.verdicts import (
     answered,
     at_alarm_and_after,
     goes_on_by_itself,
@@ -30,7 +30,7 @@ from controller.experiments.trials.verdicts import (
     time_above_s,
     unseen,
 )
-from controller.experiments.trials.worst import BODIES, box, case_of
+from haptic_wall.controller.experiments.trials.worst import BODIES, box, case_of
 
 BENCH = bench_of("xm430-w350")
 COUNT = math.tau / 4096

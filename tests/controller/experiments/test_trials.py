@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from controller.experiments.trials.draws import (
+from haptic_wall.controller.experiments.trials.draws import (
     LAG_FACTOR,
     MODE_HZ,
     MOST_BACKLASH,
@@ -16,7 +16,7 @@ from controller.experiments.trials.draws import (
     critical_of,
     draw_truth,
 )
-from controller.experiments.trials.judges import (
+from haptic_wall.controller.experiments.trials.judges import (
     called_quiet,
     deadline_after,
     ending,
@@ -24,10 +24,19 @@ from controller.experiments.trials.judges import (
     large,
     own_oscillation,
 )
-from controller.experiments.trials.operators import OPERATORS, draw_operator, operator_of
-from controller.experiments.trials.run import Trial, WallAsked, guard_decision, run_trial
-from controller.experiments.trials.search import Axis, worst_cases
-from controller.experiments.trials.truth import Truth
+from haptic_wall.controller.experiments.trials.operators import (
+    OPERATORS,
+    draw_operator,
+    operator_of,
+)
+from haptic_wall.controller.experiments.trials.run import (
+    Trial,
+    WallAsked,
+    guard_decision,
+    run_trial,
+)
+from haptic_wall.controller.experiments.trials.search import Axis, worst_cases
+from haptic_wall.controller.experiments.trials.truth import Truth
 
 BENCH = bench_of("xm430-w350")
 TRUTH = Truth(0.012, 0.012, 0.09, delay=0.001)

@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.guard import GuardSettings, Request, Situation, decide
-from controller.guard.limits import evaluate
-from controller.guard.plants import Box, Plants
-from controller.theory import max_virtual_damping, one_sided_limit, passive_limit, restitution
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.limits import evaluate
+from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.theory import (
+    max_virtual_damping,
+    one_sided_limit,
+    passive_limit,
+    restitution,
+)
 
 T = 1e-3
 M = 0.01

@@ -2,10 +2,10 @@
 
 import pytest
 
-from controller.cli.main import main
-from controller.theory import guaranteed
-from controller.theory.guaranteed import cost_of_each_unknown
-from controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.theory import guaranteed
+from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
+from haptic_wall.controller.theory.ranges import Member, Ranges
 
 LOOP = ("--rate=1000", "--delay=0.002", "--virtual-damping=0.005")
 

@@ -8,19 +8,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.delay_parts import ADAPTER, HOLD, SAMPLE_AGE, WIRE, DelayParts, shorter
-from controller.guard.design import Change, Improvement, improvements
-from controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
-from controller.guard.plants import Plants
-from controller.guard.types import GuardSettings, Request, Side, Situation
-from controller.theory import (
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.delay_parts import (
+    ADAPTER,
+    HOLD,
+    SAMPLE_AGE,
+    WIRE,
+    DelayParts,
+    shorter,
+)
+from haptic_wall.controller.guard.design import Change, Improvement, improvements
+from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Side, Situation
+from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,
     max_virtual_damping,
     one_sided_limit,
 )
-from hw.wire import cycle_s
+from haptic_wall.hw.wire import cycle_s
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 COUNT = math.tau / 4096

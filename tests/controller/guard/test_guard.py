@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.guard import (
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
     Mode,
@@ -18,7 +18,7 @@ from controller.guard.guard import (
     decide,
     decision_report,
 )
-from controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
 
 COUNT = 2 * math.pi / 4096
 

@@ -10,9 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.guard import Decision, GuardSettings, Request, Side, Situation, decide
-from controller.theory import max_virtual_damping
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import (
+    Decision,
+    GuardSettings,
+    Request,
+    Side,
+    Situation,
+    decide,
+)
+from haptic_wall.controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
 
 MARGIN, CAP = 0.8, 0.7

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.guard.belief import Belief, Bounded
-from controller.guard.guard import Situation
-from controller.guard.rebound import rebound
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import Situation
+from haptic_wall.controller.guard.rebound import rebound
 
 KNOWN = Situation(
     Belief(

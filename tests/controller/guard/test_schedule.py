@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from controller.guard.schedule import (
+from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
     RAISE_WINDOWS,
     RUN,

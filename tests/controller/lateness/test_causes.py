@@ -2,8 +2,8 @@
 
 import pytest
 
-from controller.lateness.causes import Cause, Late, Machine, evidence, likely_cause
-from controller.lateness.thread_counters import Counters
+from haptic_wall.controller.lateness.causes import Cause, Late, Machine, evidence, likely_cause
+from haptic_wall.controller.lateness.thread_counters import Counters
 
 MS = 1_000_000
 LOOP = Machine(virtual=True, real_time=True, shared=False, knows_run_delay=True)

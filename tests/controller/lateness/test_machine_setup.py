@@ -2,8 +2,13 @@
 
 import pytest
 
-from controller.lateness.machine_setup import Found, is_virtual, machine_setup, start_table
-from controller.realtime import Setting
+from haptic_wall.controller.lateness.machine_setup import (
+    Found,
+    is_virtual,
+    machine_setup,
+    start_table,
+)
+from haptic_wall.controller.realtime import Setting
 
 CORE = Setting("core", "core 1", "core 1", True, "")
 FIFO = Setting("scheduler", "SCHED_FIFO 80", "SCHED_FIFO 80, reset on fork", True, "")

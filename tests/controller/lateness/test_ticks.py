@@ -15,16 +15,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from controller.lateness import thread_counters
-from controller.lateness.causes import Cause, Machine
-from controller.lateness.thread_counters import CounterReader, Counters
-from controller.lateness.ticks import WORST, LateTicks
-from controller.loop import SpinWaiter, next_deadline
-from controller.session import Surroundings, run_session
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry
-from hw.clock import SimulatedClock
-from hw.errors import TorqueLostError
+from haptic_wall.controller.lateness import thread_counters
+from haptic_wall.controller.lateness.causes import Cause, Machine
+from haptic_wall.controller.lateness.thread_counters import CounterReader, Counters
+from haptic_wall.controller.lateness.ticks import WORST, LateTicks
+from haptic_wall.controller.loop import SpinWaiter, next_deadline
+from haptic_wall.controller.session import Surroundings, run_session
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import TorqueLostError
 
 PERIOD = 1_000_000
 MS = 1_000_000
@@ -202,7 +202,7 @@ class Stall:
     """A simulated clock that stands still for nobody: the given tick takes 7 ms longer."""
 
     def __init__(self, monkeypatch, clock, at, error=None):
-        from controller import tick
+        from haptic_wall.controller import tick
 
         plain, seen = tick.Tick._follow_guard, []
 
@@ -364,7 +364,7 @@ def test_a_run_that_was_stopped_and_continued_says_so(tmp_path):
     """The whole program: the loop's process is stopped for longer than a period, and resumed."""
     words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--plot=run.png"]
     words += ["--set=safety.heartbeat_s=5", "--set=loop.warm_up_s=0.5"]
-    command = [sys.executable, "-m", "controller.cli.main", *words]
+    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", *words]
     with subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
@@ -390,7 +390,10 @@ def loop_of(pid):
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         for child in children:
             with suppress(OSError):
-                if "controller.tree.loop_process" in Path(f"/proc/{child}/cmdline").read_text():
+                if (
+                    "haptic_wall.controller.tree.loop_process"
+                    in Path(f"/proc/{child}/cmdline").read_text()
+                ):
                     return int(child)
         time.sleep(0.02)
     raise AssertionError("the loop's process did not start")

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.cli.main import main
-from controller.errors import LogFormatError, UserError
-from controller.log.blocks import MAGIC, MOST_BYTES, encoded
-from controller.log.file import LogWriter, append_end, read_log
-from controller.log.reader import FORMAT, LogReader, Misplaced
-from controller.log.recordings import read_recordings
-from controller.printable import printable
-from controller.settings.load import load_config
-from controller.telemetry import ROW
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.log.blocks import MAGIC, MOST_BYTES, encoded
+from haptic_wall.controller.log.file import LogWriter, append_end, read_log
+from haptic_wall.controller.log.reader import FORMAT, LogReader, Misplaced
+from haptic_wall.controller.log.recordings import read_recordings
+from haptic_wall.controller.printable import printable
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import ROW
 
 CONFIG = load_config("simulated").config.model_dump(mode="json")
 METADATA = {**FORMAT, "program": "haptic-wall 0.1.0", "name": "simulated", "config": CONFIG}

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.errors import LogFormatError
-from controller.file_kinds import LOG
-from controller.log.file import LogWriter, append_end, read_log
-from controller.log.reader import Damage, End, Head, LogReader, Misplaced
-from controller.whole_file import Beside
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.file_kinds import LOG
+from haptic_wall.controller.log.file import LogWriter, append_end, read_log
+from haptic_wall.controller.log.reader import Damage, End, Head, LogReader, Misplaced
+from haptic_wall.controller.whole_file import Beside
 
 ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
 METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}

@@ -6,20 +6,20 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from controller.log import detected as seen
-from controller.log import recordings as log_recording
-from controller.log import windows as log_windows
-from controller.log.csv_export import write_csv
-from controller.log.cut import cut_log
-from controller.log.file import LogWriter
-from controller.log.reader import LogReader
-from controller.log.rows import LogRows
-from controller.log.summary import summarised
-from controller.plots import sketch
-from controller.plots.dense_picture import MOST, outline
-from controller.plots.sketch import sketched
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
+from haptic_wall.controller.log import detected as seen
+from haptic_wall.controller.log import recordings as log_recording
+from haptic_wall.controller.log import windows as log_windows
+from haptic_wall.controller.log.csv_export import write_csv
+from haptic_wall.controller.log.cut import cut_log
+from haptic_wall.controller.log.file import LogWriter
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.log.summary import summarised
+from haptic_wall.controller.plots import sketch
+from haptic_wall.controller.plots.dense_picture import MOST, outline
+from haptic_wall.controller.plots.sketch import sketched
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 
 CONFIG = load_config("simulated").config
 SERVO = CONFIG.servo

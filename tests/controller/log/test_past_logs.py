@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.cli.main import main
-from controller.log.file import read_log
-from controller.log.reader import LogReader
-from controller.log.recordings import read_recordings
-from controller.log.rows import LogRows
-from controller.telemetry import ROW
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.log.reader import LogReader
+from haptic_wall.controller.log.recordings import read_recordings
+from haptic_wall.controller.log.rows import LogRows
+from haptic_wall.controller.telemetry import ROW
 
 PAST = sorted((Path(__file__).parent / "past").glob("*.hwlog"))
 """40 ticks of a simulated wall, begun inside it: before there were phases, checksums, an end; with

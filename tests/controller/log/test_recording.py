@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.errors import UserError
-from controller.log import csv_table
-from controller.log.recordings import read_recordings
-from controller.log.windows import WINDOW
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log import csv_table
+from haptic_wall.controller.log.recordings import read_recordings
+from haptic_wall.controller.log.windows import WINDOW
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)

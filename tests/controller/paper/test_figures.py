@@ -5,10 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from controller.paper import boundaries, linear_error, lwr3
-from controller.paper.curves import Curve, FigureData, write_csv
-from controller.paper.items import ITEMS
-from controller.settings.load import load_config
+from haptic_wall.controller.paper import boundaries, linear_error, lwr3
+from haptic_wall.controller.paper.curves import Curve, FigureData, write_csv
+from haptic_wall.controller.paper.items import ITEMS
+from haptic_wall.controller.settings.load import load_config
 from tests.theory.oracles import Loop, radius
 
 

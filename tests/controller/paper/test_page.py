@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from controller.paper.items import ITEMS, make
-from controller.paper.numbers import HEADINGS
-from controller.paper.page import write_page
-from controller.theory import critical_stiffness
+from haptic_wall.controller.paper.items import ITEMS, make
+from haptic_wall.controller.paper.numbers import HEADINGS
+from haptic_wall.controller.paper.page import write_page
+from haptic_wall.controller.theory import critical_stiffness
 
 
 def simulated(virtual_damping, delay):

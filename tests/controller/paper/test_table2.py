@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 
-from controller.paper import table2
-from controller.theory import critical_stiffness
+from haptic_wall.controller.paper import table2
+from haptic_wall.controller.theory import critical_stiffness
 
 
 @pytest.fixture(scope="module")

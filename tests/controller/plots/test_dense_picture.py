@@ -5,7 +5,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from controller.plots.dense_picture import PIECE, line
+from haptic_wall.controller.plots.dense_picture import PIECE, line
 
 
 def pixels(draw):

@@ -12,10 +12,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from controller.experiments.maps import Setting, critical_map
-from controller.guard.delay_parts import ms
-from controller.plots import maps as map_plot
-from controller.settings.load import load_config
+from haptic_wall.controller.experiments.maps import Setting, critical_map
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.plots import maps as map_plot
+from haptic_wall.controller.settings.load import load_config
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:

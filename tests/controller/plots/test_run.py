@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from controller.errors import LogFormatError
-from controller.plots import run as plot
-from controller.plots.sketch import sketched
-from controller.settings.load import load_config
-from controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP, ROW
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.plots import run as plot
+from haptic_wall.controller.plots.sketch import sketched
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    ROW,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from controller.errors import ConfigError
-from controller.guard.belief import Bounded
-from controller.settings.config import Config
-from controller.settings.load import load_config, preset_names
-from hw.settings import DynamixelSettings, SimulatedSettings
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config, preset_names
+from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings
 
 
 def loaded(preset, *sets):

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.errors import ConfigError, UserError
-from controller.settings.fields import fields
-from controller.settings.load import (
+from haptic_wall.controller.errors import ConfigError, UserError
+from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.load import (
     MOST_BYTES,
     apply_set,
     load_config,
     preset_names,
     preset_summary,
 )
-from controller.settings.yaml_text import parse
+from haptic_wall.controller.settings.yaml_text import parse
 
 HARDWARE = "xm430-w350"
 

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from controller.signals import on_signals
-from controller.tree.children import Child, first_line
+from haptic_wall.controller.signals import on_signals
+from haptic_wall.controller.tree.children import Child, first_line
 
 
 @pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
@@ -20,7 +20,7 @@ def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch
     if not path:
         (tmp_path / "json.py").write_text("raise SystemExit('not ours')")
     monkeypatch.chdir(tmp_path)
-    child = Child("main", ["controller.cli.main", "--version"], None)
+    child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
     try:
         assert "haptic-wall" in (first_line(child, 30.0) or "")
     finally:
@@ -29,7 +29,7 @@ def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch
 
 def test_who_asks_to_stop_does_not_wait_for_a_first_line_that_never_comes(monkeypatch):
     monkeypatch.setattr(Child, "ended", lambda _: False)
-    child = Child("main", ["controller.cli.main", "--version"], None)
+    child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
     try:
         first_line(child, 30.0)  # the only one it says
         began = time.monotonic()
@@ -52,7 +52,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch)
 
     monkeypatch.setattr(subprocess, "Popen", interrupted)
     with on_signals(lambda *_: heard.append("once"), (signal.SIGINT,)):
-        child = Child("main", ["controller.cli.main", "--version"], None)
+        child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
     try:
         assert "haptic-wall" in (first_line(child, 30.0) or "")
     finally:
@@ -64,7 +64,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch)
 @pytest.mark.parametrize("told", ["", '{"par'])
 def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told):
     done = subprocess.run(
-        [sys.executable, "-m", f"controller.tree.{module}"],
+        [sys.executable, "-m", f"haptic_wall.controller.tree.{module}"],
         input=told,
         capture_output=True,
         text=True,

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from controller.errors import UserError
-from controller.telemetry import Telemetry, Word
-from controller.tree.children import Child
-from controller.tree.hold import (
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tree.children import Child
+from haptic_wall.controller.tree.hold import (
     EVENT,
     KEY_NS,
     SILENCE_NS,
@@ -20,7 +20,7 @@ from controller.tree.hold import (
     hold_by,
     source_of,
 )
-from controller.tree.hold_watcher import watch
+from haptic_wall.controller.tree.hold_watcher import watch
 
 MS = 1_000_000
 SPACE, ENTER = 57, 28
@@ -263,7 +263,7 @@ def test_the_watchers_process_holds_releases_and_is_silent_when_killed():
         "descriptor": out,
         "real_time": False,
     }
-    module = ["controller.tree.hold_watcher"]
+    module = ["haptic_wall.controller.tree.hold_watcher"]
     watcher = Child("watcher", module, orders, [telemetry.descriptor, out])
     words = telemetry.words
     try:

@@ -4,11 +4,11 @@ import errno
 
 import pytest
 
-from controller.log.file import LogWriter, read_log
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry, Word
-from controller.tree.inline import run_inline
-from controller.tree.plan import Plan
+from haptic_wall.controller.log.file import LogWriter, read_log
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.tree.inline import run_inline
+from haptic_wall.controller.tree.plan import Plan
 
 
 @pytest.fixture

@@ -8,11 +8,11 @@ import os
 import numpy as np
 import pytest
 
-from controller.log.file import LogWriter, read_log
-from controller.telemetry import CAPACITY, ROW, Row, Telemetry, Word
-from controller.tree import log_keeper, recorder
-from controller.tree.log_keeper import STUCK_S, LogKeeper
-from controller.tree.recorder import Recorder, _Attempts, may_stand_back
+from haptic_wall.controller.log.file import LogWriter, read_log
+from haptic_wall.controller.telemetry import CAPACITY, ROW, Row, Telemetry, Word
+from haptic_wall.controller.tree import log_keeper, recorder
+from haptic_wall.controller.tree.log_keeper import STUCK_S, LogKeeper
+from haptic_wall.controller.tree.recorder import Recorder, _Attempts, may_stand_back
 
 TICKS = itertools.count()
 

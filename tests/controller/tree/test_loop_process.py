@@ -5,11 +5,11 @@ import os
 import subprocess
 import sys
 
-from controller.settings.load import load_config
-from controller.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Telemetry
 
 BROKEN = """
-from controller.tree import loop_process
+from haptic_wall.controller.tree import loop_process
 
 def run_session(*_, **__):
     raise ZeroDivisionError("boom")

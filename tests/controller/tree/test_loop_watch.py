@@ -2,8 +2,8 @@
 
 import pytest
 
-from controller.telemetry import State, Telemetry, Word
-from controller.tree.loop_watch import END_S, REPORT_S, START_S, LoopWatch
+from haptic_wall.controller.telemetry import State, Telemetry, Word
+from haptic_wall.controller.tree.loop_watch import END_S, REPORT_S, START_S, LoopWatch
 
 LOOK_S = 0.02
 HEARTBEAT_S = 0.1

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import MonkeyPatch
 
-from controller.telemetry import Word
-from controller.tree import lull
+from haptic_wall.controller.telemetry import Word
+from haptic_wall.controller.tree import lull
 
 NOW_NS = 5_000_000_000
 MS = 1_000_000

@@ -2,9 +2,9 @@
 
 import pytest
 
-from controller.safety import Trip
-from controller.tree.outside import Outside
-from hw.clock import SimulatedClock
+from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.tree.outside import Outside
+from haptic_wall.hw.clock import SimulatedClock
 
 SECOND_NS = 1_000_000_000
 

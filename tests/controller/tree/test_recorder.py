@@ -9,13 +9,13 @@ import time
 import numpy as np
 import pytest
 
-from controller.log.file import read_log
-from controller.run import run
-from controller.settings.load import load_config
-from controller.telemetry import Row, Telemetry, Word
-from controller.tree.children import Child
-from controller.tree.log_keeper import LogKeeper
-from controller.tree.plan import Plan
+from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.run import run
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Row, Telemetry, Word
+from haptic_wall.controller.tree.children import Child
+from haptic_wall.controller.tree.log_keeper import LogKeeper
+from haptic_wall.controller.tree.plan import Plan
 
 TICKS = itertools.count()
 
@@ -50,7 +50,9 @@ class Recording:
             "resume": resume,
         }
         descriptors = [self.telemetry.descriptor]
-        self.recorders.append(Child("recorder", ["controller.tree.recorder"], orders, descriptors))
+        self.recorders.append(
+            Child("recorder", ["haptic_wall.controller.tree.recorder"], orders, descriptors)
+        )
         return self.recorders[-1]
 
     def until(self, condition, rows=7):

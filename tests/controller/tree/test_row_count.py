@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controller.detector.oscillation import State
-from controller.settings.load import load_config
-from controller.telemetry import Row, Telemetry
-from controller.tree.plan import Plan
-from controller.tree.row_count import BATCH, RowCount
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import Row, Telemetry
+from haptic_wall.controller.tree.plan import Plan
+from haptic_wall.controller.tree.row_count import BATCH, RowCount
 
 
 class Run:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from controller.cli.run import command
-from controller.errors import UserError
-from controller.log.columns import COLUMNS
-from controller.telemetry import ROW, Row, Telemetry
-from controller.tree.stream import Sender, Stream, stream_to
+from haptic_wall.controller.cli.run import command
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.log.columns import COLUMNS
+from haptic_wall.controller.telemetry import ROW, Row, Telemetry
+from haptic_wall.controller.tree.stream import Sender, Stream, stream_to
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_a_run_is_watched_live(listener, tmp_path):
     words += ["--set", "realtime.profile=off", "--plot", "a.png"]
     words += ["--stream", f"127.0.0.1:{listener.getsockname()[1]}", "--stream-rate", "50"]
     done = subprocess.run(
-        [sys.executable, "-m", "controller.cli.main", *words],
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", *words],
         capture_output=True,
         text=True,
         cwd=tmp_path,

@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import pytest
 
-from controller.report import exit_status, explanation, run_report
-from controller.settings.load import load_config
-from controller.telemetry import State, Telemetry, Word
-from controller.tree import supervisor
-from controller.tree.plan import Plan
-from controller.tree.supervisor import Supervisor
-from hw.clock import SimulatedClock
-from hw.errors import ServoError
+from haptic_wall.controller.report import exit_status, explanation, run_report
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.telemetry import State, Telemetry, Word
+from haptic_wall.controller.tree import supervisor
+from haptic_wall.controller.tree.plan import Plan
+from haptic_wall.controller.tree.supervisor import Supervisor
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import ServoError
 
 RESULT = {
     "stop_reason": "trip:overspeed",
@@ -184,7 +184,7 @@ def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage
 
 
 def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
-    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
+    monkeypatch.setattr("haptic_wall.controller.tree.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: stage.words.__setitem__(
         Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10
@@ -198,7 +198,7 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
 def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
     stage, state, monkeypatch
 ):
-    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
+    monkeypatch.setattr("haptic_wall.controller.tree.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = 1
 
     def start(_loop):
@@ -322,7 +322,7 @@ def test_a_refused_start_tells_what_became_of_the_log(stage, monkeypatch):
 
 
 def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monkeypatch):
-    monkeypatch.setattr("controller.tree.loop_watch.END_S", 0.1)
+    monkeypatch.setattr("haptic_wall.controller.tree.loop_watch.END_S", 0.1)
 
     def refuse(loop):
         stage.words[Word.STATE] = State.TORQUE_UNKNOWN

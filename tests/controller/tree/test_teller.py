@@ -3,7 +3,7 @@
 import os
 import threading
 
-from controller.tree.teller import Teller
+from haptic_wall.controller.tree.teller import Teller
 
 
 def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Instruction, Parser, encode
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo, State
-from hw.dynamixel.servo import DynamixelServo
-from hw.dynamixel.tables import MODELS
-from hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo, State
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 
 BAUD = 4_000_000
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)

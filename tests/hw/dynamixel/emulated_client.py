@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import io
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Frame, Instruction, Parser, encode
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.injection import Faults
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.emulated.witness import Witness
-from hw.dynamixel.tables import MODELS
-from hw.settings import TrueServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.injection import Faults
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.emulated.witness import Witness
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.settings import TrueServo
 
 US = 1_000
 MS = 1_000_000

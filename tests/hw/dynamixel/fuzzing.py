@@ -9,12 +9,20 @@ from __future__ import annotations
 import math
 import struct
 
-from hw.dynamixel.codec import BROADCAST, MAX_LENGTH, Frame, Instruction, Parser, crc16, encode
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.bus import GAP_NS, EmulatedBus
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.tables import MODELS
-from hw.settings import TrueServo
+from haptic_wall.hw.dynamixel.codec import (
+    BROADCAST,
+    MAX_LENGTH,
+    Frame,
+    Instruction,
+    Parser,
+    crc16,
+    encode,
+)
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.bus import GAP_NS, EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000
 BAUD = 4_000_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from hw.clock import Clock, SimulatedClock
-from hw.dynamixel.codec import Instruction, Parser, encode_status
-from hw.dynamixel.line import Line
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
+from haptic_wall.hw.dynamixel.line import Line
 
 US = 1_000
 MS = 1_000_000

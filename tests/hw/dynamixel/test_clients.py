@@ -11,7 +11,7 @@ import time
 import dynamixel_sdk as sdk
 import pytest
 
-from hw.dynamixel.codec import ALERT, ErrorCode
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
 
 pytestmark = pytest.mark.realtime
 

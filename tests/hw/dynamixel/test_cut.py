@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from hw.dynamixel.codec import Instruction, Parser
-from hw.dynamixel.cut import cut_torque
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.errors import ServoLostError
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.cut import cut_torque
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.errors import ServoLostError
 from tests.hw.dynamixel.bench import Bench
 from tests.hw.dynamixel.lines import TroubledLine
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import pytest
 
-from hw.dynamixel.codec import Instruction, Parser
-from hw.dynamixel.servo import DynamixelServo
-from hw.errors import ServoLostError, TorqueLostError
-from hw.servo import Outcome
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.errors import ServoLostError, TorqueLostError
+from haptic_wall.hw.servo import Outcome
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import Fate, TroubledLine, unharmed
 

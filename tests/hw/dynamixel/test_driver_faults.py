@@ -13,12 +13,12 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.line import Line
-from hw.dynamixel.servo import DynamixelServo
-from hw.dynamixel.tables import MODELS, POSITION_UNIT
-from hw.errors import ServoHealthError, ServoLostError, TorqueLostError
-from hw.servo import Outcome, Reading
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
+from haptic_wall.hw.servo import Outcome, Reading
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 FREE = replace(TRUE, coulomb=0.0, damping=0.0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.dynamixel.codec import (
+from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ErrorCode,
     Frame,

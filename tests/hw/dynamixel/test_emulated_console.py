@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from hw.dynamixel.codec import Instruction
-from hw.dynamixel.emulated.console import Console
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.emulated.console import Console
 from tests.hw.dynamixel.emulated_client import MS, Client
 
 

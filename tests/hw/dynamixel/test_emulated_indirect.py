@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.dynamixel.codec import ErrorCode, Instruction
+from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
 from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
 
 LED, HOMING, WATCHDOG, GOAL_CURRENT, GOAL_POSITION = 65, 20, 98, 102, 116

@@ -8,10 +8,18 @@ from dataclasses import replace
 
 import pytest
 
-from hw.dynamixel.codec import ALERT, BROADCAST, ErrorCode, Frame, Instruction, crc16, encode
-from hw.dynamixel.emulated.collision import Sending, collide
-from hw.dynamixel.emulated.instructions import BACKUP_KEY, CLEAR_KEY
-from hw.settings import TrueServo
+from haptic_wall.hw.dynamixel.codec import (
+    ALERT,
+    BROADCAST,
+    ErrorCode,
+    Frame,
+    Instruction,
+    crc16,
+    encode,
+)
+from haptic_wall.hw.dynamixel.emulated.collision import Sending, collide
+from haptic_wall.hw.dynamixel.emulated.instructions import BACKUP_KEY, CLEAR_KEY
+from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20

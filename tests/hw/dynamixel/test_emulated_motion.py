@@ -10,10 +10,10 @@ from dataclasses import replace
 import dynamixel_sdk as sdk
 import pytest
 
-from hw.dynamixel.codec import ErrorCode
-from hw.dynamixel.sdk import LinePort
-from hw.dynamixel.tables import MODELS
-from hw.settings import TrueServo
+from haptic_wall.hw.dynamixel.codec import ErrorCode
+from haptic_wall.hw.dynamixel.sdk import LinePort
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
 
 X, X540, SMALL, LOAD = "XM430-W350", "XM540-W270", "XL330-M288", "XL430-W250"

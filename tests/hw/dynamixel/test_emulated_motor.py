@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.dynamixel.codec import ALERT, ErrorCode, Instruction
-from hw.dynamixel.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
-from hw.dynamixel.emulated.motor import motor_of
-from hw.dynamixel.tables import MODELS
-from hw.settings import TrueServo
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
+from haptic_wall.hw.dynamixel.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
+from haptic_wall.hw.dynamixel.emulated.motor import motor_of
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
 
 MODE, TORQUE_ENABLE, GOAL_CURRENT, GOAL_PWM, GOAL_POSITION, TEMPERATURE = 11, 64, 102, 100, 116, 146

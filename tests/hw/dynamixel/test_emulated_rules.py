@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hw.dynamixel.codec import ALERT, ErrorCode, Instruction
-from hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
+from haptic_wall.hw.dynamixel.tables import MODELS
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, US, Client
 
 ID, RETURN_DELAY, DRIVE_MODE, OPERATING_MODE, HOMING = 7, 9, 10, 11, 20

@@ -17,8 +17,8 @@ from pathlib import Path
 import dynamixel_sdk
 import pytest
 
-from hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
-from hw.dynamixel.emulated.server import PseudoTerminal
+from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.emulated.server import PseudoTerminal
 
 pytestmark = pytest.mark.realtime
 
@@ -32,7 +32,14 @@ PING = encode(1, Instruction.PING)
 def emulate(*arguments):
     """The command in a process of its own; its terminal's path."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "controller.cli.main", "emulate", "--die-with-parent", *arguments],
+        [
+            sys.executable,
+            "-m",
+            "haptic_wall.controller.cli.main",
+            "emulate",
+            "--die-with-parent",
+            *arguments,
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -239,7 +246,13 @@ def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_pat
 
 def test_it_dies_with_its_parent(tmp_path):
     link = tmp_path / "bus"
-    arguments = [sys.executable, "-m", "controller.cli.main", "emulate", "--die-with-parent"]
+    arguments = [
+        sys.executable,
+        "-m",
+        "haptic_wall.controller.cli.main",
+        "emulate",
+        "--die-with-parent",
+    ]
     parent = (
         "import subprocess, sys; "
         "child = subprocess.Popen(sys.argv[1:]); print(child.pid, flush=True); sys.stdin.read()"

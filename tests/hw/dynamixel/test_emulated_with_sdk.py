@@ -6,7 +6,7 @@ from dataclasses import replace
 import dynamixel_sdk as sdk
 import pytest
 
-from hw.dynamixel.sdk import LinePort
+from haptic_wall.hw.dynamixel.sdk import LinePort
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
 
 X, SMALL = "XM430-W350", "XL330-M288"

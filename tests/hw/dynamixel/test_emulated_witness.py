@@ -6,9 +6,9 @@ import io
 
 import pytest
 
-from hw.dynamixel.codec import Instruction
-from hw.dynamixel.emulated.servo import State
-from hw.dynamixel.emulated.witness import Row, Witness
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.emulated.servo import State
+from haptic_wall.hw.dynamixel.emulated.witness import Row, Witness
 from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
 
 

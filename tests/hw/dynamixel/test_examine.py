@@ -9,24 +9,24 @@ from dataclasses import dataclass
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel import latency
-from hw.dynamixel.codec import Instruction, Parser
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.examine import adapter as adapters
-from hw.dynamixel.examine.cycles import run_series
-from hw.dynamixel.examine.judgement import in_order_of_repair, judge
-from hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
-from hw.dynamixel.examine.replies import time_replies
-from hw.dynamixel.examine.search import search
-from hw.dynamixel.port import kept_settings, open_port
-from hw.dynamixel.sdk import Sdk
-from hw.dynamixel.tables import MODELS
-from hw.errors import PortError
-from hw.settings import TrueServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel import latency
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.examine import adapter as adapters
+from haptic_wall.hw.dynamixel.examine.cycles import run_series
+from haptic_wall.hw.dynamixel.examine.judgement import in_order_of_repair, judge
+from haptic_wall.hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from haptic_wall.hw.dynamixel.examine.replies import time_replies
+from haptic_wall.hw.dynamixel.examine.search import search
+from haptic_wall.hw.dynamixel.port import kept_settings, open_port
+from haptic_wall.hw.dynamixel.sdk import Sdk
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000
 BAUD = 4_000_000
@@ -454,7 +454,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
             assert request == termios.TIOCGSERIAL
             return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
 
-        monkeypatch.setattr("hw.dynamixel.latency.fcntl.ioctl", answer)
+        monkeypatch.setattr("haptic_wall.hw.dynamixel.latency.fcntl.ioctl", answer)
         assert latency.low_latency(path) is on
         assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
         # A port that is open already is not opened again: that may be refused, and looks like

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.faults import KINDS
-from hw.dynamixel.emulated.injection import Faults
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.errors import ServoLostError
+from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.faults import KINDS
+from haptic_wall.hw.dynamixel.emulated.injection import Faults
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.errors import ServoLostError
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
 
 X = "XM430-W350"

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.codec import Instruction
 from tests.docs.pages import ROOT
 from tests.hw.dynamixel import fuzzing
 

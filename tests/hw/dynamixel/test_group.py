@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Instruction, Parser, encode_status
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.group import DynamixelGroup
-from hw.dynamixel.line import Line
-from hw.dynamixel.tables import MODELS, POSITION_UNIT
-from hw.dynamixel.together import Together, Way
-from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
-from hw.servo import Outcome, Reading
-from hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.dynamixel.together import Together, Way
+from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.servo import Outcome, Reading
+from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 from tests.hw.dynamixel.lines import US, Fate, TroubledLine
 
 MODEL = "XM430-W350"

@@ -11,12 +11,12 @@ from collections.abc import Callable
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import Instruction, encode_status
-from hw.dynamixel.link import Link
-from hw.dynamixel.samples import Sample
-from hw.dynamixel.tables import MODELS
-from hw.servo import Outcome
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.servo import Outcome
 from tests.hw.dynamixel.lines import MS, US, ClockLine, Fate, TroubledLine, unharmed
 
 PERIOD_NS = 1 * MS

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from hw.dynamixel import port_users
-from hw.dynamixel.examine.adapter import examine_port
-from hw.dynamixel.holders import holder, is_terminal
-from hw.dynamixel.port import open_port
-from hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
-from hw.errors import PortBusyError
+from haptic_wall.hw.dynamixel import port_users
+from haptic_wall.hw.dynamixel.examine.adapter import examine_port
+from haptic_wall.hw.dynamixel.holders import holder, is_terminal
+from haptic_wall.hw.dynamixel.port import open_port
+from haptic_wall.hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
+from haptic_wall.hw.errors import PortBusyError
 
 OPENER = """
 import os, sys

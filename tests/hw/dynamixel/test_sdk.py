@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.codec import encode_status
-from hw.dynamixel.sdk import Sdk
-from hw.dynamixel.tables import MODELS
-from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import encode_status
+from haptic_wall.hw.dynamixel.sdk import Sdk
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from tests.hw.dynamixel.lines import MS, ClockLine, Fate, TroubledLine, unharmed
 
 REGISTERS = MODELS["XM430-W350"].registers

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import pytest
 
-from hw.clock import MonotonicClock
-from hw.dynamixel import port
-from hw.dynamixel.holders import holders
-from hw.dynamixel.port import open_port
-from hw.dynamixel.serial_line import FdLine
-from hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel import port
+from haptic_wall.hw.dynamixel.holders import holders
+from haptic_wall.hw.dynamixel.port import open_port
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
 
 EVERY_BYTE = bytes(range(256))
 
@@ -133,8 +133,8 @@ def test_the_descriptor_works_in_another_process(ends: Ends) -> None:
     descriptor = open_port(ends.path, 1_000_000)
     program = (
         "import sys\n"
-        "from hw.clock import MonotonicClock\n"
-        "from hw.dynamixel.serial_line import FdLine\n"
+        "from haptic_wall.hw.clock import MonotonicClock\n"
+        "from haptic_wall.hw.dynamixel.serial_line import FdLine\n"
         "FdLine(int(sys.argv[1]), MonotonicClock()).write(b'from the child')\n"
     )
     subprocess.run(
@@ -304,7 +304,7 @@ def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:
 def test_a_killed_owner_locks_nobody_out(ends: Ends) -> None:
     program = (
         "import sys, time\n"
-        "from hw.dynamixel.port import open_port\n"
+        "from haptic_wall.hw.dynamixel.port import open_port\n"
         "held = open_port(sys.argv[1], 1000000)\n"
         "print('held', flush=True)\n"
         "time.sleep(60)\n"

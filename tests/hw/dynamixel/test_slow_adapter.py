@@ -10,15 +10,15 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from hw.clock import SimulatedClock
-from hw.dynamixel.emulated.adapter import Adapter
-from hw.dynamixel.emulated.bus import EmulatedBus
-from hw.dynamixel.emulated.memory_line import MemoryLine
-from hw.dynamixel.emulated.servo import EmulatedServo
-from hw.dynamixel.servo import DynamixelServo
-from hw.dynamixel.tables import MODELS
-from hw.errors import ServoLostError, TorqueLostError
-from hw.servo import Check, Outcome, Reading
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
+from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.errors import ServoLostError, TorqueLostError
+from haptic_wall.hw.servo import Check, Outcome, Reading
 from tests.hw.dynamixel.bench import BAUD, SETTINGS, TRUE
 
 MS = 1_000_000

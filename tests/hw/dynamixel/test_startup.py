@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import pytest
 
-from hw.dynamixel.codec import Instruction, Parser
-from hw.dynamixel.tables import MODELS
-from hw.errors import ServoLostError, ServoMissingError, UnfitServoError
-from hw.mechanism import HAND_WAIT_S
-from hw.plant import PlantParameters
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.mechanism import HAND_WAIT_S
+from haptic_wall.hw.plant import PlantParameters
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096

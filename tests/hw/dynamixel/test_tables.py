@@ -7,7 +7,7 @@ from pathlib import Path
 import dynamixel_easy_sdk
 import pytest
 
-from hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.tables import (
     MODELS,
     POSITION_UNIT,
     REGISTERS,

@@ -20,7 +20,7 @@ _PATIENCE_S: Final = 30.0
 """For the process to start, to answer or to end: a loaded machine may take seconds."""
 _POLL_S: Final = 0.02
 _READ_SIZE: Final = 65536
-_PROGRAM: Final = "controller.cli.main"
+_PROGRAM: Final = "haptic_wall.controller.cli.main"
 
 
 class BusError(Exception):
@@ -294,8 +294,8 @@ def _id(servo: str) -> int:
 
 
 def _environment() -> dict[str, str]:
-    """The tests' own, but where it leads to modules of theirs: one may be called as one of ours."""
-    ours = str(Path(__file__).resolve().parents[1])
+    """The tests' own, but PYTHONPATH leads to this package only: theirs may hide what it needs."""
+    ours = str(Path(__file__).parents[3].resolve())
     places = [p for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
     kept = [p for p in places if str(Path(p).resolve()) == ours]
     return os.environ | {"PYTHONPATH": os.pathsep.join(kept), "PYTHONUNBUFFERED": "1"}

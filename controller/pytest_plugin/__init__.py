@@ -1,8 +1,8 @@
 """A Dynamixel bus without hardware for the tests of any program that talks to one.
 
 A pytest plugin, found by itself once the distribution is installed: the fixture ``dynamixel_bus``
-starts ``haptic-wall emulate`` in a process of its own. Nothing of that program is imported here,
-so its packages never meet those of the program under test.
+starts ``haptic-wall emulate`` in a process of its own. Nothing of that program is imported
+here, so that it costs the tests no time and shares no interpreter with the program under test.
 """
 
 from __future__ import annotations
