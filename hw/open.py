@@ -56,7 +56,7 @@ def check_fault(spec: str, servo_id: int) -> None:
     Raises:
         ValueError: It is no fault, or one of a servo that is not there.
     """
-    from haptic_wall.hw.dynamixel.emulated.faults import parse_fault
+    from haptic_wall.hw.emulated.faults import parse_fault
 
     parse_fault(spec).check_servo([servo_id])
 
@@ -141,10 +141,10 @@ def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = N
 def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
     """An emulated bus in memory with the configured servo on it."""
     from haptic_wall.hw.dynamixel.drivable import drivable
-    from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-    from haptic_wall.hw.dynamixel.emulated.injection import Faults
-    from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-    from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
+    from haptic_wall.hw.emulated.bus import EmulatedBus
+    from haptic_wall.hw.emulated.injection import Faults
+    from haptic_wall.hw.emulated.memory_line import MemoryLine
+    from haptic_wall.hw.emulated.servo import EmulatedServo
 
     model, _ = drivable(settings)
     now_ns = clock.now_ns()

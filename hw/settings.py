@@ -83,7 +83,7 @@ class DynamixelSettings:
     emulated: TrueServo | None = None
     """Truth of the emulated servo where the bus is in memory"""
     faults: tuple[str, ...] = ()
-    """What goes wrong on an emulated bus, as ``haptic_wall.hw.dynamixel.emulated.faults`` reads
+    """What goes wrong on an emulated bus, as ``haptic_wall.hw.emulated.faults`` reads
     it"""
     fault_seed: int = 0
     """Decides what those faults strike"""

@@ -1,6 +1,6 @@
 """A servo simulated in the controller's own process, behind the servo interface.
 
-It models what ``haptic_wall.hw.mechanism`` models: inertia, viscous and Coulomb friction, a
+It models what ``haptic_wall.hw.plant.mechanism`` models: inertia, viscous and Coulomb friction, a
 scripted hand, the encoder's rounding and play, saturation, torque steps, and a lag between a
 torque's sending and its action. It does *not* model a bus (no reply is ever late or lost, and
 reading and writing take no time), a current sensor, the motor's electrical side, temperature,
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
-from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import SimulatedSettings
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.hw.dynamixel.codec import Instruction
-from haptic_wall.hw.dynamixel.emulated.adapter import BLOCKS
 from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.emulated.adapter import BLOCKS
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse

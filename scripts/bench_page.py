@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.benchmarks import words
+from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli.bench import SECTIONS
 from scripts.whole_program import PROGRAM, page_options
 

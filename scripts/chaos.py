@@ -20,7 +20,7 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
-from haptic_wall.controller.realtime import pick_cores
+from haptic_wall.controller.runtime.realtime import pick_cores
 from scripts.chaos_judge import Stall
 from scripts.chaos_loads import own_mounts
 from scripts.chaos_page import Hour, page

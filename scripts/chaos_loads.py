@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptic_wall.controller import realtime
+from haptic_wall.controller.runtime import realtime
 
 HOG_PRIORITY, WATCH_PRIORITY = 85, 99
 """Above the loop's; above everything"""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from haptic_wall.controller.benchmarks.loops import FORGIVING
-from haptic_wall.controller.telemetry import ROW
+from haptic_wall.controller.bench.loops import FORGIVING
+from haptic_wall.controller.runtime.telemetry import ROW
 from scripts.chaos_judge import Thrown
 from scripts.chaos_shots import NO_REPORT
 from scripts.chaos_stage import Lasting, Shot, Stage

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import rows_of
 from scripts.chaos_judge import (
     MACHINE,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.log.blocks import MAGIC, encoded
-from haptic_wall.controller.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
+from haptic_wall.controller.logs.blocks import MAGIC, encoded
+from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
 from scripts.mutated_logs import Log, block, blocks_of, keys, metadata, rows
 
 ODD: tuple[Any, ...] = (

@@ -19,19 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import State as Oscillation
-from haptic_wall.controller.session import run_session
+from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.telemetry import CAPACITY, FLAG_WARM_UP, Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import CAPACITY, FLAG_WARM_UP, Telemetry
-from haptic_wall.controller.tree.inline import run_inline
-from haptic_wall.controller.tree.plan import Plan
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT, TICK_MODULUS
-from haptic_wall.hw.hand import SCRIPTS
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.plant.hand import SCRIPTS
 from haptic_wall.hw.servo import Outcome
 from scripts.soak import COLLECT_NS, PERIOD_NS, SETTINGS, TRUE
 from scripts.whole_program import measured_on, page_options, say_time

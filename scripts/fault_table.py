@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
 from scripts.whole_program import measured_on, page_options, say_time

@@ -22,10 +22,10 @@ from haptic_wall.controller.guard.limits import Plants, evaluate
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.dynamixel.emulated.motor import Motor, motor_of
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
-from haptic_wall.hw.plant import PlantParameters, State, step
+from haptic_wall.hw.emulated.motor import Motor, motor_of
+from haptic_wall.hw.plant.body import PlantParameters, State, step
 from scripts.whole_program import ROOT, page_options, say_time
 
 PAGE = ROOT / "docs" / "hardware.md"

@@ -34,7 +34,7 @@ def main() -> None:
         )
     sys.path.insert(0, str(ROOT))
     with atheris.instrument_imports(
-        include=["haptic_wall.hw.dynamixel.codec", "haptic_wall.hw.dynamixel.emulated"]
+        include=["haptic_wall.hw.dynamixel.codec", "haptic_wall.hw.emulated"]
     ):
         from tests.hw.dynamixel import fuzzing
     for number, seed in enumerate(fuzzing.seeds()):

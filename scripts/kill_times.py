@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
-from haptic_wall.controller.telemetry import Word
+from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.shots import SHOTS, Shot, target
 from scripts.whole_program import emulated_bus, measured_on, page_options, say_time, with_sets

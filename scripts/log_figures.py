@@ -19,9 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.log.file import LogWriter, append_end
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import (
+from haptic_wall.controller.logs.file import LogWriter, append_end
+from haptic_wall.controller.runtime.telemetry import (
     CAPACITY,
     FLAG_CONTACT,
     FLAG_WARM_UP,
@@ -29,6 +28,7 @@ from haptic_wall.controller.telemetry import (
     Telemetry,
     Word,
 )
+from haptic_wall.controller.settings.load import load_config
 from scripts.whole_program import measured_on, page_options, say_time
 
 SHORT_S = 600
@@ -148,7 +148,7 @@ def backlog(folder: Path, rate_hz: int) -> int:
         "resume": False,
     }
     recorder = subprocess.Popen(
-        [sys.executable, "-m", "haptic_wall.controller.tree.recorder"],
+        [sys.executable, "-m", "haptic_wall.controller.processes.recorder"],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         pass_fds=[telemetry.descriptor],

@@ -3,7 +3,7 @@
     scripts/measure [--seconds S] [--rounds N] [--out FILE]
 
 Everything over the emulated bus is judged by the witness (the emulator's own record) or side by
-side with the bare loop (controller/benchmarks/bare_loop.py) on the same emulator, in alternating
+side with the bare loop (controller/bench/bare_loop.py) on the same emulator, in alternating
 rounds.
 """
 
@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from haptic_wall.controller.benchmarks import loops
+from haptic_wall.controller.bench import loops
 from haptic_wall.controller.pytest_plugin.record import read_rows
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, measured_on, page_options, say_time, wall_run

@@ -17,10 +17,14 @@ from pathlib import Path
 ROLES = {
     "guard": ("controller/guard/*.py",),
     "detector": ("controller/detector/*.py",),
-    "tick": ("controller/tick.py", "controller/grid.py"),
+    "tick": ("controller/runtime/tick.py", "controller/runtime/loop.py"),
     "codec": ("hw/dynamixel/codec/*.py",),
     "link": ("hw/dynamixel/link.py",),
-    "safety": ("controller/safety.py", "controller/overspeed.py", "controller/missed.py"),
+    "safety": (
+        "controller/runtime/safety.py",
+        "controller/runtime/overspeed.py",
+        "controller/runtime/missed.py",
+    ),
 }
 """Files of each role, as patterns from the folder of the project: where modules move, edit this"""
 _BOUNDARY = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}

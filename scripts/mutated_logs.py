@@ -15,11 +15,11 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.log.blocks import MAGIC, encoded
-from haptic_wall.controller.log.columns import COLUMNS, values
-from haptic_wall.controller.log.content import FORMAT
+from haptic_wall.controller.logs.blocks import MAGIC, encoded
+from haptic_wall.controller.logs.columns import COLUMNS, values
+from haptic_wall.controller.logs.content import FORMAT
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, ROW
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import FLAG_CONTACT, ROW
 
 BLOCK = 100
 """Rows in a block"""

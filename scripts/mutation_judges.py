@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from haptic_wall.controller.log.columns import COLUMNS
-from haptic_wall.controller.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.logs.columns import COLUMNS
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from scripts.mutated_logs import Key, Log
 from scripts.mutated_texts import NUMBER, Table
 

@@ -16,8 +16,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from haptic_wall.hw.plant import PlantParameters, Pull, State
-from haptic_wall.hw.response import Slide, response, time_to_rest
+from haptic_wall.hw.plant.body import PlantParameters, Pull, State
+from haptic_wall.hw.plant.response import Slide, response, time_to_rest
 
 GRAIN_S = 2.5e-4
 SPREAD = 0.2
@@ -63,7 +63,7 @@ class Effects:
         *,
         turns: list[float] | None = None,
     ) -> State:
-        """As ``haptic_wall.hw.plant.step``; no hand."""
+        """As ``haptic_wall.hw.plant.body.step``; no hand."""
         assert pull is None
         if self.load_friction:
             grown = parameters.coulomb + self.load_friction * abs(torque)
@@ -109,7 +109,7 @@ class Effects:
 @contextmanager
 def ordinary(effects: Effects) -> Iterator[None]:
     """Every servo simulated in this process meanwhile has these effects."""
-    with patch("haptic_wall.hw.mechanism.step", effects.step):
+    with patch("haptic_wall.hw.plant.mechanism.step", effects.step):
         yield
 
 

@@ -20,18 +20,18 @@ from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.types import Situation
-from haptic_wall.controller.overspeed import (
-    DRIVEN_SHARE,
+from haptic_wall.controller.laws.wall import Side, Wall
+from haptic_wall.controller.runtime.overspeed import (
     SLACK_COUNTS,
     WINDOW_S,
     DrivenLimits,
     DrivenSpeed,
 )
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.wall import Side, Wall
-from haptic_wall.hw.dynamixel.emulated.motor import Motor, motor_of
+from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.emulated.motor import Motor, motor_of
+from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.servo import JUMP_SHARE, JUMP_SPEED
 from scripts.whole_program import measured_on, page_options, say_time
 

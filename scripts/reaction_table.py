@@ -16,7 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from haptic_wall.controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from haptic_wall.controller.experiments.trials.own_walls import GROWTH
@@ -24,12 +23,18 @@ from haptic_wall.controller.experiments.trials.sections import measured
 from haptic_wall.controller.experiments.trials.worst import WORST
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.runtime.assembly import (
+    guard_schedule,
+    most_injected,
+    rendered,
+    tick_parts,
+)
+from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, Telemetry
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import FLAG_SATURATED, Telemetry
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
 from haptic_wall.controller.theory.servos import SERVOS
-from haptic_wall.controller.tick import Tick
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
 from scripts.page_sections import add_options, amount_of, command_of, write

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import ROW, Telemetry
 from haptic_wall.hw.clock import Clock, SimulatedClock
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
-from haptic_wall.hw.dynamixel.emulated.witness import Row
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.emulated.witness import Row
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import DynamixelSettings
 

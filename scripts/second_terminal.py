@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.system.signals import interrupting
 from scripts.busy_neighbours import busy_cores
 from scripts.whole_program import (
     emulated_bus,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from haptic_wall.controller.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from scripts.whole_program import PROGRAM, Bus, child_of
 
 CHILDREN = {"loop": "loop_process", "recorder": "recorder"}
@@ -28,7 +28,7 @@ def write_for_ever(*_):
     while True:
         os.write(full, bytes(4096))
 
-if "haptic_wall.controller.tree.loop_process" in sys.orig_argv:
+if "haptic_wall.controller.processes.loop_process" in sys.orig_argv:
     signal.signal(signal.SIGUSR1, compute_for_ever)
     signal.signal(signal.SIGUSR2, write_for_ever)
 """

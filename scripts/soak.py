@@ -13,13 +13,13 @@ from scipy.stats import binom
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Parser, encode_status
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.damage import Passage
-from haptic_wall.hw.dynamixel.emulated.injection import Faults
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.damage import Passage
+from haptic_wall.hw.emulated.injection import Faults
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 

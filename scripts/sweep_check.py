@@ -22,16 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.benchmarks.loops import FORGIVING
+from haptic_wall.controller.bench.loops import FORGIVING
 from haptic_wall.controller.experiments.critical import PointSearch
 from haptic_wall.controller.experiments.sweep import experiment_config
 from haptic_wall.controller.experiments.sweep_plan import Options, Setting
 from haptic_wall.controller.experiments.sweep_result import PointResult
 from haptic_wall.controller.experiments.testbed import Testbed
-from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, measured_on, page_options, say_time

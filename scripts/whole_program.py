@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.benchmarks.machine import machine, versions
-from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.bench.machine import machine, versions
+from haptic_wall.controller.runtime.safety import Trip
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
@@ -54,7 +54,7 @@ def child_of(pid: int, module: str) -> int | None:
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):
                 if (
-                    f"haptic_wall.controller.tree.{module}"
+                    f"haptic_wall.controller.processes.{module}"
                     in Path(f"/proc/{child}/cmdline").read_text()
                 ):
                     return int(child)

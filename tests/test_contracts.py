@@ -18,11 +18,8 @@ DRIVER = sorted(
 )
 SIMULATED = (
     "haptic_wall.hw.plant",
-    "haptic_wall.hw.bodies",
-    "haptic_wall.hw.hand",
-    "haptic_wall.hw.mechanism",
     "haptic_wall.hw.simulated",
-    "haptic_wall.hw.dynamixel.emulated",
+    "haptic_wall.hw.emulated",
 )
 
 

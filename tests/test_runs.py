@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.log.file import read_log
-from haptic_wall.controller.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 PATIENT = [

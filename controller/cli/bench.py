@@ -11,27 +11,27 @@ from typing import Any
 
 import click
 
-from haptic_wall.controller.benchmarks import words
+from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import length
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.file_kinds import Kind
-from haptic_wall.controller.signals import on_signals
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import Kind
+from haptic_wall.controller.system.signals import on_signals
+from haptic_wall.controller.system.whole_file import whole
 
 SECTIONS = {
-    "lateness": "haptic_wall.controller.benchmarks.lateness",
-    "stages": "haptic_wall.controller.benchmarks.stages",
-    "boundary": "haptic_wall.controller.benchmarks.boundary",
-    "array_simulation": "haptic_wall.controller.benchmarks.array_simulation",
-    "torque_frames": "haptic_wall.controller.benchmarks.torque_frames",
-    "highest_rate": "haptic_wall.controller.benchmarks.highest_rate",
-    "bus_cycle": "haptic_wall.controller.benchmarks.bus_cycle",
-    "lost_reply": "haptic_wall.controller.benchmarks.lost_reply",
-    "telemetry_row": "haptic_wall.controller.benchmarks.telemetry_row",
-    "detector": "haptic_wall.controller.benchmarks.detector",
+    "lateness": "haptic_wall.controller.bench.lateness",
+    "stages": "haptic_wall.controller.bench.stages",
+    "boundary": "haptic_wall.controller.bench.boundary",
+    "array_simulation": "haptic_wall.controller.bench.array_simulation",
+    "torque_frames": "haptic_wall.controller.bench.torque_frames",
+    "highest_rate": "haptic_wall.controller.bench.highest_rate",
+    "bus_cycle": "haptic_wall.controller.bench.bus_cycle",
+    "lost_reply": "haptic_wall.controller.bench.lost_reply",
+    "telemetry_row": "haptic_wall.controller.bench.telemetry_row",
+    "detector": "haptic_wall.controller.bench.detector",
 }
 """Each section's module, which has ``measure() -> Section``."""
 ABOUT_S = {
@@ -76,7 +76,7 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     are of this machine, now: nothing is asserted about another. A Ctrl-C ends it with a report of
     what is finished.
     """
-    from haptic_wall.controller.benchmarks.report import measured
+    from haptic_wall.controller.bench.report import measured
 
     if html is not None:
         take_file("--html", html, _PAGE, force=force)
@@ -95,7 +95,7 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         answer(as_json(report) if as_json_wanted else _text(report))
         if html is not None:
-            from haptic_wall.controller.benchmarks.page import page
+            from haptic_wall.controller.bench.page import page
 
             with writing("--html", html), whole(html, _PAGE, force=force) as part:
                 part.write_text(page(report), encoding="utf-8")

@@ -21,15 +21,15 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.boundary_curve import Question, WallSide, default_dampings
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.controller.theory.servos import ServoFacts, servo
-from haptic_wall.controller.whole_file import whole
-from haptic_wall.hw.wire import cycle_s
+from haptic_wall.hw.dynamixel.wire import cycle_s
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Longer ones are milliseconds, written where seconds are wanted."""
@@ -98,7 +98,7 @@ def command(
     except ValueError as error:  # numbers so extreme that only the theory can tell
         raise UserError(f"{error}; are all in SI units?") from None
     if plot is not None:
-        from haptic_wall.controller.plots.boundary import plot_boundary
+        from haptic_wall.controller.report.boundary import plot_boundary
 
         drawing = working("drawing the picture", DRAWING_S)
         with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:

@@ -25,10 +25,10 @@ from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
-from haptic_wall.controller.signals import on_signals
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.signals import on_signals
+from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.commission.outcome import Step

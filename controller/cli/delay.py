@@ -27,9 +27,9 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import force_option
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import RESULT_MARK
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.system.file_kinds import RESULT_MARK
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.loop_delay import LoopDelay
@@ -93,7 +93,7 @@ def command(
     count = bursts or BURSTS
     with moving(effective, BURST_S * count * len(chosen)), endings():
         found = measure_delay(effective, folder, chosen, count, seed, say)
-    from haptic_wall.controller.plots.delay import plot_delay
+    from haptic_wall.controller.report.delay import plot_delay
 
     files = [folder / "delay.json", folder / "delay.png"]
     report = {

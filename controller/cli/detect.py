@@ -20,11 +20,11 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.log.detected import Detected, GivenWall
+    from haptic_wall.controller.logs.detected import Detected, GivenWall
 
 _NUMBER = click.FLOAT
 _LOG_BYTES_S, _CSV_BYTES_S = 2e7, 5e6
@@ -69,10 +69,10 @@ def command(
     comes from a log's own configuration; for a CSV, and in place of that, give the options. The
     wall of a CSV that is not given is estimated from torque against position.
     """
-    from haptic_wall.controller.log.detected import NO_WALL, detect_all
-    from haptic_wall.controller.log.reader import is_log
-    from haptic_wall.controller.log.recordings import MOST_LAG_S, read_recordings
-    from haptic_wall.controller.log.replayed import replayed
+    from haptic_wall.controller.logs.detected import NO_WALL, detect_all
+    from haptic_wall.controller.logs.reader import is_log
+    from haptic_wall.controller.logs.recordings import MOST_LAG_S, read_recordings
+    from haptic_wall.controller.logs.replayed import replayed
 
     given = {"inertia": inertia, "damping": damping, "coulomb": coulomb, "lag": delay}
     for name, value in given.items():
@@ -103,7 +103,7 @@ def command(
     if not detected.drawn:
         raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(detected.notes)}")
     if plot is not None:
-        from haptic_wall.controller.plots.detect import plot_detection
+        from haptic_wall.controller.report.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
         drawing = working("drawing the picture", DRAWING_S)
@@ -116,7 +116,7 @@ def command(
 def _given_wall(
     stiffness: float | None, virtual_damping: float | None, position: float | None
 ) -> GivenWall:
-    from haptic_wall.controller.log.detected import GivenWall
+    from haptic_wall.controller.logs.detected import GivenWall
 
     if stiffness is not None and not 0.0 < stiffness < math.inf:
         raise UserError(f"--stiffness: found {stiffness:g}, wanted a number above 0")
@@ -156,7 +156,7 @@ def _text(report: dict[str, Any]) -> str:
         value = report[name]
         return f"{value:.4g} {unit}" if value is not None and math.isfinite(value) else "none"
 
-    from haptic_wall.controller.log.recording import seconds
+    from haptic_wall.controller.logs.recording import seconds
 
     alarm = report["first_alarm_s"]
     lines = [

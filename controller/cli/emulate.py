@@ -13,26 +13,26 @@ from pathlib import Path
 
 import click
 
-from haptic_wall.controller import realtime
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
 from haptic_wall.controller.cli.options import refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file, take_link
 from haptic_wall.controller.errors import PlatformError, UserError
-from haptic_wall.controller.file_kinds import RECORD
-from haptic_wall.controller.printable import printable
-from haptic_wall.controller.signals import on_signals
-from haptic_wall.controller.whole_file import Beside
-from haptic_wall.hw.dynamixel.emulated.adapter import BLOCKS, Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.console import Console
-from haptic_wall.hw.dynamixel.emulated.faults import KINDS
-from haptic_wall.hw.dynamixel.emulated.injection import Faults
-from haptic_wall.hw.dynamixel.emulated.server import PseudoTerminal, serve
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
-from haptic_wall.hw.dynamixel.emulated.values import whole
-from haptic_wall.hw.dynamixel.emulated.witness import Witness
+from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.system.file_kinds import RECORD
+from haptic_wall.controller.system.printable import printable
+from haptic_wall.controller.system.signals import on_signals
+from haptic_wall.controller.system.whole_file import Beside
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.console import Console
+from haptic_wall.hw.emulated.faults import KINDS
+from haptic_wall.hw.emulated.injection import Faults
+from haptic_wall.hw.emulated.server import PseudoTerminal, serve
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.emulated.values import whole
+from haptic_wall.hw.emulated.witness import Witness
 
 DEFAULT_BAUD = 4_000_000
 PRIORITY = 70

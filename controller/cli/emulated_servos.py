@@ -9,9 +9,9 @@ from typing import Any, get_args
 
 from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.errors import UserError
-from haptic_wall.hw.dynamixel.emulated.faults import AMBIENT, SUPPLY
-from haptic_wall.hw.dynamixel.emulated.values import number, one_of, suggestion, whole
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
+from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
+from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
 from haptic_wall.hw.settings import HandName, TrueServo
 
 # An MX-64, for want of a published identification of an XM430.

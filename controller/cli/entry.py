@@ -13,7 +13,7 @@ def main() -> int | str | None:
     """Load the program and run the command of this process; its exit status."""
     interrupt.leave_at_once()
     from haptic_wall.controller.cli.main import main as run
-    from haptic_wall.controller.signals import was_interrupted
+    from haptic_wall.controller.system.signals import was_interrupted
 
     status: int | str | None
     try:

@@ -19,11 +19,11 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
-from haptic_wall.controller.file_kinds import PICTURE, RESULT
-from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT
+from haptic_wall.controller.system.whole_file import whole
 
 _FASTER = 20.0
 """The simulated clock than real time"""

@@ -28,10 +28,10 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_file, take_folder
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE, Kind
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE, Kind
+from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.boundary_fit import BoundaryPoints
@@ -169,7 +169,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
         ExperimentInterruptedError,
         ExperimentTrippedError,
     )
-    from haptic_wall.controller.report import exit_status
+    from haptic_wall.controller.processes.run_report import exit_status
 
     try:
         with moving(loaded.config, SECONDS):
@@ -202,7 +202,7 @@ class _Kept:
 
 
 def _draw(found: Identified, name: str, path: Path) -> None:
-    from haptic_wall.controller.plots.identify import plot_identification
+    from haptic_wall.controller.report.identify import plot_identification
 
     plot_identification(found, name, path)
 

@@ -14,7 +14,6 @@ from click.shell_completion import CompletionItem
 from haptic_wall.controller.cli.options import FileToWrite, answer, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import Kind
 from haptic_wall.controller.settings.fields import Field, fields, sections
 from haptic_wall.controller.settings.load import (
     DEFAULT_PRESET,
@@ -22,7 +21,8 @@ from haptic_wall.controller.settings.load import (
     preset_names,
     preset_text,
 )
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import Kind
+from haptic_wall.controller.system.whole_file import whole
 
 _NO_FILE = Kind("empty", re.compile(rb"(?!)"))
 """A configuration that somebody may have edited is never replaced unasked"""

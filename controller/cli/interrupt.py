@@ -2,8 +2,8 @@
 
 That is nearly everywhere. Raised as KeyboardInterrupt in whatever is just being done, it would be
 swallowed now and then: libraries that are being loaded turn it into other errors, or print it and
-go on. Who has something to put in order hears it by ``haptic_wall.controller.signals``, for that
-while.
+go on. Who has something to put in order hears it by ``haptic_wall.controller.system.signals``, for
+that while.
 """
 
 from __future__ import annotations

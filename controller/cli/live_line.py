@@ -18,8 +18,8 @@ import numpy as np
 
 from haptic_wall.controller.cli.working import CLEAR, columns_of, in_foreground
 from haptic_wall.controller.detector.oscillation import State
-from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.telemetry import (
+from haptic_wall.controller.laws.wall import SIGNS
+from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_SATURATED,
@@ -27,7 +27,7 @@ from haptic_wall.controller.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.wall import SIGNS
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import Outcome
 
 EVERY_S: Final = 0.1

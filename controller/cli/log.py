@@ -24,12 +24,12 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import LOG, PICTURE, Kind, table
-from haptic_wall.controller.log.columns import COLUMNS
-from haptic_wall.controller.log.reader import LogReader
-from haptic_wall.controller.log.rows import WHOLE, LogRows, Stretch
-from haptic_wall.controller.log.summary import summarised
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.logs.columns import COLUMNS
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.rows import WHOLE, LogRows, Stretch
+from haptic_wall.controller.logs.summary import summarised
+from haptic_wall.controller.system.file_kinds import LOG, PICTURE, Kind, table
+from haptic_wall.controller.system.whole_file import whole
 
 _FILE = click.Path(path_type=Path)
 _MCAP = Kind(
@@ -159,22 +159,22 @@ def _write(
     """Write what was asked for; each file is there whole, or not at all."""
 
     def csv(path: Path) -> None:
-        from haptic_wall.controller.log.csv_export import write_csv
+        from haptic_wall.controller.logs.csv_export import write_csv
 
         write_csv(path, rows)
 
     def mcap(path: Path) -> None:
-        from haptic_wall.controller.log.mcap_export import write_mcap
+        from haptic_wall.controller.logs.mcap_export import write_mcap
 
         write_mcap(path, rows)
 
     def picture(path: Path) -> None:
-        from haptic_wall.controller.plots.run import plot_log
+        from haptic_wall.controller.report.run import plot_log
 
         plot_log(rows, path, report["stop_reason"])
 
     def cut(path: Path) -> None:
-        from haptic_wall.controller.log.cut import cut_log
+        from haptic_wall.controller.logs.cut import cut_log
 
         cut_log(path, rows, log.name, report["from_s"], report["to_s"])
 

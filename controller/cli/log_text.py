@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from haptic_wall.controller.printable import in_line
-from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.system.printable import in_line
 
 
 def config_line(config: object) -> str:

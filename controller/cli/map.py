@@ -26,9 +26,9 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, table
+from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps import CriticalMap, Setting
@@ -219,7 +219,7 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
 
 
 def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool) -> list[Path]:
-    from haptic_wall.controller.plots.maps import plot_map
+    from haptic_wall.controller.report.maps import plot_map
 
     def csv_table(path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as stream:

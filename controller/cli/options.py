@@ -18,7 +18,7 @@ from click.shell_completion import CompletionItem
 
 from haptic_wall.controller.cli.working import aside
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.printable import printable
+from haptic_wall.controller.system.printable import printable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

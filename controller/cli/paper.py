@@ -13,7 +13,7 @@ from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE
+from haptic_wall.controller.system.file_kinds import PICTURE
 
 if TYPE_CHECKING:
     from haptic_wall.controller.paper.items import Made

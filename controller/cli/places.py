@@ -14,11 +14,11 @@ from pathlib import Path
 
 import click
 
-from haptic_wall.controller.claim import ClaimedError, claimed
 from haptic_wall.controller.cli.options import Command, refuse_no_folder, refuse_same_file, writing
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE, RESULT, Kind, may_be_replaced
-from haptic_wall.controller.whole_file import remove_leftovers
+from haptic_wall.controller.system.claim import ClaimedError, claimed
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, Kind, may_be_replaced
+from haptic_wall.controller.system.whole_file import remove_leftovers
 
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")

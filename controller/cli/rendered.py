@@ -25,8 +25,8 @@ from haptic_wall.controller.cli.options import (
     set_option,
 )
 from haptic_wall.controller.cli.places import force_option
-from haptic_wall.controller.file_kinds import RESULT_MARK
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.system.file_kinds import RESULT_MARK
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.rendering import Rendering
@@ -70,7 +70,7 @@ def command(
     ask_to_move(loaded.config.servo, yes)
     with moving(loaded.config, SECONDS), endings():
         found = measure_rendering(loaded.config, folder, seed, say)
-    from haptic_wall.controller.plots.rendered import plot_rendering
+    from haptic_wall.controller.report.rendered import plot_rendering
 
     files = [folder / "rendered.json", folder / "rendered.png"]
     report = {**RESULT_MARK, "name": loaded.name, **rendering_report(found), "files": files}

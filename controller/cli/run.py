@@ -30,16 +30,16 @@ from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.cli.working import DRAWING_S, is_shown, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import LOG, PICTURE, RECORD
-from haptic_wall.controller.log.reader import SUFFIX
+from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import file_of, load_config
-from haptic_wall.controller.signals import STOPPING, interrupting, on_signals
-from haptic_wall.controller.telemetry import ROW, Telemetry, Word
+from haptic_wall.controller.system.file_kinds import LOG, PICTURE, RECORD
+from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.tree.hold import Hold
-    from haptic_wall.controller.tree.stream import Stream
+    from haptic_wall.controller.processes.hold import Hold
+    from haptic_wall.controller.processes.stream import Stream
 
 MUCH = 1e8
 """A log of so many bytes is told of before the run"""
@@ -100,10 +100,10 @@ def command(
     otherwise; --duration inf: until Ctrl-C. Whatever ends it, the torque is off when it ends. In a
     terminal one line shows it while it goes on; space or q ends it, torque off.
     """
-    from haptic_wall.controller import report as reports
     from haptic_wall.controller.cli.live_line import live_line
-    from haptic_wall.controller.run import run
-    from haptic_wall.controller.tree.plan import Plan
+    from haptic_wall.controller.processes import run_report as reports
+    from haptic_wall.controller.processes.plan import Plan
+    from haptic_wall.controller.processes.run import run
 
     loaded = load_config(config, sets)
     effective = loaded.config
@@ -174,7 +174,7 @@ def _stream(
             "--stream: on the simulated clock a run is over before it can be watched; leave it out"
             " and look at the log, or run with --set loop.clock=monotonic"
         )
-    from haptic_wall.controller.tree.stream import RATE_HZ, stream_to
+    from haptic_wall.controller.processes.stream import RATE_HZ, stream_to
 
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
@@ -197,7 +197,7 @@ def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
             "--hold: on the simulated clock a run is over before anything can be held; leave it"
             " out, or run with --set loop.clock=monotonic"
         )
-    from haptic_wall.controller.tree.hold import hold_by
+    from haptic_wall.controller.processes.hold import hold_by
 
     return hold_by(sources[0])
 
@@ -295,10 +295,10 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     try:
         # Whoever cannot wait for it need not.
         with working("drawing the picture", DRAWING_S), interrupting(STOPPING):
-            from haptic_wall.controller.log.reader import LogReader
-            from haptic_wall.controller.log.rows import LogRows
-            from haptic_wall.controller.plots.run import plot_log
-            from haptic_wall.controller.whole_file import whole
+            from haptic_wall.controller.logs.reader import LogReader
+            from haptic_wall.controller.logs.rows import LogRows
+            from haptic_wall.controller.report.run import plot_log
+            from haptic_wall.controller.system.whole_file import whole
 
             with whole(plot, PICTURE, force=force) as part:
                 plot_log(LogRows.of(LogReader(log)), part, stop_reason)

@@ -12,7 +12,7 @@ import click
 from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.examine.adapter import kind_of_port, only_adapter

@@ -24,9 +24,9 @@ from haptic_wall.controller.cli.options import (
 from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import PICTURE, RESULT, table
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
+from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep_plan import Options, Setting
@@ -116,7 +116,7 @@ def command(
     from haptic_wall.controller.experiments.sweep_plan import Options
     from haptic_wall.controller.experiments.sweep_store import PNG, Asked, SweepStore
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
-    from haptic_wall.controller.report import exit_status
+    from haptic_wall.controller.processes.run_report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
@@ -148,7 +148,7 @@ def command(
         finished, tripped = False, error
     points = store.points()
     if points:
-        from haptic_wall.controller.plots.sweep import plot_sweep
+        from haptic_wall.controller.report.sweep import plot_sweep
 
         store.write()
         picture = whole(folder / PNG, PICTURE, force=force)

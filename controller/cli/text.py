@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.runtime.safety import Trip
 
 _WORST = 3
 """How many of the worst ticks the text names"""

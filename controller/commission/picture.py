@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.commission.verdict import Question
-from haptic_wall.controller.paper.style import (
+from haptic_wall.controller.report.style import (
     BLUE,
     FAINT,
     GREEN,

@@ -18,11 +18,11 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
-from haptic_wall.controller.file_kinds import PICTURE
-from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.signals import interrupting
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.signals import interrupting
+from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1

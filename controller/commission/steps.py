@@ -29,10 +29,10 @@ from haptic_wall.controller.experiments.sweep_plan import Setting
 from haptic_wall.controller.experiments.sweep_result import PointResult
 from haptic_wall.controller.experiments.sweep_store import Asked, SweepStore
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
-from haptic_wall.controller.plots.delay import plot_delay
-from haptic_wall.controller.plots.identify import plot_identification
-from haptic_wall.controller.plots.rendered import plot_rendering
-from haptic_wall.controller.plots.sweep import plot_sweep
+from haptic_wall.controller.report.delay import plot_delay
+from haptic_wall.controller.report.identify import plot_identification
+from haptic_wall.controller.report.rendered import plot_rendering
+from haptic_wall.controller.report.sweep import plot_sweep
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 

@@ -19,7 +19,7 @@ from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.backstop import BackstopSettings
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
-from haptic_wall.controller.wall import Law
+from haptic_wall.controller.laws.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
 

@@ -17,11 +17,11 @@ from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
-from haptic_wall.controller.lateness.machine_setup import machine_setup
-from haptic_wall.controller.realtime import Setting, pick_cores
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.processes.emulator import emulator_arguments
+from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
+from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.tree.children import Child, first_line
-from haptic_wall.controller.tree.emulator import emulator_arguments
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.drivable import drivable
 from haptic_wall.hw.dynamixel.examine.adapter import examine_port

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 from haptic_wall.controller.doctor.report import Consent, Report, Tell
-from haptic_wall.controller.sampler import COLLECT_SHARE
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.examine.adapter import examine_latency_timer
 from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
@@ -21,9 +21,9 @@ from haptic_wall.hw.dynamixel.examine.search import (
 )
 from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
 from haptic_wall.hw.settings import DynamixelSettings
-from haptic_wall.hw.wire import cycle_s
 
 
 class Locator:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptic_wall.controller.lateness.machine_setup import Found
-from haptic_wall.controller.realtime import Profile, Setting, missing_for_strict
+from haptic_wall.controller.runtime.lateness.machine_setup import Found
+from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
 from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
 from haptic_wall.hw.dynamixel.examine.replies import percentile
 

@@ -8,10 +8,10 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from haptic_wall.controller.doctor.timing_process import Orders
-from haptic_wall.controller.realtime import pick_cores
-from haptic_wall.controller.sampler import COLLECT_SHARE, LONGER_SHARE
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.runtime.realtime import pick_cores
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.tree.children import Child, first_line
 from haptic_wall.hw.errors import ServoError
 
 SERIES_S: Final = 0.1

@@ -14,9 +14,9 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from haptic_wall.controller import realtime
-from haptic_wall.controller.loop import Waiter, waiter_for
-from haptic_wall.controller.orders import read_orders
+from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.examine.cycles import SCHEDULES, run_series
 from haptic_wall.hw.dynamixel.examine.replies import time_replies

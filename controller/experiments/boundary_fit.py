@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from haptic_wall.controller import json_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.identification import Estimated
+from haptic_wall.controller.system import json_text
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 

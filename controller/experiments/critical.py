@@ -32,8 +32,8 @@ from haptic_wall.controller.experiments.sweep_result import (
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
 from haptic_wall.controller.experiments.trial_watch import Seen, watch
-from haptic_wall.controller.log.file import SUFFIX
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.logs.file import SUFFIX
 
 _FIRST = (0.6, 0.8, 1.0, 1.25)
 _STIFFER = (1.2, 1.5, 1.9, 2.5)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.experiments.step_fit import StepFit
 from haptic_wall.controller.experiments.torque_steps import good
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray
 
 REACH = 0.4

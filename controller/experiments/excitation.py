@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 PULSE_S = 0.06

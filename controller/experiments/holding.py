@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 

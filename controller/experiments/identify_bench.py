@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.fitting import Fit, NoFitError, fit_moti
 from haptic_wall.controller.experiments.loaded_fit import fit_loaded
 from haptic_wall.controller.experiments.motion_model import Motion, motion_of
 from haptic_wall.controller.experiments.testbed import Played, Testbed
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 
 _STRONGER = 1.5
 """Each pulse that did not move the shaft is followed by one stronger by this"""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.hw.bodies import Bodies, Held
+from haptic_wall.hw.plant.bodies import Bodies, Held
 
 BLOCK = 4096
 """Walls simulated together: their arrays stay in the processor's second-level cache."""

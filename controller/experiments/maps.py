@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.many_walls import Walls
 from haptic_wall.controller.experiments.onset import onset
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.settings import TrueServo

@@ -13,7 +13,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.signals import held_back, interrupting
+from haptic_wall.controller.system.signals import held_back, interrupting
 
 
 def cores() -> int:

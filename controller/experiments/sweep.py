@@ -25,7 +25,7 @@ from haptic_wall.controller.experiments.sweep_result import PointResult
 from haptic_wall.controller.experiments.sweep_store import LOGS, SweepStore
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.signals import interrupting
+from haptic_wall.controller.system.signals import interrupting
 
 _TRIALS = 8, 4
 """Trials of a point: in a typical sweep, and for each repeat more"""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.file_kinds import LOG, may_be_replaced
-from haptic_wall.controller.lateness.machine_setup import START
-from haptic_wall.controller.log.file import SUFFIX, read_log
-from haptic_wall.controller.program import Phase
-from haptic_wall.controller.report import explanation
-from haptic_wall.controller.run import run
-from haptic_wall.controller.safety import End, StopReason, Trip
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.logs.file import SUFFIX, read_log
+from haptic_wall.controller.processes.plan import Ended, LogState, Plan
+from haptic_wall.controller.processes.run import run
+from haptic_wall.controller.processes.run_report import explanation
+from haptic_wall.controller.runtime.lateness.machine_setup import START
+from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.telemetry import FLAG_WARM_UP
-from haptic_wall.controller.tree.plan import Ended, LogState, Plan
+from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
 
 _GONE = frozenset(
     (

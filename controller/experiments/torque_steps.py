@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.experiments.holding import Hold
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.experiments.decrement import Growth, growth, turning_points
 from haptic_wall.controller.experiments.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.program import Phase
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 

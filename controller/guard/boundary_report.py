@@ -21,7 +21,7 @@ from haptic_wall.controller.guard.design import FAST_BAUD, FINER, Change, Improv
 from haptic_wall.controller.guard.types import Limits
 from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
 from haptic_wall.controller.theory.ranges import Member, Ranges
-from haptic_wall.hw.wire import cycle_s
+from haptic_wall.hw.dynamixel.wire import cycle_s
 
 _CHANGES: tuple[Change, ...] = (
     "virtual_damping",

@@ -25,7 +25,7 @@ from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import linear_limit, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.hw.wire import cycle_s
+from haptic_wall.hw.dynamixel.wire import cycle_s
 
 Change = Literal[
     "virtual_damping",

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_wall.controller.paper import style
 from haptic_wall.controller.paper.curves import (
     Curve,
     FigureData,
@@ -16,6 +15,7 @@ from haptic_wall.controller.paper.curves import (
     exact_boundary,
     linear_at,
 )
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import peak
 from haptic_wall.controller.theory.closed_forms import no_delay_limit, one_sample_limit
 

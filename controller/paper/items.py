@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptic_wall.controller.file_kinds import PICTURE, Kind
 from haptic_wall.controller.paper import boundaries, linear_error, lwr3, table2
 from haptic_wall.controller.paper.curves import FigureData, write_csv
 from haptic_wall.controller.paper.numbers import Numbers, of_points, of_table2
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import PICTURE, Kind
+from haptic_wall.controller.system.whole_file import whole
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.paper import style
 from haptic_wall.controller.paper.boundaries import DELAYS
 from haptic_wall.controller.paper.curves import (
     Curve,
@@ -15,6 +14,7 @@ from haptic_wall.controller.paper.curves import (
     exact_at,
     linear_at,
 )
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.linear_error import ErrorPoint, error_points
 
 DELTAS = (0.0, 0.01)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_wall.controller.paper import style
 from haptic_wall.controller.paper.curves import Curve, FigureData, FloatArray
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,

@@ -8,10 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from haptic_wall import __version__
-from haptic_wall.controller.file_kinds import Kind
 from haptic_wall.controller.paper.items import Made
 from haptic_wall.controller.paper.table2 import worst_text
-from haptic_wall.controller.whole_file import whole
+from haptic_wall.controller.system.file_kinds import Kind
+from haptic_wall.controller.system.whole_file import whole
 
 PAGE = "index.html"
 KIND = Kind(

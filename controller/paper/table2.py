@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.paper import style
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import critical_stiffness
 
 FloatArray = NDArray[np.float64]

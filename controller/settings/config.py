@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationInfo, model_validator
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.overspeed import DRIVEN_SHARE
+from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.settings.model import (
     Delay,
     Estimate,
@@ -22,7 +22,7 @@ from haptic_wall.controller.settings.model import (
 )
 from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
 from haptic_wall.controller.settings.servo import EMULATED, Servo
-from haptic_wall.controller.wall import SIGNS
+from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.servo import JUMP_SPEED
 from haptic_wall.hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
 

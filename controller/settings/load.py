@@ -12,14 +12,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from haptic_wall.controller import regular_file
 from haptic_wall.controller.errors import ConfigError, UserError
-from haptic_wall.controller.printable import in_line
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import OLD_NAMES, Config
 from haptic_wall.controller.settings.fields import fields, sections
 from haptic_wall.controller.settings.rules import BrokenRulesError, Problem
 from haptic_wall.controller.settings.servo import IN_WORDS
+from haptic_wall.controller.system import regular_file
+from haptic_wall.controller.system.printable import in_line
 
 DEFAULT_PRESET = "simulated"
 MOST_BYTES = 2**16

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from haptic_wall.controller.engagement import MOST_TORQUE
-from haptic_wall.controller.loop import SPIN_SHARE
+from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
-from haptic_wall.hw.wire import cycle_s
+from haptic_wall.controller.settings.shares import SPIN_SHARE
+from haptic_wall.hw.dynamixel.wire import cycle_s
 
 if TYPE_CHECKING:
     from haptic_wall.controller.settings.config import Config

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.printable import in_line
+from haptic_wall.controller.system.printable import in_line
 
 MOST_VALUES = 10_000
 """A configuration has a hundred; a few nested aliases stand for billions."""

@@ -7,8 +7,8 @@ from typing import Final
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS
+from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoLostError
-from haptic_wall.hw.wire import ASKING_BYTES
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)

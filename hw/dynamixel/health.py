@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoHealthError, TorqueLostError
-from haptic_wall.hw.wire import ASKING_BYTES
 
 EVERY_NS: Final = 200_000_000
 """Between two looks"""

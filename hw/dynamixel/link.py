@@ -40,8 +40,8 @@ from haptic_wall.hw.dynamixel.samples import (
     ServoClock,
 )
 from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.servo import BusCounts, Outcome
-from haptic_wall.hw.wire import wire_ns
 
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # to look these up takes as long as to make a sample

@@ -17,9 +17,9 @@ from typing import Final
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
+from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.wire import CYCLE_BYTES
 
 _PERIOD_NS: Final = 1_000_000
 _CYCLE_SHARE: Final = 0.8

@@ -21,8 +21,8 @@ from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.wire import READ_REQUEST_BYTES, wire_ns
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
-from haptic_wall.hw.wire import READ_REQUEST_BYTES, wire_ns
 
 _PATIENCE_NS: Final = 3_000_000
 """On top of the bytes' own time: the servo's return delay (0.5 ms) and the adapter's hold (1 ms)"""

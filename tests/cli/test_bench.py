@@ -15,15 +15,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_wall.controller.benchmarks import (
+from haptic_wall.controller.bench import (
     array_simulation,
     boundary,
     bus_clients,
     bus_cycle,
     plant_alone,
 )
-from haptic_wall.controller.benchmarks.machine import ProcessorTime
-from haptic_wall.controller.benchmarks.rows import Histogram, Row, Section, interleaved, over_rounds
+from haptic_wall.controller.bench.machine import ProcessorTime
+from haptic_wall.controller.bench.rows import Histogram, Row, Section, interleaved, over_rounds
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
@@ -77,12 +77,10 @@ def made_up(monkeypatch):
             monkeypatch.setitem(SECTIONS, name, "made_up")
 
     become(lambda: FOUND)
-    monkeypatch.setattr("haptic_wall.controller.benchmarks.report.granted", lambda: RIGHTS)
+    monkeypatch.setattr("haptic_wall.controller.bench.report.granted", lambda: RIGHTS)
     # What is made up takes less than the unit of the processors' time.
     times = (ProcessorTime(1000 * n, n) for n in itertools.count())
-    monkeypatch.setattr(
-        "haptic_wall.controller.benchmarks.report.processor_time", lambda: next(times)
-    )
+    monkeypatch.setattr("haptic_wall.controller.bench.report.processor_time", lambda: next(times))
     return become
 
 
@@ -211,7 +209,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(made_up, capsys, tmp_path, monk
             raise KeyboardInterrupt from None
 
     made_up(measure)
-    monkeypatch.setattr("haptic_wall.controller.benchmarks.page.png", lambda _: b"")
+    monkeypatch.setattr("haptic_wall.controller.bench.page.png", lambda _: b"")
     page = tmp_path / "bench.html"
     status, out, _ = call(capsys, "--json", "--html", str(page))
     assert status == 130

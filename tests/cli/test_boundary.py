@@ -171,7 +171,7 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
 
 def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.boundary.plot_boundary", lambda _q, _f, path: path.touch()
+        "haptic_wall.controller.report.boundary.plot_boundary", lambda _q, _f, path: path.touch()
     )
     status, out, err = call(capsys, *LOOP, "--plot", "/nowhere/plane.png")
     assert (status, out) == (2, "")
@@ -184,7 +184,7 @@ def test_the_picture_is_drawn(capsys, tmp_path, more, monkeypatch):
     from matplotlib.image import imread
 
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.boundary._SHARES", np.linspace(1e-3, 1 - 1e-3, 20)
+        "haptic_wall.controller.report.boundary._SHARES", np.linspace(1e-3, 1 - 1e-3, 20)
     )
 
     plot = tmp_path / "plane.png"

@@ -125,7 +125,7 @@ def test_a_picture_that_is_interrupted_leaves_the_one_before(log, tmp_path, monk
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptic_wall.controller.plots.detect.plot_detection", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.report.detect.plot_detection", interrupted)
     assert CliRunner().invoke(command, [str(log), "--plot", str(target)]).exit_code
     assert target.read_text() == "before"
     assert list(tmp_path.iterdir()) == [target]

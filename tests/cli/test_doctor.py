@@ -19,7 +19,7 @@ from haptic_wall.hw.dynamixel.examine.registers import Contact
 from haptic_wall.hw.dynamixel.examine.search import opened
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
-from tests.hw.dynamixel.test_emulated_server import emulate
+from tests.hw.emulated.test_emulated_server import emulate
 
 TIMED = {
     "reply time",

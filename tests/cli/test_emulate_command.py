@@ -7,12 +7,12 @@ import sys
 import pytest
 import serial
 
-from haptic_wall.controller.claim import claimed
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
+from haptic_wall.controller.system.claim import claimed
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.emulated.witness import COLUMNS
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.witness import COLUMNS
 
 
 def refused(capsys, *arguments):

@@ -116,7 +116,7 @@ def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
     """pydantic, which it loads, swallowed the exception once in five hundred."""
     program = INTERRUPTING.replace('"config", "simulated"', '"bench"')
     done = subprocess.run(
-        [sys.executable, "-c", program.format(module="haptic_wall.controller.benchmarks.lateness")],
+        [sys.executable, "-c", program.format(module="haptic_wall.controller.bench.lateness")],
         capture_output=True,
         text=True,
         check=False,
@@ -128,7 +128,7 @@ def test_what_is_begun_is_put_in_order(tmp_path):
     program = (
         "import os, pathlib, signal\n"
         "from haptic_wall.controller.cli import interrupt\n"
-        "from haptic_wall.controller.whole_file import whole\n"
+        "from haptic_wall.controller.system.whole_file import whole\n"
         "interrupt.leave_at_once()\n"
         "try:\n"
         "    with whole(pathlib.Path('half')) as part:\n"
@@ -169,11 +169,11 @@ def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(tmp
         "        abort()\n"
         "torn = Torn()\n"
         "atexit.register(lambda: print('in order'))\n"
-        "import haptic_wall.controller.plots.boundary\n"
+        "import haptic_wall.controller.report.boundary\n"
         "def plot(question, found, path):\n"
         "    path.write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "haptic_wall.controller.plots.boundary.plot_boundary = plot\n"
+        "haptic_wall.controller.report.boundary.plot_boundary = plot\n"
         "sys.argv = 'haptic-wall boundary --servo=MX-64 --rate=1000 --delay=0.002 --plot=b.png"
         " --virtual-damping=0.1'.split()\n"
         "from haptic_wall.controller.cli.entry import main\n"

@@ -9,9 +9,9 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.identify import _CONFIG
 from haptic_wall.controller.experiments.testbed import Testbed
-from haptic_wall.controller.file_kinds import may_be_replaced
-from haptic_wall.controller.log.file import read_log
+from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.system.file_kinds import may_be_replaced
 
 QUICK = [
     "--set=loop.clock=simulated",
@@ -62,7 +62,7 @@ def test_figures_are_printed_though_a_file_cannot_be_written(monkeypatch, capsys
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("haptic_wall.controller.plots.identify.plot_identification", full)
+    monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
     words = ["identify", "simulated", *QUICK, "--out=mine.yaml", "--plot=fit.png", "--json"]
     assert call(words) == 2
     said = capsys.readouterr()

@@ -16,11 +16,11 @@ from click.testing import CliRunner
 
 from haptic_wall.controller.cli.log import command
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.log.file import LogWriter, append_end, read_log
-from haptic_wall.controller.log.recordings import read_recordings
-from haptic_wall.controller.log.summary import summarised
+from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
+from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.logs.summary import summarised
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 
 
 @pytest.fixture
@@ -224,7 +224,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(log, tmp_path, monkey
         drawn.append(sketch.time)
         path.touch()
 
-    monkeypatch.setattr("haptic_wall.controller.plots.run.plot_run", keep)
+    monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", keep)
     answer(log, "--from", 0.3, "--to", 0.6, "--plot", tmp_path / "a.png")
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
 
@@ -312,7 +312,7 @@ def test_an_export_whose_terminal_is_closed_leaves_nothing(log, tmp_path, monkey
         os.kill(os.getpid(), number)
         pytest.fail("went on")
 
-    monkeypatch.setattr("haptic_wall.controller.log.csv_export.write_csv", ended)
+    monkeypatch.setattr("haptic_wall.controller.logs.csv_export.write_csv", ended)
     before = signal.getsignal(number)
     assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
     assert list(tmp_path.iterdir()) == [log]
@@ -333,9 +333,13 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
         seen.append(path)
         raise KeyboardInterrupt
 
-    for place in ("log.csv_export.write_csv", "plots.run.plot_log", "log.mcap_export.write_mcap"):
+    for place in (
+        "logs.csv_export.write_csv",
+        "report.run.plot_log",
+        "logs.mcap_export.write_mcap",
+    ):
         monkeypatch.setattr(f"haptic_wall.controller.{place}", interrupted)
-    monkeypatch.setattr("haptic_wall.controller.log.cut.cut_log", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.logs.cut.cut_log", interrupted)
     assert CliRunner().invoke(command, words).exit_code
     assert seen
     assert target.read_bytes() == before

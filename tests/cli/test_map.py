@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.claim import claimed
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments import maps
+from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -145,7 +145,7 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(capsys, tmp_path, mon
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("haptic_wall.controller.plots.maps.plot_map", full)
+    monkeypatch.setattr("haptic_wall.controller.report.maps.plot_map", full)
     status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
     assert status == 2
     assert f"--out {tmp_path}: cannot be written: No space left on device" in err

@@ -25,7 +25,7 @@ def run(*arguments):
 def test_the_picture_goes_beside_an_explicit_log(tmp_path, monkeypatch, capsys, log, picture):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.run.plot_log", lambda _rows, path, _why: path.touch()
+        "haptic_wall.controller.report.run.plot_log", lambda _rows, path, _why: path.touch()
     )
     assert run("--log", log) == 0
     assert {each.name for each in tmp_path.iterdir()} == {log, picture}

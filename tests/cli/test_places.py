@@ -6,13 +6,13 @@ import sys
 
 import pytest
 
-from haptic_wall.controller import file_kinds
-from haptic_wall.controller.claim import claimed
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.file_kinds import PICTURE, RECORD, may_be_replaced
-from haptic_wall.controller.log.columns import COLUMNS
-from haptic_wall.controller.whole_file import whole
-from haptic_wall.hw.dynamixel.emulated import witness
+from haptic_wall.controller.logs.columns import COLUMNS
+from haptic_wall.controller.system import file_kinds
+from haptic_wall.controller.system.claim import claimed
+from haptic_wall.controller.system.file_kinds import PICTURE, RECORD, may_be_replaced
+from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.hw.emulated import witness
 
 SIMULATED = ["simulated", "--set=loop.clock=simulated"]
 SWEEP = ["sweep", *SIMULATED, "--virtual-damping=0.1", "--delay-steps=0"]

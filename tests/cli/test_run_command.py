@@ -16,12 +16,12 @@ import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli import run as run_command
-from haptic_wall.controller.log.file import LogWriter, read_log
-from haptic_wall.controller.report import exit_status
-from haptic_wall.controller.telemetry import ROW
-from haptic_wall.controller.tree import inline
-from haptic_wall.controller.tree.plan import LogState
-from haptic_wall.controller.tree.recorder import Recorder
+from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.processes import inline
+from haptic_wall.controller.processes.plan import LogState
+from haptic_wall.controller.processes.recorder import Recorder
+from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.runtime.telemetry import ROW
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
@@ -74,7 +74,7 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
     def impatient(*_):
         os.kill(os.getpid(), number)
 
-    monkeypatch.setattr("haptic_wall.controller.plots.run.plot_run", impatient)
+    monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", impatient)
     before = signal.getsignal(number)
     status, out, _ = run(capsys, "--log", "run.hwlog")
     report = json.loads(out)
@@ -85,7 +85,7 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
 
 def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+        "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     status, out, _ = run(capsys, "--log", "run.hwlog", "--set", "safety.max_speed=1e-9")
     assert cli.main(["log", "run.hwlog", "--json"]) == 0
@@ -98,7 +98,7 @@ def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
 
 def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+        "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     for name in ("a", "b"):
         assert run(capsys, "--log", f"{name}.hwlog")[0] == 0
@@ -186,7 +186,7 @@ def test_the_configuration_is_not_written_over(capsys, folder, option):
 
 def test_a_preset_is_no_file_that_could_be_written_over(capsys, monkeypatch):
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+        "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     assert run(capsys, "simulated", "--log", "simulated")[0] == 0
 

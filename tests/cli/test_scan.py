@@ -5,7 +5,7 @@ import json
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from tests.hw.dynamixel.test_emulated_server import emulate
+from tests.hw.emulated.test_emulated_server import emulate
 
 
 def scan(capsys, *arguments):

@@ -8,11 +8,11 @@ import sys
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.session import run_session
+from haptic_wall.controller.processes.emulator import emulator_arguments
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import Telemetry
-from haptic_wall.controller.tree.emulator import emulator_arguments
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
 

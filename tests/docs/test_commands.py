@@ -40,12 +40,10 @@ def folder(tmp_path, monkeypatch):
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
-    monkeypatch.setattr(
-        "haptic_wall.controller.benchmarks.report.measured_section", lambda _: NOTHING
-    )
+    monkeypatch.setattr("haptic_wall.controller.bench.report.measured_section", lambda _: NOTHING)
     # What is drawn has tests of its own, and takes most of a second each time.
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.run.plot_run", lambda _s, _m, path, *_: path.touch()
+        "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     (tmp_path / "config").symlink_to(ROOT / "config")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
@@ -71,7 +69,7 @@ def cut_short(monkeypatch, thorough):
     nobody = functools.partial(maps.critical_map, executor=Nobody())
     monkeypatch.setattr(maps, "critical_map", nobody)
     monkeypatch.setattr(
-        "haptic_wall.controller.plots.boundary.plot_boundary",
+        "haptic_wall.controller.report.boundary.plot_boundary",
         lambda _question, _found, path: path.touch(),
     )
     few = [item for item in items.ITEMS if item.name == "fig8"]

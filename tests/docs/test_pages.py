@@ -6,11 +6,11 @@ import re
 import pytest
 
 from haptic_wall.controller.cli.main import COMMANDS
-from haptic_wall.controller.log.columns import COLUMNS
-from haptic_wall.controller.realtime import Setting
-from haptic_wall.controller.safety import Trip
+from haptic_wall.controller.logs.columns import COLUMNS
+from haptic_wall.controller.runtime.realtime import Setting
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.telemetry import ROW
 from tests.docs.pages import PAGES, anchors, name_of, script, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.telemetry import ROW, Row
+from haptic_wall.controller.runtime.telemetry import ROW, Row
 from haptic_wall.hw.servo import Outcome
 from scripts.day import PERIOD_NS, WatchedTelemetry, long_run, turning
 

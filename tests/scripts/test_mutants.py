@@ -116,7 +116,7 @@ def test_a_smaller_sample_is_the_beginning_of_a_larger_one():
 def test_the_tests_of_a_role_are_those_that_import_it():
     imports = imports_of_tests(ROOT)
     found = {role: files_for(role, ROOT, imports) for role in ROLES}
-    assert "tests/controller/test_tick.py" in found["tick"]
+    assert "tests/controller/runtime/test_tick.py" in found["tick"]
     assert "tests/hw/dynamixel/test_link.py" in found["link"]
     assert "tests/hw/dynamixel/test_driver.py" in found["codec"], "through a helper"
     assert "tests/hw/dynamixel/test_codec.py" not in found["safety"]
@@ -192,7 +192,7 @@ def project(tmp_path, monkeypatch):
         "    return position > 2.0 or position == 7\n"
     )
     (root / "tests" / "test_far.py").write_text(
-        "from haptic_wall.controller.safety import far\n\n"
+        "from haptic_wall.controller.runtime.safety import far\n\n"
         "def test_far():\n    assert far(3.0) and not far(1.0) and far(10)\n\n"
         "def test_fails():\n    assert not far(3.0)\n"
     )

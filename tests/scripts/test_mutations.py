@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.log.recording import cut, parted
+from haptic_wall.controller.logs.recording import cut, parted
 from scripts.mutation_trial import KINDS, tried
 from scripts.mutations import COUNTS, FAULTS, NAMES, PAGE, PART
 from scripts.uncertainty import PART as COMPUTED
@@ -50,13 +50,13 @@ def half_parted(whole, period, notes):
 @pytest.mark.parametrize(
     ("kind", "place", "wrong", "fault"),
     [
-        ("logs", "haptic_wall.controller.log.reader.in_order", iter, "traceback"),
-        ("logs", "haptic_wall.controller.log.blocks.zlib.crc32", lambda _data: 0, "wrong"),
-        ("crafted", "haptic_wall.controller.log.content.fault", lambda _rows: None, "traceback"),
-        ("logs", "haptic_wall.controller.log.replayed.replayed", lambda *_: 1 / 0, "traceback"),
+        ("logs", "haptic_wall.controller.logs.reader.in_order", iter, "traceback"),
+        ("logs", "haptic_wall.controller.logs.blocks.zlib.crc32", lambda _data: 0, "wrong"),
+        ("crafted", "haptic_wall.controller.logs.content.fault", lambda _rows: None, "traceback"),
+        ("logs", "haptic_wall.controller.logs.replayed.replayed", lambda *_: 1 / 0, "traceback"),
         ("crafted", "haptic_wall.controller.cli.options.printable", "\x07{}".format, "terminal"),
         ("configurations", "haptic_wall.controller.cli.config._value", lambda *_: 7.25, "wrong"),
-        ("csvs", "haptic_wall.controller.log.csv_recording.parted", half_parted, "wrong"),
+        ("csvs", "haptic_wall.controller.logs.csv_recording.parted", half_parted, "wrong"),
     ],
 )
 def test_a_defect_is_noticed(kind, place, wrong, fault, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.regions import Region, place, servo_places
-from haptic_wall.hw.plant import PlantParameters, State, step
+from haptic_wall.hw.plant.body import PlantParameters, State, step
 
 PERIOD, COUNT = 1e-3, 1e-3
 INERTIA, DAMPING = 5e-3, 0.02

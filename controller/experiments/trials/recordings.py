@@ -21,7 +21,7 @@ from haptic_wall.controller.experiments.listening import COUNT, PERIOD
 from haptic_wall.controller.experiments.trials.rates import most
 from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
 from haptic_wall.controller.experiments.watched import kicked
-from haptic_wall.controller.log.detected import with_fit
+from haptic_wall.controller.logs.detected import with_fit
 
 SHARES = 1.3, 2.2
 """Range of K over the limit for the kick [1]"""

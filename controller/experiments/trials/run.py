@@ -10,19 +10,24 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.assembly import guard_schedule, most_injected, rendered, tick_parts
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator
 from haptic_wall.controller.experiments.trials.servo import TrialServo
 from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.runtime.assembly import (
+    guard_schedule,
+    most_injected,
+    rendered,
+    tick_parts,
+)
+from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import FLAG_SATURATED, NO_DEAD_MAN, Telemetry, Word
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.controller.tick import Tick
-from haptic_wall.controller.wall import Side
 from haptic_wall.hw.clock import SimulatedClock
 
 _CHUNK = 8192

@@ -19,8 +19,8 @@ from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
-from haptic_wall.hw.wire import wire_ns
 
 IDS: Final = range(21)
 """Ids that are pinged one by one unless others are asked for: few buses have more"""

@@ -11,14 +11,14 @@ from haptic_wall.controller.detector.backstop import BackstopSettings
 from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
-from haptic_wall.controller.log.file import read_log
-from haptic_wall.controller.report import exit_status
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.telemetry import Telemetry, Word
 from haptic_wall.controller.theory import critical_stiffness, peak
-from haptic_wall.controller.tree.inline import run_inline
-from haptic_wall.controller.tree.plan import Plan
-from haptic_wall.controller.wall import Wall
 
 BASE = (
     "loop.clock=simulated",

@@ -11,8 +11,8 @@ from haptic_wall.controller.experiments.sweep import excursion, expected_s, expe
 from haptic_wall.controller.experiments.sweep_device import Device
 from haptic_wall.controller.experiments.sweep_plan import Options, Setting, hold_spring
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
-from haptic_wall.controller.log.file import read_log
-from haptic_wall.controller.run import run
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 

@@ -1,7 +1,7 @@
 """The motions of an identification let go of a shaft that something takes far beyond its reach."""
 
 from haptic_wall.controller.experiments.excitation import Bounds, Guess, motions
-from haptic_wall.controller.program import Program
+from haptic_wall.controller.laws.program import Program
 
 BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)
 GUESS = Guess(inertia=0.012, damping=0.012, coulomb=0.09, delay=2e-3)

@@ -19,8 +19,8 @@ from haptic_wall.controller.experiments.identify_bench import Bench
 from haptic_wall.controller.experiments.motion_model import motion_of
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.mechanism import Mechanism
-from haptic_wall.hw.plant import Pull, step
+from haptic_wall.hw.plant.body import Pull, step
+from haptic_wall.hw.plant.mechanism import Mechanism
 from scripts.ordinary_servos import Effects, ordinary
 
 SMALL = (
@@ -159,7 +159,7 @@ def test_a_strong_spring_on_the_shaft_is_told(tmp_path, monkeypatch):
         assert pull is None
         return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
 
-    monkeypatch.setattr("haptic_wall.hw.mechanism.step", on_a_spring)
+    monkeypatch.setattr("haptic_wall.hw.plant.mechanism.step", on_a_spring)
     assert Mechanism  # whose step it is
     try:
         found = identify(config_of(), tmp_path)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.delay import DelayRing
 from haptic_wall.controller.experiments.many_walls import Loops, Walls, blocks, split_delay
-from haptic_wall.controller.log.file import read_log
-from haptic_wall.controller.velocity import velocity_estimator
-from haptic_wall.controller.wall import Wall
-from haptic_wall.hw.plant import PlantParameters, State, step
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.velocity import velocity_estimator
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.hw.plant.body import PlantParameters, State, step
 
 PERIOD = 1e-3
 

@@ -10,8 +10,8 @@ from haptic_wall.controller.experiments.motion_model import (
     pieces_of,
     simulated,
 )
-from haptic_wall.controller.telemetry import ROW
-from haptic_wall.hw.mechanism import Mechanism
+from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000

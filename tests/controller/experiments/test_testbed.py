@@ -13,9 +13,9 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentTrippedError,
     Testbed,
 )
-from haptic_wall.controller.log.file import append_end
-from haptic_wall.controller.program import Phase
-from haptic_wall.controller.run import run
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.logs.file import append_end
+from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.settings.load import load_config
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
@@ -64,7 +64,7 @@ def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(tmp_path, mo
         os.kill(os.getpid(), signal.SIGINT)
         append_end(path, facts, sync=sync)
 
-    monkeypatch.setattr("haptic_wall.controller.run.append_end", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.processes.run.append_end", interrupted)
     with pytest.raises(ExperimentInterruptedError):
         bed(tmp_path).play("whole", [Phase(0.01)])
     assert (tmp_path / "whole.hwlog").exists()

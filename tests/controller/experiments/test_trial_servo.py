@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator
 from haptic_wall.controller.experiments.trials.servo import TrialServo
 from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.plant import PlantParameters, Pull, State, step
+from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.settings import SimulatedSettings, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 

@@ -27,7 +27,7 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,
 )
-from haptic_wall.hw.wire import cycle_s
+from haptic_wall.hw.dynamixel.wire import cycle_s
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 COUNT = math.tau / 4096

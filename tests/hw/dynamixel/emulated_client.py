@@ -6,13 +6,13 @@ import io
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.injection import Faults
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
-from haptic_wall.hw.dynamixel.emulated.witness import Witness
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.injection import Faults
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.settings import TrueServo
 
 US = 1_000

@@ -18,10 +18,10 @@ from haptic_wall.hw.dynamixel.codec import (
     crc16,
     encode,
 )
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import GAP_NS, EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.bus import GAP_NS, EmulatedBus
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.adapter import Adapter
 from tests.hw.dynamixel.emulated_client import BAUD, BYTE_NS, MS, US, Client
 
 READ = encode(1, Instruction.READ, bytes([120, 0, 16, 0]))

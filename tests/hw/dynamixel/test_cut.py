@@ -6,7 +6,7 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.cut import cut_torque
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.hw.dynamixel.bench import Bench
 from tests.hw.dynamixel.lines import TroubledLine

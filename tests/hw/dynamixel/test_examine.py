@@ -12,10 +12,6 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel import latency
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 from haptic_wall.hw.dynamixel.examine import adapter as adapters
 from haptic_wall.hw.dynamixel.examine.cycles import run_series
 from haptic_wall.hw.dynamixel.examine.judgement import in_order_of_repair, judge
@@ -25,6 +21,10 @@ from haptic_wall.hw.dynamixel.examine.search import search
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
 from haptic_wall.hw.dynamixel.sdk import Sdk
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError
 from haptic_wall.hw.settings import TrueServo
 

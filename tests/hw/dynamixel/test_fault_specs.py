@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.hw.dynamixel.emulated.faults import KEYS, KINDS, parse_fault
+from haptic_wall.hw.emulated.faults import KEYS, KINDS, parse_fault
 
 
 @pytest.mark.parametrize("name", KINDS)

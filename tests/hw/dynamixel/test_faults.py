@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.faults import KINDS
-from haptic_wall.hw.dynamixel.emulated.injection import Faults
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.faults import KINDS
+from haptic_wall.hw.emulated.injection import Faults
+from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
 

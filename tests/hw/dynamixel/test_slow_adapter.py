@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.emulated.adapter import Adapter
-from haptic_wall.hw.dynamixel.emulated.bus import EmulatedBus
-from haptic_wall.hw.dynamixel.emulated.memory_line import MemoryLine
-from haptic_wall.hw.dynamixel.emulated.servo import EmulatedServo
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.memory_line import MemoryLine
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Check, Outcome, Reading
 from tests.hw.dynamixel.bench import BAUD, SETTINGS, TRUE

@@ -14,8 +14,8 @@ import pytest
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
-from haptic_wall.hw.mechanism import HAND_WAIT_S
-from haptic_wall.hw.plant import PlantParameters
+from haptic_wall.hw.plant.body import PlantParameters
+from haptic_wall.hw.plant.mechanism import HAND_WAIT_S
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096

@@ -6,7 +6,13 @@ import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.wire import CYCLE_BYTES, EMPTY_REPLY_BYTES, READ_REQUEST_BYTES, cycle_s, wire_ns
+from haptic_wall.hw.dynamixel.wire import (
+    CYCLE_BYTES,
+    EMPTY_REPLY_BYTES,
+    READ_REQUEST_BYTES,
+    cycle_s,
+    wire_ns,
+)
 from tests.hw.dynamixel.lines import MS, ClockLine
 
 

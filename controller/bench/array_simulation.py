@@ -1,0 +1,179 @@
+"""How many periods of how many walls are simulated in a second, beside one alone and peers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
+from haptic_wall.controller.bench.rows import Row, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+
+_ROUNDS = 5
+_PERIODS, _PERIODS_ALONE = 1000, 5000
+_PERIOD_NS = round(1e9 * PERIOD_S)
+_COMPARED = 8
+"""Walls of an array that are run alone too"""
+_KINDS = {"linear servos": False, "servos with friction and encoder": True}
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A two-sided wall on a servo of its own, let go at ``servo.position``."""
+
+    servo: TrueServo
+    stiffness: float
+    """K [N·m/rad]"""
+    virtual_damping: float
+    """B [N·m·s/rad]"""
+
+
+def measure() -> Section:
+    """Two-sided walls as an array and one alone; the servo without its wall beside peers."""
+    drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
+    work: dict[str, Callable[[], object]] = {}
+    for what, walls in drawn.items():
+        work[what] = partial(_run, *_as_arrays(walls)[:2], _PERIODS)
+        work[f"{what}, alone"] = partial(_each_alone, walls)
+    times = interleaved(work, _ROUNDS)
+    rows = []
+    for what, walls in drawn.items():
+        many = [one / (len(walls) * _PERIODS) for one in times[what]]
+        single = [one / _PERIODS_ALONE for one in times[f"{what}, alone"]]
+        few = walls[:_COMPARED]
+        apart = together(few, _PERIODS) - [alone(wall, _PERIODS) for wall in few]
+        rows += [
+            over_rounds(
+                f"array of {len(walls)} random walls, {what}",
+                [1 / one for one in many],
+                "wall-periods/s",
+                "walls with backlash or long velocity differences, and the search around it",
+            ),
+            over_rounds(
+                f"{len(few)} of them, one by one",
+                [1 / one for one in single],
+                "wall-periods/s",
+                "the program's own loop, which also guards, watches and logs",
+            ),
+            ratio(f"ratio, {what}", single, many, "few walls: an array pays from some ten on"),
+            Row(
+                f"largest difference of position from them alone, {what}",
+                float(np.max(np.abs(apart))),
+                "rad",
+                "other walls than these, over one second",
+            ),
+        ]
+    compared, notes = beside_peers()
+    return Section((*rows, *compared), tuple(notes))
+
+
+def random_walls(rough: bool, count: int) -> list[Wall]:
+    """Walls that differ in everything: servo, delay, stiffness, damping and kick.
+
+    Walls that are all alike turn round in the same period, which costs a fraction of what random
+    ones do.
+
+    Args:
+        rough: With Coulomb friction, an encoder and a torque limit; else linear.
+        count: How many.
+    """
+    random = np.random.default_rng(1)
+    inertia = 10 ** random.uniform(-3.0, -1.0, count)
+    damping = inertia * random.uniform(0.5, 4.0, count)
+    coulomb = random.uniform(0.1, 1.0, count) * inertia
+    delay = np.round(random.uniform(0.0, 5.0, count), 3) * PERIOD_S
+    ceiling = max_virtual_damping(inertia, damping, PERIOD_S, delay)
+    virtual = random.uniform(0.0, 0.5, count) * ceiling
+    limit = critical_stiffness(inertia, damping, virtual, PERIOD_S, delay)
+    stiffness = random.uniform(0.1, 0.95, count) * limit
+    kick = 10 ** random.uniform(-2.0, 0.0, count)
+    return [
+        Wall(
+            TrueServo(
+                inertia=m,
+                damping=b,
+                coulomb=c if rough else 0.0,
+                counts_per_rev=4096 if rough else 0,
+                torque_limit=50.0 * m if rough else math.inf,
+                delay=t_d,
+                position=x,
+            ),
+            k,
+            big_b,
+        )
+        for m, b, c, t_d, x, k, big_b in zip(
+            *(a.tolist() for a in (inertia, damping, coulomb, delay, kick, stiffness, virtual)),
+            strict=True,
+        )
+    ]
+
+
+def together(walls: list[Wall], periods: int) -> FloatArray:
+    """Last measured positions [rad] of walls run as one array for some periods, in their order."""
+    many, start, order = _as_arrays(walls)
+    found = np.empty(len(walls))
+    found[order] = _run(many, start, periods)
+    return found
+
+
+def _run(many: Walls, start: FloatArray, periods: int) -> FloatArray:
+    loops = Loops(many, start.copy())
+    loops.run(periods)
+    return loops.measured
+
+
+def _as_arrays(walls: list[Wall]) -> tuple[Walls, FloatArray, IntArray]:
+    """As one block in order of their delays; with the start positions, and that order."""
+    servos, one = [wall.servo for wall in walls], np.ones(len(walls))
+    delay_ns = np.array([round(servo.delay * 1e9) for servo in servos])
+    whole, lag_ns = np.divmod(delay_ns, _PERIOD_NS)
+    order = np.argsort(whole, kind="stable")
+    start = np.array([servo.position for servo in servos])
+    many = Walls(
+        inertia=np.array([servo.inertia for servo in servos]),
+        damping=np.array([servo.damping for servo in servos]),
+        coulomb=np.array([servo.coulomb for servo in servos]),
+        counts_per_radian=np.array([servo.counts_per_rev / math.tau for servo in servos]),
+        backlash=0.0 * one,
+        torque_limit=np.array([servo.torque_limit for servo in servos]),
+        torque_step=0.0 * one,
+        stiffness=np.array([wall.stiffness for wall in walls]),
+        virtual_damping=np.array([wall.virtual_damping for wall in walls]),
+        period=PERIOD_S * one,
+        whole=whole,
+        lag=lag_ns * 1e-9,
+        rest=(_PERIOD_NS - lag_ns) * 1e-9,
+        velocity_samples=np.ones(len(walls), dtype=np.int64),
+        one_sided=np.zeros(len(walls), dtype=np.bool_),
+    )
+    return many.take(order), start[order], order
+
+
+def _each_alone(walls: list[Wall]) -> list[float]:
+    return [alone(wall, _PERIODS_ALONE // _COMPARED) for wall in walls[:_COMPARED]]
+
+
+def alone(wall: Wall, periods: int) -> float:
+    """Last measured position [rad] of the simulated servo with that wall, run by itself."""
+    clock = SimulatedClock()
+    body = open_servo(SimulatedSettings(wall.servo), clock)
+    body.start()
+    before = math.nan
+    for k in range(periods):
+        body.request()
+        position = body.collect(clock.now_ns()).position
+        velocity = (position - before) / PERIOD_S if k else 0.0
+        body.write(-wall.stiffness * position - wall.virtual_damping * velocity)
+        before = position
+        clock.wait_until((k + 1) * _PERIOD_NS)
+    body.close()
+    return before

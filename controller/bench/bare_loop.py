@@ -1,0 +1,106 @@
+"""The yardstick: a bare, hand-written loop on a Dynamixel bus, with nothing of this project.
+
+It reads the 16 bytes from Realtime Tick to Present Position, writes a goal current of zero, and
+counts what it missed. It takes each reply for the answer to its last request, as such loops do, and
+counts those that cannot be: they answer the request before. No wall, no guard, no checks, no log:
+what a loop of this kind costs at the least on the machine and bus it runs on. Torque stays off:
+goal currents have no effect.
+
+    python -m haptic_wall.controller.bench.bare_loop PORT [SECONDS]     one JSON object on
+    standard output
+"""
+
+import argparse
+import contextlib
+import gc
+import json
+import os
+import select
+import sys
+import time
+
+import serial
+
+READ_16_AT_120 = bytes.fromhex("FF FF FD 00 01 07 00 02 78 00 10 00 35 5D")
+RETURN_DELAY_0 = bytes.fromhex("FF FF FD 00 01 06 00 03 09 00 00 69 63")
+GOAL_CURRENT_0 = bytes.fromhex("FF FF FD 00 FE 0A 00 83 66 00 02 00 01 00 00 15 1D")
+BAUD, REPLY_BYTES = 4_000_000, 27
+SOONEST_NS = (len(READ_16_AT_120) + REPLY_BYTES) * 10 * 1_000_000_000 // BAUD
+"""What comes sooner after the request than the wire carries both cannot be its answer"""
+SPIN_SHARE, PATIENCE_SHARE = 0.15, 0.8
+"""Of a period: before the deadline it spins instead of sleeping; so long it waits for a reply"""
+
+
+def main() -> None:
+    """Run the loop and print what happened."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("port")
+    parser.add_argument("seconds", type=float, nargs="?", default=10.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="ticks per second")
+    wanted = parser.parse_args()
+    port = serial.Serial(wanted.port, BAUD, timeout=0, exclusive=True)
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    gc.disable()
+    port.write(RETURN_DELAY_0)
+    time.sleep(0.1)
+    port.reset_input_buffer()
+    figures = loop(port.fileno(), wanted.seconds, round(1e9 / wanted.rate))
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, object]:
+    """Read and write once a period [ns], for so long [s]; counts and times of it."""
+    spin_ns, patience_ns = round(SPIN_SHARE * period_ns), round(PATIENCE_SHARE * period_ns)
+    now = time.monotonic_ns
+    lateness, bus, work = [], [], []
+    ticks = missed = lost = late = stale = 0
+    deadline = now() + period_ns
+    end = deadline + int(seconds * 1e9)
+    while deadline < end:
+        sleep = deadline - spin_ns - now()
+        if sleep > 0:
+            time.sleep(sleep * 1e-9)
+        while (woke := now()) < deadline:
+            pass
+        if select.select([descriptor], [], [], 0)[0]:
+            late += len(os.read(descriptor, 4096)) >= REPLY_BYTES
+        os.write(descriptor, READ_16_AT_120)
+        asked = now()
+        reply = b""
+        while len(reply) < REPLY_BYTES and (left := woke + patience_ns - now()) > 0:
+            # Sleeping, not spinning: bytes reach us through a kernel thread, which a spinning
+            # real-time process on the same core would lock out.
+            if select.select([descriptor], [], [], left * 1e-9)[0]:
+                reply += os.read(descriptor, 4096)
+        answered = now()
+        lost += len(reply) < REPLY_BYTES
+        stale += len(reply) >= REPLY_BYTES and answered - asked < SOONEST_NS
+        os.write(descriptor, GOAL_CURRENT_0)
+        done = now()
+        ticks += 1
+        lateness.append(woke - deadline)
+        bus.append(answered - asked)
+        work.append(done - woke - (answered - asked))
+        skipped = max(0, (done - deadline) // period_ns - 1)
+        missed += skipped
+        deadline += (skipped + 1) * period_ns
+    figures: dict[str, object] = {
+        "ticks": ticks,
+        "missed_ticks": missed,
+        "lost": lost,
+        "late": late,
+        "stale": stale,
+    }
+    for name, values in (("lateness_us", lateness), ("bus_us", bus), ("work_us", work)):
+        values.sort()
+        figures[name] = {
+            f"p{p}": values[min(len(values) - 1, int(len(values) * p / 100))] / 1000
+            for p in (50, 99)
+        }
+    return figures
+
+
+if __name__ == "__main__":
+    main()

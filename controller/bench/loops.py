@@ -1,0 +1,183 @@
+"""The loops that are compared on an emulated bus: the whole program and the bare loop.
+
+Both take their turns on the one bus, on the same core and with the same scheduling; the emulated
+bus has another core where there are two. How long before a deadline to stop sleeping is each one's
+own affair: a fixed share of the period there, measured at the start here.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.processes.plan import Ended, Plan
+from haptic_wall.controller.processes.supervisor import Supervisor
+from haptic_wall.controller.runtime.realtime import pick_cores
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
+
+BAUD: Final = 4_000_000
+START_S: Final = 20.0
+"""How long a child may take to start, and to end [s]"""
+_TIMES: Final = ("lateness", "bus", "work")
+_WARM_UP_S: Final = 0.05
+"""What is lost in it counts as well"""
+FORGIVING: Final = (
+    "realtime.profile=best-effort",
+    "servo.watchdog_s=0.5",
+    "safety.heartbeat_s=2",
+    "safety.max_silence_s=0.25",
+    "safety.max_loss=0.9",
+)
+"""What the machine's own stalls must not end; none of it changes what is measured"""
+AT_REST: Final = ("wall.side=both", f"wall.position={math.pi}")
+"""A two-sided wall around the place where an emulated servo stands: always in contact, and still"""
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """Result of one loop."""
+
+    ticks: int
+    missed: int
+    """Periods in which it did not run"""
+    lost: int
+    """Ticks without an answer to their own request in time"""
+    late: int = 0
+    """Replies that came after that"""
+    times_us: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    """``lateness``, ``bus`` and ``work``, each with its ``p50`` and ``p99`` [µs]"""
+
+
+Loop = Callable[[str, float, float], Ran]
+"""Runs on the bus at a path, for so long [s], at a rate [Hz]"""
+
+
+@contextmanager
+def emulated_bus(
+    *options: str, ids: Sequence[int] = (1,), cores: set[int] | None = None
+) -> Iterator[str]:
+    """An emulated bus in a process of its own; the path of its pseudo-terminal.
+
+    Args:
+        options: More of ``haptic-wall emulate``.
+        ids: Of its servos.
+        cores: Where it runs; None: on those that a loop leaves it.
+
+    Raises:
+        PlatformError: It did not start.
+    """
+    arguments = [
+        "haptic_wall.controller.cli.main",
+        "emulate",
+        "--die-with-parent",
+        "--baud",
+        str(BAUD),
+    ]
+    for i in ids:
+        arguments += ["--servo", f"XM430-W350:{i}"]
+    apart = pick_cores()[1] if cores is None else cores
+    emulator = Child("the emulated bus", [*arguments, *options], None, cores=apart)
+    try:
+        path = first_line(emulator, START_S)
+        if path is None:
+            raise PlatformError(f"{emulator.name} did not start: it {emulator.exit_text()}")
+        yield path
+    finally:
+        emulator.dismiss(START_S)
+
+
+def bare(path: str, seconds: float, rate_hz: float) -> Ran:
+    """The bare loop.
+
+    Raises:
+        PlatformError: It came to no end of its own.
+    """
+    arguments = [
+        "haptic_wall.controller.bench.bare_loop",
+        path,
+        str(seconds),
+        "--rate",
+        str(rate_hz),
+    ]
+    loop = Child("the bare loop", arguments, None, cores=os.sched_getaffinity(0))
+    try:
+        told = first_line(loop, seconds + START_S)
+    finally:
+        loop.dismiss(START_S)
+    if told is None:
+        raise PlatformError(f"{loop.name} told nothing: it {loop.exit_text()}")
+    figures = json.loads(told)
+    return Ran(
+        figures["ticks"],
+        figures["missed_ticks"],
+        figures["lost"] + figures["stale"],
+        figures["late"],
+        {name: figures[f"{name}_us"] for name in _TIMES},
+    )
+
+
+def ours(path: str, seconds: float, rate_hz: float) -> Ran:
+    """The whole program: supervisor, loop with guard and watch, recorder.
+
+    Raises:
+        ServoError: The servo could not be started.
+    """
+    ended = wall_run(
+        "xm430-w350",
+        seconds,
+        f"servo.port={path}",
+        f"loop.rate_hz={rate_hz!r}",
+        f"loop.warm_up_s={_WARM_UP_S}",
+        *AT_REST,
+    )
+    # One that a trip has ended, with a machine that cannot do it, has missed all that was to come.
+    missed = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
+    return replace(of_run(ended), missed=missed)
+
+
+LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
+
+
+def of_run(ended: Ended) -> Ran:
+    """Result of a run of the whole program.
+
+    Args:
+        ended: The run.
+    """
+    statistics = ended.statistics
+    times = (statistics.lateness, statistics.bus, statistics.work)
+    reports = [each.as_report(50, 99) for each in times]
+    bus = (ended.result or {}).get("bus") or {"lost": 0, "corrupt": 0, "late": 0}
+    return Ran(
+        ended.ticks,
+        ended.missed,
+        bus["lost"] + bus["corrupt"],
+        bus["late"],
+        dict(zip(_TIMES, reports, strict=True)),
+    )
+
+
+def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
+    """One run of the whole program on the monotonic clock, its log thrown away.
+
+    A Ctrl-C ends it as it ends anything: the handlers of ``haptic-wall run``, which only ask the
+    run to stop, would lose one that comes when the loop has just ended.
+
+    Raises:
+        ServoError: The servo could not be started.
+    """
+    loaded = load_config(preset, (*FORGIVING, *sets))
+    with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
+        log = Path(folder) / "run.hwlog"
+        plan = Plan(loaded.config, seconds, log, {"name": preset}, None)
+        return Supervisor(plan, telemetry, lambda _text: None).run()

@@ -1,0 +1,181 @@
+"""Cost of a lost reply to a loop: how long each client waits for it.
+
+The emulated bus drops replies. It is also the judge of the whole program: from the request whose
+reply is lost to the torque frame that is sent all the same.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from haptic_wall.controller.bench.bus_clients import rustypot
+from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
+from haptic_wall.controller.bench.rows import Histogram, Row, Section
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.servo import Outcome
+
+_PERIOD_NS: Final = 1_000_000
+_ROUNDS, _LOSSES, _MOST_READS = 5, 8, 200
+"""Losses of each client in each round; reads after which it is given up"""
+_EVERY, _RARELY = 5, 20
+"""Every so manieth reply is dropped: for clients alone, and in a run"""
+_RUN_S = 2.0
+_START_S = 0.2
+"""Of the run, not looked at"""
+_ADDRESS, _BYTES = 120, 16
+_SHOWS_NOT: Final = (
+    "what the loop does without its reading, nor a real adapter, whose timer makes replies late"
+)
+
+Read = Callable[[], bool]
+"""Asks for one reply; whether it came"""
+
+
+def measure() -> Section:
+    """Time from a request to going on, where the reply is lost, in periods of 1 ms.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The bus or the loop could not be started, or nothing was lost.
+    """
+    notes = []
+    if rustypot() is None:
+        notes.append("rustypot is not installed, so nothing is compared with it")
+    rows, taken = _whole_program()
+    drawn = {"haptic-wall run, to its torque frame": taken}
+    with emulated_bus("--fault", f"drop:every={_EVERY},way=reply") as path, ExitStack() as stack:
+        waits = waits_ns(_clients(path, stack), _ROUNDS)
+    for name, each in waits.items():
+        if not each:
+            raise PlatformError(f"{name}: no reply was lost in {_MOST_READS} reads; try again")
+        what = f"{name}, from a request whose reply is lost to going on"
+        drawn[name] = [wait / _PERIOD_NS for wait in each]
+        rows += _figures(what, drawn[name])
+    waited = Histogram("Wait for a reply that is lost", "periods", drawn)
+    return Section(tuple(rows), tuple(notes), (waited,))
+
+
+def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
+    """How long each client's failed reads took [ns], in short turns.
+
+    Args:
+        clients: By name.
+        rounds: How many turns each has.
+    """
+    waits: dict[str, list[int]] = {name: [] for name in clients}
+    for counted in range(1, rounds + 1):
+        for name, read in clients.items():
+            for _ in range(_MOST_READS):
+                began_ns = time.monotonic_ns()
+                if not read():
+                    waits[name].append(time.monotonic_ns() - began_ns)
+                if len(waits[name]) >= counted * _LOSSES:
+                    break
+    return waits
+
+
+def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
+    """From each read request whose reply was dropped to the next torque frame [s].
+
+    Args:
+        rows: The record of a bus.
+    """
+    asked_s, dropped, taken = 0.0, False, []
+    for row in rows:
+        if row.event == "fault":
+            dropped = True
+        elif row.event == "rx" and row.instruction == Instruction.READ:
+            asked_s, dropped = row.time_s, False
+        elif row.event == "rx" and row.instruction == Instruction.SYNC_WRITE:
+            if dropped:
+                taken.append(row.time_s - asked_s)
+            dropped = False
+    return taken
+
+
+def _whole_program() -> tuple[list[Row], list[float]]:
+    """Its rows, and each wait in periods."""
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "bus.csv"
+        fault = f"drop:every={_RARELY},way=reply"
+        with emulated_bus("--fault", fault, "--record", str(record)) as path:
+            ran = ours(path, _RUN_S, 1e9 / _PERIOD_NS)
+        seen = read_rows(record)
+    torques = [row.time_s for row in seen if row.instruction == Instruction.SYNC_WRITE]
+    begin_s = torques[-1] - _RUN_S + _START_S if torques else 0.0
+    taken = request_to_torque_s(row for row in seen if row.time_s > begin_s)
+    if not taken:
+        raise PlatformError("no reply was lost in a run; the machine is too busy, try again")
+    what = "haptic-wall run, from a request whose reply is lost to its torque frame"
+    periods = [1e9 * each / _PERIOD_NS for each in taken]
+    rows = [
+        *_figures(what, periods),
+        Row(
+            f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
+            ran.missed,
+            "1",
+            "that the losses were the reason; a busy machine skips periods as well",
+        ),
+    ]
+    return rows, periods
+
+
+def _figures(what: str, periods: list[float]) -> list[Row]:
+    return [
+        Row(f"{what}, median", statistics.median(periods), "periods", _SHOWS_NOT),
+        Row(f"{what}, longest", max(periods), "periods", _SHOWS_NOT),
+    ]
+
+
+def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
+    """One read of each client, as it would be used in a loop of this period."""
+    line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
+    stack.callback(line.close)
+    link = Link(line, 1)
+
+    def of_ours() -> bool:
+        link.request()
+        deadline_ns = time.monotonic_ns() + int(COLLECT_SHARE * _PERIOD_NS)
+        return link.collect(deadline_ns).outcome is Outcome.OK
+
+    sdk = importlib.import_module("dynamixel_sdk")
+    port = sdk.PortHandler(path)
+    port.baudrate = BAUD
+    port.openPort()
+    stack.callback(port.closePort)
+    handler = sdk.PacketHandler(2.0)
+    clients: dict[str, Read] = {
+        "haptic-wall, driver": of_ours,
+        f"dynamixel-sdk {version('dynamixel-sdk')} as it comes": lambda: bool(
+            handler.readTxRx(port, 1, _ADDRESS, _BYTES)[1] == sdk.COMM_SUCCESS
+        ),
+    }
+    module = rustypot()
+    if module is not None:  # the last: it keeps others from opening
+        client = module.Xl430PyController(path, BAUD, 1e-9 * _PERIOD_NS)
+        stack.callback(client.close)
+
+        def of_rustypot() -> bool:
+            try:
+                client.read_raw_data(1, _ADDRESS, _BYTES)
+            except RuntimeError:
+                return False
+            return True
+
+        clients[f"rustypot {version('rustypot')} with a timeout of one period"] = of_rustypot
+    return clients

@@ -1,0 +1,220 @@
+"""The servo alone under torques known beforehand: arrays beside mujoco.rollout and scipy.signal.
+
+What these peers can do of the problem is the linear servo without the wall around it: they take
+every torque before the first step, where a wall's torque comes of the motion itself. The arrays of
+walls run their whole loop here as well, with a wall of no stiffness and the torques as a hand's.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from typing import Final
+
+import numpy as np
+
+from haptic_wall.controller.bench.rows import Row, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.settings import TrueServo
+
+PERIOD_S: Final = 1e-3
+LINEAR: Final = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)
+_ROUNDS, _PERIODS = 5, 1000
+_MANY, _SOME, _FEW = BLOCK, 128, 8
+_TORQUE: Final = 0.1
+_SAME: Final = 1e-9
+"""Difference of positions up to which two answers are the same [rad]"""
+_NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
+_NOTES: Final = (
+    "not compared with mujoco.rollout and scipy.signal: the wall's delayed torque in closed loop,"
+    " which they do not take (mujoco.rollout and filters want all torques beforehand), Coulomb"
+    " friction, which MuJoCo models as a soft constraint, the encoder, and more than one thread",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Client:
+    """Who moves servos."""
+
+    positions: Callable[[FloatArray], FloatArray]
+    """From torques [N·m] to the positions [rad] at the ends of the periods, both (servo, period)"""
+    servos: int
+    exact: bool = True
+    """Whether it claims the exact answer for torques that are held over each period"""
+
+
+def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float) -> Walls:
+    """Two-sided walls, all the same, without delay.
+
+    Args:
+        servo: What moves; its encoder, friction and torque limit count.
+        count: How many.
+        stiffness: K [N·m/rad].
+        virtual_damping: B [N·m·s/rad].
+    """
+    one = np.ones(count)
+    return Walls(
+        inertia=servo.inertia * one,
+        damping=servo.damping * one,
+        coulomb=servo.coulomb * one,
+        counts_per_radian=servo.counts_per_rev / math.tau * one,
+        backlash=0.0 * one,
+        torque_limit=servo.torque_limit * one,
+        torque_step=0.0 * one,
+        stiffness=stiffness * one,
+        virtual_damping=virtual_damping * one,
+        period=PERIOD_S * one,
+        whole=np.zeros(count, dtype=np.int64),
+        lag=0.0 * one,
+        rest=PERIOD_S * one,
+        velocity_samples=np.ones(count, dtype=np.int64),
+        one_sided=np.zeros(count, dtype=np.bool_),
+    )
+
+
+def beside_peers() -> tuple[list[Row], list[str]]:
+    """Rates of all, how far their answers are apart, and what is not compared."""
+    notes = list(_NOTES)
+    peers = {**_scipy(), **_mujoco(notes)}
+    clients = {"haptic-wall": Client(_arrays, _MANY), **peers}
+    torques = np.random.default_rng(1).uniform(-_TORQUE, _TORQUE, (_MANY, _PERIODS))
+    work = {
+        name: partial(client.positions, torques[: client.servos])
+        for name, client in clients.items()
+    }
+    times = interleaved(work, _ROUNDS)
+    each = {
+        name: [one / (client.servos * _PERIODS) for one in times[name]]
+        for name, client in clients.items()
+    }
+    ours = _arrays(torques)
+    rows = []
+    for name, client in clients.items():
+        what = f"{name}, servo alone, {client.servos} at once"
+        rows.append(
+            over_rounds(what, [1 / one for one in each[name]], "servo-periods/s", _NOT_CLOSED)
+        )
+    for name, client in peers.items():
+        theirs = client.positions(torques[: client.servos])
+        apart = float(np.max(np.abs(theirs - ours[: client.servos])))
+        rows.append(
+            ratio(
+                f"haptic-wall over {name}, servo alone",
+                each[name],
+                each["haptic-wall"],
+                "few servos, and what else the other can do",
+            )
+        )
+        rows.append(
+            Row(
+                f"largest difference of position from {name}",
+                apart,
+                "rad",
+                "other torques than these, over one second",
+            )
+        )
+        if client.exact and apart > _SAME:
+            notes.append(
+                f"{name}: the answers differ by up to {apart:.2g} rad, so the ratio compares unlike"
+                " things"
+            )
+    return rows, notes
+
+
+def _arrays(torques: FloatArray) -> FloatArray:
+    loops = Loops(alike(LINEAR, len(torques), 0.0, 0.0), np.zeros(len(torques)))
+    positions = np.empty(torques.T.shape)
+    for given, position in zip(np.ascontiguousarray(torques.T), positions, strict=True):
+        loops.hand = given
+        loops.run(1)
+        position[:] = loops.bodies.position
+    return positions.T
+
+
+def _scipy() -> dict[str, Client]:
+    signal = importlib.import_module("scipy.signal")
+    inertia, damping = LINEAR.inertia, LINEAR.damping
+    matrices = (
+        np.array([[0.0, 1.0], [0.0, -damping / inertia]]),
+        np.array([[0.0], [1.0 / inertia]]),
+        np.array([[1.0, 0.0]]),
+        np.array([[0.0]]),
+    )
+    numerator, denominator, _ = signal.cont2discrete(
+        ([1.0], [inertia, damping, 0.0]), PERIOD_S, method="zoh"
+    )
+    held = signal.cont2discrete(matrices, PERIOD_S, method="zoh")
+
+    def filtered(torques: FloatArray) -> FloatArray:
+        after = np.concatenate([torques, np.zeros((len(torques), 1))], axis=1)
+        found: FloatArray = signal.lfilter(numerator.ravel(), denominator, after, axis=1)[:, 1:]
+        return found
+
+    def one_by_one(torques: FloatArray) -> FloatArray:
+        after = np.concatenate([torques, np.zeros((len(torques), 1))], axis=1)
+        return np.array([signal.dlsim(held, given)[1][1:, 0] for given in after])
+
+    name = f"scipy {version('scipy')}"
+    return {
+        f"{name} signal.lfilter": Client(filtered, _MANY),
+        f"{name} signal.dlsim": Client(one_by_one, _FEW),
+    }
+
+
+def _mujoco(notes: list[str]) -> dict[str, Client]:
+    """Both of its integrators that matter: the usual one, and the one that is exact enough."""
+    try:
+        mujoco = importlib.import_module("mujoco")
+        rollout = importlib.import_module("mujoco.rollout").rollout
+    except ImportError as error:
+        notes.append(
+            f"mujoco cannot be used ({error}), so nothing is compared with it: pip install"
+            " -e '.[bench]' in the clone adds it where it has a build"
+        )
+        return {}
+
+    def client(integrator: str) -> Callable[[FloatArray], FloatArray]:
+        model = mujoco.MjModel.from_xml_string(
+            _MODEL.format(
+                integrator=integrator,
+                period=PERIOD_S,
+                inertia=LINEAR.inertia,
+                damping=LINEAR.damping,
+            )
+        )
+        data = mujoco.MjData(model)
+        size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+
+        def positions(torques: FloatArray) -> FloatArray:
+            states, _ = rollout(model, data, np.zeros((len(torques), size)), torques[:, :, None])
+            found: FloatArray = states[:, :, 1]  # time, position, velocity
+            return found
+
+        return positions
+
+    name = f"mujoco {mujoco.__version__} rollout"
+    return {
+        f"{name}, Euler": Client(client("Euler"), _SOME, exact=False),
+        f"{name}, RK4": Client(client("RK4"), _SOME // 4),
+    }
+
+
+_MODEL: Final = """
+<mujoco>
+  <option timestep="{period}" gravity="0 0 0" integrator="{integrator}">
+    <flag contact="disable" constraint="disable"/>
+  </option>
+  <worldbody>
+    <body>
+      <joint name="shaft" type="hinge" axis="0 0 1" damping="{damping}"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shaft"/></actuator>
+</mujoco>
+"""

@@ -1,0 +1,83 @@
+"""One report of the sections asked for: figures, what the machine was, what it lost meanwhile."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any
+
+from haptic_wall.controller.bench.bins import binned
+from haptic_wall.controller.bench.machine import (
+    load_average,
+    machine,
+    processor_time,
+    stolen_percent,
+    versions,
+)
+from haptic_wall.controller.bench.rights import granted
+from haptic_wall.controller.bench.rows import Section
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.system.signals import interrupting
+from haptic_wall.hw.errors import ServoError
+
+
+def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[str, Any]:
+    """Measure section by section; a Ctrl-C ends it with what is finished.
+
+    All is loaded first, while a Ctrl-C still ends the process: a library may swallow the exception
+    that it is later.
+
+    Args:
+        modules: The module of each section, which has ``measure() -> Section``.
+        tell: Called with each section's name before it begins.
+
+    Returns:
+        ``machine``, ``versions``, ``seconds``, ``interrupted`` and ``sections``, each with its
+        rows, notes, counted histograms, ``seconds`` and ``steal_percent``.
+    """
+    began, before = time.monotonic(), processor_time()
+    report: dict[str, Any] = {
+        "machine": {**machine(), "load_average": load_average(), "realtime": granted()},
+        "versions": versions(),
+        "interrupted": False,
+        "sections": {},
+    }
+    for module in modules.values():
+        with suppress(Exception):  # what is wrong with it is told in its section
+            importlib.import_module(module)
+    try:
+        for name, module in modules.items():
+            tell(name)
+            report["sections"][name] = measured_section(module)
+    except KeyboardInterrupt:
+        report["interrupted"] = True
+    report["machine"]["steal_percent"] = stolen_percent(before, processor_time())
+    report["seconds"] = time.monotonic() - began
+    return report
+
+
+def measured_section(module: str) -> dict[str, Any]:
+    """What the report says of one section.
+
+    Args:
+        module: Which has ``measure() -> Section``.
+    """
+    began, before = time.monotonic(), processor_time()
+    section: Section
+    try:
+        with interrupting():
+            section = importlib.import_module(module).measure()
+    except (HapticWallError, ServoError) as error:  # no reason to end the rest
+        section = Section((), (f"not measured: {error}",))
+    except Exception as error:  # noqa: BLE001 - nor is a peer that has changed
+        section = Section((), (f"not measured: {type(error).__name__}: {error}",))
+    return {
+        "rows": [asdict(row) for row in section.rows],
+        "notes": list(section.notes),
+        "histograms": [binned(histogram) for histogram in section.histograms],
+        "seconds": time.monotonic() - began,
+        "steal_percent": stolen_percent(before, processor_time()),
+    }

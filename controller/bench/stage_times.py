@@ -1,0 +1,177 @@
+"""Where a tick's time goes: its parts' methods timed from outside, for the benchmark only.
+
+The tick itself is the one that always runs; nothing in it knows of this. What timing itself takes
+is found in the same ticks, by timing a method that does nothing, and is taken off.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from typing import Any, Final
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.passivity_control import PassivityControl
+from haptic_wall.controller.laws.velocity import BackwardDifference
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.runtime.rehearsal import Rehearsal
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.hw.servo import Servo
+
+Method = Callable[..., Any]
+
+WAKE, SENSE, WATCH, WALL, WRITE, GUARD, TELEMETRY, REST = STAGES = (
+    "from waking to the tick's first line",
+    "sensing: request, reply, velocity",
+    "watching for oscillations",
+    "wall and delay",
+    "writing the torque",
+    "guard",
+    "telemetry row",
+    "all between: safety, order, control words",
+)
+"""In the order of a tick"""
+_SERVO: Final[Mapping[str, str]] = {"request": SENSE, "write": WRITE}
+_PARTS: Final[tuple[tuple[type, str, str], ...]] = (
+    (BackwardDifference, "update", SENSE),
+    (Watch, "passed", WATCH),
+    (Watch, "sample", WATCH),
+    (PassivityControl, "update", WATCH),
+    (Wall, "torque", WALL),
+    (DelayRing, "push", WALL),
+    (GainSchedule, "observe", GUARD),
+    (Telemetry, "write", TELEMETRY),
+)
+
+
+class Nothing:
+    """Has a method that does nothing, to be timed as the others are."""
+
+    def work(self) -> None:
+        """Do nothing."""
+
+
+class StageTimes:
+    """Times of every tick's stages.
+
+    Attributes:
+        inside_ns: What timing adds to a stage with each call, tick by tick [ns].
+        around_ns: What it takes beside that, which falls on no stage [ns].
+    """
+
+    def __init__(self) -> None:
+        self._spent = dict.fromkeys(STAGES, 0)
+        self._calls = dict.fromkeys(STAGES, 0)
+        self._waited = 0
+        self._ticks: list[tuple[int, ...]] = []
+        self.inside_ns: list[int] = []
+        self.around_ns: list[int] = []
+
+    @contextmanager
+    def listening(self, servo: type[Servo]) -> Iterator[None]:
+        """Time the parts of every tick as long as it lasts; parts made meanwhile included.
+
+        Args:
+            servo: Class of the servo that is used.
+        """
+        nothing = Nothing()
+        with ExitStack() as stack:
+            for name, stage in _SERVO.items():
+                self._time(stack, servo, name, stage)
+            stack.enter_context(patch.object(servo, "collect", self._waiting(servo.collect)))
+            for part, name, stage in _PARTS:
+                self._time(stack, part, name, stage)
+            self._time(stack, Nothing, "work", REST)
+            stack.enter_context(patch.object(Tick, "run", self._whole(Tick.run, nothing)))
+            unheard = self._unheard(Rehearsal.__call__)
+            stack.enter_context(patch.object(Rehearsal, "__call__", unheard))
+            yield
+
+    def _time(self, stack: ExitStack, part: type, name: str, stage: str) -> None:
+        method: Method = getattr(part, name)
+        now, spent, calls = time.monotonic_ns, self._spent, self._calls
+
+        def timed(self: object, *values: object) -> object:
+            began = now()
+            found = method(self, *values)
+            spent[stage] += now() - began
+            calls[stage] += 1
+            return found
+
+        stack.enter_context(patch.object(part, name, timed))
+
+    def _waiting(self, collect: Method) -> Method:
+        """``Servo.collect``, which may wait for a bus: not the controller's work."""
+        now, spent, calls = time.monotonic_ns, self._spent, self._calls
+
+        def timed(servo: Servo, deadline_ns: int) -> object:
+            began = now()
+            found = collect(servo, deadline_ns)
+            spent[SENSE] += now() - began - servo.waited_ns
+            calls[SENSE] += 1
+            self._waited += servo.waited_ns
+            return found
+
+        return timed
+
+    def _whole(self, run: Method, nothing: Nothing) -> Method:
+        """``Tick.run`` with its own time, and with a look at what timing takes."""
+        now, spent, calls, ticks = time.monotonic_ns, self._spent, self._calls, self._ticks
+
+        def timed(tick: Tick, deadline_ns: int, woke_ns: int, missed: int) -> None:
+            begun = now()
+            for stage in spent:  # what others did since the last tick is none of this one's
+                spent[stage] = calls[stage] = 0
+            self._waited = 0
+            began = now()
+            run(tick, deadline_ns, woke_ns, missed)
+            work = now() - began - self._waited
+            ticks.append((begun - woke_ns, work, *spent.values(), *calls.values()))
+            spent[REST] = 0
+            began = now()
+            nothing.work()
+            around = now() - began
+            self.inside_ns.append(spent[REST])
+            self.around_ns.append(around - spent[REST])
+
+        return timed
+
+    def _unheard(self, rehearse: Method) -> Method:
+        """``Rehearsal``, whose ticks are none of the loop's."""
+        kept = self._ticks, self.inside_ns, self.around_ns
+
+        def untimed(rehearsal: Rehearsal, left_ns: int) -> None:
+            count = len(self._ticks)
+            rehearse(rehearsal, left_ns)
+            for each in kept:
+                del each[count:]
+
+        return untimed
+
+    def times_us(self, from_tick: int) -> dict[str, NDArray[np.float64]]:
+        """Time of each stage in each tick, without waiting for a bus and without the timing [µs].
+
+        Args:
+            from_tick: How many to leave out at the beginning.
+
+        Returns:
+            By stage, each of shape (n,).
+        """
+        ticks = np.array(self._ticks[from_tick:], dtype=np.float64)
+        count = len(STAGES)
+        wake, work = ticks[:, :2].T
+        spent, calls = ticks[:, 2 : 2 + count].T, ticks[:, 2 + count :].T
+        inside = float(np.median(self.inside_ns[from_tick:]))
+        around = float(np.median(self.around_ns[from_tick:]))
+        found = dict(zip(STAGES, spent - calls * inside, strict=True))
+        found[WAKE] = wake
+        found[REST] = work - np.sum(spent, axis=0) - np.sum(calls, axis=0) * around
+        return {stage: times * 1e-3 for stage, times in found.items()}

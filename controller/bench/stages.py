@@ -1,0 +1,134 @@
+"""The controller's work in a tick, stage by stage, in a loop that sleeps as a real one does."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any, Final
+
+from haptic_wall.controller.bench.loops import (
+    AT_REST,
+    FORGIVING,
+    START_S,
+    emulated_bus,
+    wall_run,
+)
+from haptic_wall.controller.bench.rows import Histogram, Row, Section, over_rounds
+from haptic_wall.controller.bench.stage_times import STAGES
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.runtime.realtime import pick_cores
+from haptic_wall.controller.settings.load import load_config
+
+_ROUNDS, _SECONDS = 3, 1.0
+_PERCENTILES: Final = ("p50", "p99")
+
+
+def measure() -> Section:
+    """Work of a tick, whole as a run reports it, and by stages; in its process and on a bus.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The bus or a loop could not be started, or ended before its time.
+    """
+    whole: dict[str, list[dict[str, float]]] = {}
+    timed: dict[str, list[dict[str, Any]]] = {}
+    with emulated_bus() as path:
+        servos = {
+            "servo in the loop's process": ("simulated",),
+            "servo on the emulated bus": ("xm430-w350", f"servo.port={path}", *AT_REST),
+        }
+        unrehearsed = {
+            f"{name}, tick not rehearsed": (*run, "realtime.rehearse=false")
+            for name, run in servos.items()
+        }
+        for _ in range(_ROUNDS):
+            for name, (preset, *sets) in (servos | unrehearsed).items():
+                whole.setdefault(name, []).append(_whole_run(preset, *sets))
+            for name, (preset, *sets) in servos.items():
+                timed.setdefault(name, []).append(_timed_run(preset, *sets))
+    rows: list[Row] = []
+    for name, works in whole.items():
+        rows += _whole_rows(name, works)
+    for name in servos:
+        rows += _stage_rows(name, timed[name])
+    return Section(tuple(rows), (), tuple(_drawn(name, timed[name]) for name in servos))
+
+
+def _whole_run(preset: str, *sets: str) -> dict[str, float]:
+    """Percentiles of the work of a run's ticks [µs]."""
+    ended = wall_run(preset, _SECONDS, *sets)
+    report = ended.statistics.work.as_report(50, 99)
+    found = {name: value for name, value in report.items() if value is not None}
+    if ended.stop_reason != "duration" or not found:
+        raise PlatformError(f"a run of {preset} did not run to its end: {ended.stop_reason}")
+    return found
+
+
+def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
+    """The figures of a loop that is timed stage by stage."""
+    config = load_config(preset, (*FORGIVING, *sets)).config
+    core, _ = pick_cores()
+    orders = {
+        "config": config.model_dump_json(),
+        "parent": os.getpid(),
+        "core": core,
+        "seconds": _SECONDS,
+    }
+    loop = Child(
+        "the timed loop", ["haptic_wall.controller.bench.timed_loop"], orders, cores={core}
+    )
+    try:
+        told = first_line(loop, _SECONDS + START_S)
+    finally:
+        loop.dismiss(START_S)
+    figures = {"refused": f"it {loop.exit_text()}"} if told is None else json.loads(told)
+    if figures.get("stop_reason") != "duration":
+        reason = figures.get("refused") or figures["stop_reason"]
+        raise PlatformError(f"{loop.name} on {preset} did not run to its end: {reason}")
+    return dict(figures)
+
+
+def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Row]:
+    return [
+        over_rounds(
+            f"{name}: work of a tick, {percentile}",
+            [report[percentile] for report in reports],
+            "µs",
+            "waiting for a bus, which is no work; the processor's caches as another program beside"
+            " the loop would leave them",
+        )
+        for percentile in _PERCENTILES
+    ]
+
+
+def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Row]:
+    rows = [
+        over_rounds(
+            f"{name}: {stage}, {percentile}",
+            [run["stages_us"][stage][place] for run in runs],
+            "µs",
+            "the stage undisturbed: timing it takes room in the caches, and its time is taken off"
+            " on the average only",
+        )
+        for stage in STAGES
+        for place, percentile in enumerate(_PERCENTILES)
+    ]
+    rows.append(
+        over_rounds(
+            f"{name}: timing one stage once, which is taken off",
+            [run["timing_us"] for run in runs],
+            "µs",
+            "the tick of a run, in which nothing is timed",
+        )
+    )
+    return rows
+
+
+def _drawn(name: str, runs: list[dict[str, Any]]) -> Histogram:
+    # What timing takes is taken off on the average, which can leave less than nothing.
+    series = {
+        stage: [max(0.0, time) for run in runs for time in run["samples_us"][stage]]
+        for stage in STAGES
+    }
+    return Histogram(f"{name}: time of each stage of a tick", "µs", series)

@@ -1,0 +1,166 @@
+"""How evenly torque frames come, as the other end of the line sees them, beside a bare loop.
+
+The record of the emulated bus is the judge, not the loops themselves.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
+from haptic_wall.controller.bench.loops import BAUD, LOOPS, emulated_bus
+from haptic_wall.controller.bench.rows import Histogram, Row, Section, over_rounds, ratio
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.wire import wire_ns
+
+_ROUNDS, _SECONDS, _RATE_HZ = 7, 4.0, 1000.0
+_START_S, _END_S = 0.2, 0.05
+"""Cut off where a loop begins and where it ends"""
+_CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)
+_BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
+"""Torque frames that come no further apart waited in a bus that was held up: no loop makes up for
+periods that it has skipped"""
+_SHOWS_NOT: Final = (
+    "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
+    " dates them, is a process that is late itself at times; what it was held up for so long that"
+    " frames had to wait for it is left out"
+)
+
+
+def measure() -> Section:
+    """Deviation of the intervals from the period, of each loop, and of one over that of the other.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: The bus or a loop could not be started, or sent hardly any torques.
+    """
+    turns: dict[str, list[tuple[float, float]]] = {name: [] for name in LOOPS}
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "bus.csv"
+        with emulated_bus("--record", str(record)) as path:
+            for _ in range(_ROUNDS):
+                for name, loop in LOOPS.items():
+                    began_s = time.monotonic()
+                    loop(path, _SECONDS, _RATE_HZ)
+                    turns[name].append((began_s, time.monotonic()))
+        sent_s = torque_frames(read_rows(record))
+    intervals = {
+        name: [intervals_us(sent_s, *turn, _SECONDS, _RATE_HZ) for turn in each]
+        for name, each in turns.items()
+    }
+    own = {name: [each[~held_up(each)] for each in turns] for name, turns in intervals.items()}
+    period_us = 1e6 / _RATE_HZ
+    deviations = {name: [np.abs(each - period_us) for each in turns] for name, turns in own.items()}
+    return Section((*_rows(deviations), *_left_out(intervals)), (), (_drawn(deviations),))
+
+
+def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
+    """When goal currents came by sync write [s]; shape (n,).
+
+    Args:
+        rows: The record of a bus.
+    """
+    wanted = Instruction.SYNC_WRITE
+    return np.array([r.time_s for r in rows if r.event == "rx" and r.instruction == wanted])
+
+
+def intervals_us(
+    sent_s: NDArray[np.float64], began_s: float, ended_s: float, seconds: float, rate_hz: float
+) -> NDArray[np.float64]:
+    """The intervals between a loop's torque frames [µs].
+
+    Args:
+        sent_s: When torque frames came [s], shape (n,).
+        began_s: When the loop's process was started [s].
+        ended_s: When it had ended [s].
+        seconds: How long it sent torques for [s]; what came before was its start.
+        rate_hz: Of the loop.
+
+    Returns:
+        In the order of time; shape (m,).
+
+    Raises:
+        PlatformError: It sent fewer than half of what was due.
+    """
+    own = sent_s[(sent_s >= began_s) & (sent_s <= ended_s)]
+    if own.size:
+        last_s = own[-1]
+        own = own[(own > last_s - seconds + _START_S) & (own < last_s - _END_S)]
+    due = (seconds - _START_S - _END_S) * rate_hz
+    if own.size < 0.5 * due:
+        raise PlatformError(
+            f"found {own.size} torque frames of a loop, wanted about {due:.0f}: the machine is too"
+            " busy; try again when it is not"
+        )
+    intervals: NDArray[np.float64] = np.diff(own) * 1e6
+    return intervals
+
+
+def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which intervals say nothing of a loop: its frames had to wait for the bus.
+
+    Those between frames that waited together, the one in which the bus stood still, before them,
+    and what is left of a period after them.
+
+    Args:
+        intervals_us: Between the torque frames of a loop [µs], shape (n,).
+
+    Returns:
+        Shape (n,).
+    """
+    together: NDArray[np.bool_] = np.pad(intervals_us <= _BACKLOG_US, 1)
+    of_the_bus: NDArray[np.bool_] = together[:-2] | together[1:-1] | together[2:]
+    return of_the_bus
+
+
+def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
+    what = "deviation of torque frames' intervals from the period"
+    rows = []
+    for percentile in (50, 99):
+        rounds: dict[str, Sequence[float]] = {
+            name: [float(np.percentile(turn, percentile)) for turn in each]
+            for name, each in deviations.items()
+        }
+        rows += [
+            over_rounds(f"{name}, {what}, p{percentile}", values, "µs", _SHOWS_NOT)
+            for name, values in rounds.items()
+        ]
+        rows.append(
+            ratio(
+                f"haptic-wall, {what}, p{percentile}: over that of the bare loop",
+                rounds["haptic-wall"],
+                rounds["bare loop"],
+                "how even either is; that stands above",
+            )
+        )
+    return rows
+
+
+def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
+    return [
+        over_rounds(
+            f"{name}, intervals left out because the emulated bus was held up",
+            [100.0 * float(np.mean(held_up(turn))) for turn in each],
+            "%",
+            "the loop: frames were sent in time and waited for the process that reads them",
+        )
+        for name, each in intervals.items()
+    ]
+
+
+def _drawn(deviations: dict[str, list[NDArray[np.float64]]]) -> Histogram:
+    return Histogram(
+        "Deviation of torque frames' intervals from the period, as the other end of the line saw"
+        " them",
+        "µs",
+        {name: np.concatenate(each).tolist() for name, each in deviations.items()},
+    )

@@ -1,0 +1,1 @@
+"""What is rendered: wall and program, and what shapes their torque."""

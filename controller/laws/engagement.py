@@ -1,0 +1,156 @@
+"""Decides when the wall may come on around the shaft: never while its spring is loaded.
+
+A spring of stiffness K that appears around a shaft at penetration p holds K p²/2 at once, and gives
+it to the shaft: 0.05 J at K 10 and 0.1 rad, which is 2.9 rad/s of a servo with a horn. So the wall
+waits, without torque, until its elastic torque K |p| has stayed within a small torque for 50 ms.
+The same criterion holds for a stiffness that rises while the wall is on: ΔK |p|.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from haptic_wall.controller.laws.wall import Law
+
+MOST_TORQUE = 0.1
+"""Elastic torque that counts as no blow on any servo [N·m]: 1 N at the tip of a 10 cm horn"""
+STALL_SHARE = 0.05
+"""The same as a fraction of the servo's stall torque, for small servos [1]"""
+LEAST_STEPS = 2.0
+"""Encoder steps within which a spring always counts as unloaded [1]: a reading may be off by one"""
+REST_S = 0.05
+"""How long the spring must stay unloaded before the wall comes on [s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class EngageLimits:
+    """When a spring counts as unloaded."""
+
+    torque: float
+    """Largest elastic torque [N·m]"""
+    position_step: float
+    """Encoder step [rad]; 0: the position is not quantised"""
+    periods: int
+    """Ticks for which the spring must stay unloaded, >= 1"""
+
+    def room(self, stiffness: float) -> float:
+        """Largest penetration [rad] at which a spring of ``stiffness`` [N·m/rad] is unloaded."""
+        least = LEAST_STEPS * self.position_step
+        return max(self.torque / stiffness, least) if stiffness > 0.0 else math.inf
+
+
+def engage_torque(asked: float | None, stall_torque: float) -> float:
+    """The elastic torque up to which a wall may come on [N·m].
+
+    Args:
+        asked: ``safety.engage_torque`` [N·m]; None: taken from the servo.
+        stall_torque: Of the servo [N·m].
+    """
+    return min(MOST_TORQUE, STALL_SHARE * stall_torque) if asked is None else asked
+
+
+class Engagement:
+    """Decides, tick by tick, whether the wall may come on; O(1).
+
+    Args:
+        limits: When a spring counts as unloaded.
+        start_room: Penetration up to which the wall may come on at the start, however much that
+            loads its spring [rad]; infinite: it comes on at once, wherever the shaft is.
+    """
+
+    __slots__ = ("_need", "_rested", "_start_room", "limits")
+
+    def __init__(self, limits: EngageLimits, *, start_room: float = 0.0) -> None:
+        self.limits = limits
+        self._need = 0 if math.isinf(start_room) else limits.periods
+        self._start_room = start_room
+        self._rested = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether the wall may come on now."""
+        return self._rested >= self._need
+
+    def sample(self, stiffness: float, penetration: float) -> None:
+        """Take the position of a tick in which the wall is off.
+
+        Args:
+            stiffness: That would come on [N·m/rad].
+            penetration: Of the shaft [rad], signed; 0 outside a one-sided wall.
+        """
+        if self.may_rise(stiffness, penetration) or abs(penetration) <= self._start_room:
+            self._rested += 1
+        else:
+            self._rested = 0
+
+    def may_rise(self, rise: float, penetration: float) -> bool:
+        """Whether the stiffness may rise at once without a blow.
+
+        Args:
+            rise: By how much [N·m/rad].
+            penetration: Of the shaft [rad], signed; 0 outside a one-sided wall. NaN: no.
+        """
+        limits = self.limits
+        away = abs(penetration)
+        # Without a division: this runs in every tick.
+        return rise * away <= limits.torque or away <= LEAST_STEPS * limits.position_step
+
+    def restart(self) -> None:
+        """The wall went off: from now on it comes on again only after a rest."""
+        self._start_room = 0.0
+        self._need = self.limits.periods
+        self._rested = 0
+
+
+def place_text(position: float) -> str:
+    """A position [rad] in degrees and turns."""
+    degrees, turns = round(math.degrees(position), 1), round(position / math.tau, 2)
+    return f"{degrees + 0.0:.1f}° ({turns + 0.0:.2f} turns)"  # + 0.0: never -0.0
+
+
+def start_text(law: Law, side: str, position: float) -> str:
+    """Where the wall and the shaft are before the wall comes on.
+
+    Args:
+        law: The wall.
+        side: Its side, as in the configuration.
+        position: Of the shaft [rad].
+    """
+    away = position - law.position
+    where = "inside" if law.in_contact(position) else "outside"
+    away_text = place_text(abs(away)) + (f" {where}" if law.one_sided else " away")
+    return (
+        f"the wall ({side}) is at {place_text(law.position)}, "
+        f"the shaft at {place_text(position)}: {away_text}"
+    )
+
+
+def waiting_text(
+    law: Law, side: str, position: float, stiffness: float, room: float, torque_limit: float
+) -> str:
+    """Why the wall does not come on, where the shaft is, and where it must go.
+
+    Args:
+        law: The wall.
+        side: Its side, as in the configuration.
+        position: Of the shaft [rad].
+        stiffness: That would come on [N·m/rad].
+        room: Largest penetration at which it comes on [rad].
+        torque_limit: The most that the servo makes [N·m].
+    """
+    away = position - law.position
+    if not law.in_contact(position) or abs(away) <= room:
+        return f"the wall waits until the shaft has stayed where it is for {1e3 * REST_S:g} ms"
+    surface = place_text(law.position)
+    goal = {
+        "above": f"below {surface}",
+        "below": f"above {surface}",
+    }.get(side, f"to within {math.degrees(room):.2g}° of {surface}")
+    torque = min(stiffness * abs(away), torque_limit)
+    inside = "the shaft is inside the wall" if law.one_sided else "the shaft is away from the wall"
+    return (
+        f"{inside}, which would push it with {torque:.3g} N·m: it is at "
+        f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall goes on when "
+        f"the shaft has been turned {goal} and stays there for {1e3 * REST_S:g} ms"
+    )

@@ -1,0 +1,240 @@
+"""A recorded motion from a CSV of anybody's.
+
+What it does not hold as it should is mended where that can be done honestly, and told where not:
+it is parted where nothing was recorded for long, rows without a number are left out, uneven time
+stamps are brought onto a grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.csv_table import TORQUE, columns_of
+from haptic_wall.controller.logs.recording import (
+    GAP,
+    LEAST,
+    MOST_TOLD,
+    Floats,
+    Knowledge,
+    Part,
+    Recording,
+    cut,
+    gap_text,
+    parted,
+    position_count,
+    seconds,
+    short_text,
+)
+from haptic_wall.controller.logs.stretches import Stretch, stretches
+from haptic_wall.controller.logs.windows import BEFORE_S, WINDOW
+
+_UNEVEN = 0.25
+"""Share of a period by which time stamps may be off and still count as on the grid."""
+_MOST_UNEVEN = 0.01
+"""Share of the time stamps that may be off by more without a new grid."""
+_SAME = 0.02
+"""Share by which the periods of two stretches may differ at one rate"""
+_MOST_RECORDINGS = 20
+"""In one file, each with times of its own; what more there are is left out"""
+_JOINT_S = 1.0
+"""From the end of one to the beginning of the next [s]"""
+_CLOCK_S = 86_400.0
+"""From here on a first time is of a clock that did not begin with the record [s]"""
+
+
+def recordings_of_csv(path: Path) -> Iterator[Recording]:
+    """The motion in a CSV with the columns ``time_s``, ``position_rad``, perhaps ``torque_nm``.
+
+    A long one comes in several recordings that overlap. What was recorded at another rate than what
+    came before is a recording of its own.
+
+    Raises:
+        UserError: There is nothing in it to look at; the message says what was found.
+        OSError: It cannot be read, or is no regular file.
+    """
+    whole, notes = _whole(path)
+    known = Knowledge(position_step=position_count(whole.positions))
+    found = stretches(whole.times)
+    notes += _gaps(whole.times, found)
+    groups = list(_alike([stretch for stretch in found if stretch.size >= LEAST]))
+    of = -(-whole.times.size // WINDOW)
+    for number, group in enumerate(groups):
+        period = float(np.average([s.period for s in group], weights=[s.size for s in group]))
+        if number:
+            since = whole.times[group[0].start]
+            notes.append(f"from {seconds(since)} s on there is a sample each {1e3 * period:.4g} ms")
+        parts = [
+            part
+            for stretch in group
+            for part in parted(
+                _even(cut(whole, stretch.start, stretch.end), period, notes), period, notes
+            )
+        ]
+        for some, since_s in _windowed(parts):
+            yield Recording(period, some, known, tuple(notes), since_s, of)
+            notes = []
+    if not groups or notes:
+        yield Recording(np.nan, (), known, tuple(notes))
+
+
+def _whole(path: Path) -> tuple[Part, list[str]]:
+    """All samples whose time lies after that of those before, and what was mended or left out."""
+    columns, notes = columns_of(path)
+    times = columns["time_s"]
+    times, going_on = _going_on(times)
+    notes += going_on
+    columns["time_s"] = times
+    ordered = _ordered(times)
+    if not ordered.all():
+        first = float(times[~ordered][0])
+        notes.append(
+            f"{np.count_nonzero(~ordered)} rows are left out: their time does not lie after that of"
+            f" the rows before, first at {seconds(first)} s"
+        )
+        columns = {name: values[ordered] for name, values in columns.items()}
+        times = columns["time_s"]
+    if times.size < LEAST:
+        raise UserError(
+            f"LOG {path}: found {times.size} rows with a time of their own, wanted at least {LEAST}"
+        )
+    if abs(times[0]) >= _CLOCK_S:
+        notes.append(f"times count from the first row's, {times[0]:.3f} s")
+        times = times - times[0]
+    positions = columns["position_rad"]
+    missing = ~np.isfinite(positions)
+    if np.count_nonzero(~missing) < LEAST:
+        raise UserError(
+            f"LOG {path}: found {np.count_nonzero(~missing)} rows with a position, wanted at least"
+            f" {LEAST}"
+        )
+    if missing.any():
+        at = float(times[missing][0])
+        notes.append(f"{np.count_nonzero(missing)} rows have no position, first at {seconds(at)} s")
+    torques = columns.get(TORQUE)
+    if torques is None:
+        notes.append(f"there is no column {TORQUE}: judged by the motion alone, not by its energy")
+    elif not np.isfinite(torques).all():
+        notes.append(
+            f"{np.count_nonzero(~np.isfinite(torques))} rows have no torque: the one before is"
+            " taken to hold"
+        )
+        torques = _held(torques)
+    return Part(times, positions, torques, None), notes
+
+
+def _ordered(times: Floats) -> NDArray[np.bool_]:
+    """Which samples lie after all before."""
+    return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
+
+
+def _going_on(times: Floats) -> tuple[Floats, list[str]]:
+    """Times of recordings that each begin anew as one: each one second after the one before."""
+    notes = []
+    for _ in range(_MOST_RECORDINGS):
+        anew = _begin_anew(times)
+        if anew.size == 0:
+            break
+        at = int(anew[0])
+        before = float(np.max(times[:at]))
+        notes.append(
+            f"time goes back from {seconds(before)} to {seconds(times[at])} s: taken for another"
+            " recording, one second after the one before"
+        )
+        times = np.concatenate([times[:at], times[at:] + (before + _JOINT_S - times[at])])
+    return times, notes
+
+
+def _begin_anew(times: Floats) -> NDArray[np.intp]:
+    """Where times go back and then go on evenly, still behind what was before: they do not jump."""
+    if times.size <= LEAST:
+        return np.empty(0, np.intp)
+    latest = np.maximum.accumulate(times)
+    backs = np.concatenate([[0], np.cumsum(np.diff(times) <= 0.0)])  # before each sample
+    at = np.flatnonzero(np.diff(backs) > 0) + 1
+    at = at[at + LEAST <= times.size]
+    goes_on = backs[at + LEAST - 1] == backs[at]
+    anew: NDArray[np.intp] = at[goes_on & (times[at + LEAST - 1] <= latest[at - 1])]
+    return anew
+
+
+def _gaps(times: Floats, found: list[Stretch]) -> Iterator[str]:
+    """Describe the gaps between stretches, and the stretches that are too short."""
+    gaps = [(times[a.end - 1], times[b.start]) for a, b in pairwise(found)]
+    yield from (gap_text(start, end) for start, end in gaps[:MOST_TOLD])
+    if len(gaps) > MOST_TOLD:
+        yield f"there are {len(gaps) - MOST_TOLD} more such gaps"
+    short = [stretch for stretch in found if stretch.size < LEAST]
+    yield from (short_text(s.size, times[s.start]) for s in short[:MOST_TOLD])
+    if len(short) > MOST_TOLD:
+        lost = sum(stretch.size for stretch in short[MOST_TOLD:])
+        yield f"there are {lost} more samples in stretches that are too short"
+
+
+def _alike(found: list[Stretch]) -> Iterator[list[Stretch]]:
+    """Stretches that follow each other at one rate."""
+    group: list[Stretch] = []
+    for stretch in found:
+        if group and abs(stretch.period - group[0].period) > _SAME * group[0].period:
+            yield group
+            group = []
+        group.append(stretch)
+    if group:
+        yield group
+
+
+def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
+    """The parts in pieces of bounded size, and from when on each piece is new [s]."""
+    held: list[Part] = []
+    samples = 0
+    for part in parts:
+        samples += part.times.size
+        if held and samples > WINDOW:
+            yield tuple(held), -math.inf
+            held, samples = [], part.times.size
+        if part.times.size <= WINDOW:
+            held.append(part)
+            continue
+        samples = 0
+        for start in range(0, part.times.size, WINDOW):
+            since_s = float(part.times[start]) if start else -math.inf
+            again = int(np.searchsorted(part.times, since_s - BEFORE_S))
+            again = max(again, start - WINDOW, 0)
+            yield (cut(part, again, start + WINDOW),), since_s
+    if held:
+        yield tuple(held), -math.inf
+
+
+def _even(whole: Part, period: float, notes: list[str]) -> Part:
+    """The samples on a grid of ``period``: as they are, or interpolated where they are uneven."""
+    steps = np.diff(whole.times) / period
+    off = np.abs(steps - np.round(steps)) > _UNEVEN
+    if np.count_nonzero(off) <= _MOST_UNEVEN * steps.size:
+        return whole
+    notes.append(
+        f"{np.count_nonzero(off)} of {steps.size} time stamps are uneven: positions are"
+        f" interpolated onto a grid of {1e3 * period:.4g} ms, so that small or fast oscillations"
+        " are seen smaller than they are"
+    )
+    good = np.isfinite(whole.positions)
+    times = whole.times[good]
+    grid = np.arange(times[0], times[-1] + 0.5 * period, period)
+    positions = np.interp(grid, times, whole.positions[good])
+    latest = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, times.size - 1)
+    following = np.minimum(latest + 1, times.size - 1)
+    positions[times[following] - times[latest] > GAP * period] = np.nan
+    torques = None if whole.torques is None else whole.torques[good][latest]
+    return Part(grid, positions, torques, None)
+
+
+def _held(values: Floats) -> Floats:
+    """The last known value where one is missing; 0 before the first."""
+    good = np.isfinite(values)
+    latest = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
+    return np.where(latest >= 0, values[np.maximum(latest, 0)], 0.0)

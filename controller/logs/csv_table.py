@@ -1,0 +1,140 @@
+"""The numbers in a CSV of anybody's, read within bounds: of bytes, of rows, of a line's length."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.reader import SUFFIX
+from haptic_wall.controller.logs.recording import Floats
+from haptic_wall.controller.system.printable import in_line
+from haptic_wall.controller.system.regular_file import opened
+
+NEEDED = ("time_s", "position_rad")
+TORQUE = "torque_nm"
+MOST_BYTES = 1 << 29
+MOST_ROWS = 4_000_000
+"""More than an hour at 1 kHz"""
+_MOST_IN_LINE = 1 << 16
+"""Characters"""
+_MOST_LINES = 100
+"""Of one row: a quoted cell may hold line ends"""
+_LARGEST = 1e12
+_CONTROL = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
+
+
+def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
+    """The known columns as numbers, shape (n,) each; a cell that is empty or nan is NaN.
+
+    Returns:
+        The columns by name, and what was left out, in sentences. Every row has a time.
+
+    Raises:
+        UserError: It is no such CSV, or too large; the message says what was found.
+        OSError: It cannot be read, or is no regular file.
+    """
+    with io.TextIOWrapper(opened(path), "utf-8-sig", "replace", newline="") as text:
+        size = os.fstat(text.fileno()).st_size
+        if size > MOST_BYTES:
+            raise UserError(
+                f"LOG {path}: found {size} bytes, wanted a CSV of at most {MOST_BYTES}: part it"
+            )
+        try:
+            names, numbers = _read(path, text)
+        except csv.Error as error:
+            raise UserError(
+                f"LOG {path}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote"
+                " left open?"
+            ) from None
+    table = np.frombuffer(numbers, np.float64).reshape(-1, len(names))
+    dated = np.isfinite(table[:, 0])
+    notes = []
+    if not dated.all():
+        notes.append(f"{np.count_nonzero(~dated)} rows have no time and are left out")
+    return {name: table[dated, place] for place, name in enumerate(names)}, notes
+
+
+class _Lines:
+    """The lines of a text, each of bounded length and without control characters."""
+
+    def __init__(self, path: Path, text: TextIO) -> None:
+        self._path = path
+        self._text = text
+        self._number = 0
+        self.of_row = 0
+
+    def __iter__(self) -> Iterator[str]:
+        while line := self._text.readline(_MOST_IN_LINE + 1):
+            self._number += 1
+            self.of_row += 1
+            if len(line) > _MOST_IN_LINE:
+                open_quote = ": is a quote left open?" if '"' in line else ""
+                self._refuse(f"has more than {_MOST_IN_LINE} characters{open_quote}")
+            if found := _CONTROL.search(line):
+                self._refuse(f"holds the control character {found[0]!r}")
+            if self.of_row > _MOST_LINES:
+                self._refuse(f"and the {_MOST_LINES} before are one row: is a quote left open?")
+            yield line
+
+    def _refuse(self, what: str) -> None:
+        raise UserError(
+            f"LOG {self._path}: line {self._number} {what}; wanted a CSV as text, a line for each"
+            f" sample, or a {SUFFIX} file"
+        )
+
+
+def _read(path: Path, text: TextIO) -> tuple[list[str], array[float]]:
+    """Names of the known columns, and their numbers row by row."""
+    lines = _Lines(path, text)
+    reader = csv.reader(lines)
+    header = [name.strip() for name in next(reader, [])]
+    absent = [name for name in NEEDED if name not in header]
+    if absent:
+        found = in_line(", ".join(header[:8])) if any(header) else "nothing"
+        raise UserError(
+            f"LOG {path}: its first line has no column {' and no '.join(absent)}, found"
+            f" {found}; wanted a CSV with {', '.join(NEEDED)} and, if known, {TORQUE},"
+            f" or a {SUFFIX} file"
+        )
+    names = [name for name in (*NEEDED, TORQUE) if name in header]
+    places = [header.index(name) for name in names]
+    numbers = array("d")
+    most = MOST_ROWS * len(names)
+    for line, row in enumerate(reader, 2):
+        lines.of_row = 0
+        if not row:
+            continue
+        if len(numbers) >= most:
+            raise UserError(f"LOG {path}: found more than {MOST_ROWS} rows, wanted fewer: part it")
+        for place, name in zip(places, names, strict=True):
+            cell = row[place].strip() if place < len(row) else ""
+            try:
+                numbers.append(_number(cell) if cell else math.nan)
+            except ValueError:
+                raise UserError(
+                    f"LOG {path}: line {line}, column {name}: found {cell[:40]!r}, wanted a number"
+                    f" up to {_LARGEST:g} or an empty cell"
+                ) from None
+    return names, numbers
+
+
+def _number(text: str) -> float:
+    """As ``float``, but 1_000 is none, nor is what no one can have measured.
+
+    Raises:
+        ValueError: It is no number.
+    """
+    number = float(text)
+    if "_" in text or (math.isfinite(number) and abs(number) > _LARGEST):
+        raise ValueError(text)
+    return number

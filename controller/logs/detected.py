@@ -1,0 +1,291 @@
+"""Runs the detector over recordings, one after the other, in memory that does not grow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.detection import DetectionRecord, KnownWall, detect
+from haptic_wall.controller.detector.oscillation import DetectorSettings, State
+from haptic_wall.controller.detector.servo_fit import FittedServo, fitted_servo
+from haptic_wall.controller.detector.wall_fit import fitted_wall
+from haptic_wall.controller.logs.recording import Part, Recording
+
+_LATE = 0.01
+"""Periods of delay that are told"""
+SLICES = 2500
+"""Into so many slices a picture parts what it draws; of each what is extreme is kept."""
+_WHOLE = 4 * SLICES
+_NOTES = 20
+_DRAWN = 200
+"""Stretches in a picture: each takes time to draw"""
+
+
+@dataclass(slots=True)
+class Detected:
+    """Result of the detector over all recordings."""
+
+    period: float = math.nan
+    """[s]"""
+    known: dict[str, float] = field(default_factory=dict)
+    """Parameters of the servo that were used, from the first recording"""
+    estimated: bool = False
+    """Whether that was estimated"""
+    wall: dict[str, float] = field(default_factory=dict)
+    """Parameters of the wall that were used, from the first part: ``stiffness``,
+    ``virtual_damping``, ``wall_position``"""
+    position_step: float = math.nan
+    """[rad]"""
+    state: State = State.QUIET
+    """The worst"""
+    frequency_hz: float = math.nan
+    """In that state, where it was largest"""
+    amplitude: float = 0.0
+    """[rad]"""
+    growth: float = math.nan
+    """[1/s]"""
+    first_alarm_s: float = math.nan
+    samples: int = 0
+    parts: int = 0
+    notes: list[str] = field(default_factory=list)
+    drawn: list[tuple[Part, DetectionRecord]] = field(default_factory=list)
+    """Samples of a limited number of stretches, for the picture"""
+
+
+@dataclass(frozen=True, slots=True)
+class GivenWall:
+    """Parameters of the rendered wall that the user gives; None: not given."""
+
+    stiffness: float | None = None
+    """K [N·m/rad]"""
+    virtual_damping: float | None = None
+    """B [N·m·s/rad]"""
+    surface: float | None = None
+    """Where it stands [rad]"""
+
+
+NO_WALL = GivenWall()
+
+
+def detect_all(
+    recordings: Iterable[Recording], given: Mapping[str, float | None], wall: GivenWall = NO_WALL
+) -> Detected:
+    """Run the detector over recordings.
+
+    Args:
+        recordings: Of one motion.
+        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of what they know; None:
+            as they know it.
+        wall: In place of what they know of the wall, or of what torque against position tells.
+    """
+    detected = Detected()
+    more = 0
+    for recording in recordings:
+        known = {
+            name: getattr(recording.known, name) if value is None else value
+            for name, value in given.items()
+        }
+        known["lag"] = 0.0 if math.isnan(known["lag"]) else known["lag"]
+        if not detected.known:
+            detected.period, detected.known = recording.period, known
+            detected.position_step = recording.known.position_step
+        new = [note for note in recording.notes if note not in detected.notes]
+        room = max(0, _NOTES - len(detected.notes))
+        detected.notes += new[:room]
+        more += len(new[room:])
+        unknown = math.isnan(known["inertia"])
+        for part in recording.parts:
+            servo = _servo(detected, recording, part, given) if unknown else known
+            _see(detected, recording, part, servo, wall)
+    if detected.parts > _DRAWN:
+        detected.notes.append(f"a picture shows the first {_DRAWN} stretches")
+    if more:
+        detected.notes.append(f"there are {more} more such notes")
+    return detected
+
+
+def _see(
+    detected: Detected,
+    recording: Recording,
+    part: Part,
+    known: dict[str, float],
+    given: GivenWall,
+) -> None:
+    settings = DetectorSettings(
+        period=recording.period,
+        inertia=known["inertia"],
+        damping=known["damping"],
+        coulomb=known["coulomb"],
+        position_step=recording.known.position_step,
+    )
+    wall = _wall(detected, recording, part, given)
+    record = detect(part.times, part.positions, part.torques, settings, lag=known["lag"], wall=wall)
+    new = np.flatnonzero(part.times >= recording.since_s)
+    if new.size == 0:
+        return
+    goes_on = bool(part.times[new[0]] == recording.since_s)
+    add(detected, *_taken(part, record, new), goes_on=goes_on, of=recording.of)
+
+
+def _servo(
+    detected: Detected, recording: Recording, part: Part, given: Mapping[str, float | None]
+) -> dict[str, float]:
+    """Estimate the parameters of a servo that are not given, from torque against motion."""
+    told = {name: math.nan if value is None else value for name, value in given.items()}
+    found = None
+    if part.torques is not None:
+        found = fitted_servo(part.positions, part.torques, recording.period)
+    estimated = with_fit(told, found)
+    if found is not None and not detected.estimated:
+        detected.estimated = True
+        detected.known = estimated
+        late = estimated["lag"] / recording.period > _LATE
+        detected.notes.append(
+            f"torque against motion is a servo's of {estimated['inertia']:.3g} kg·m²"
+            + (f", {1e3 * estimated['lag']:.3g} ms late" if late else "")
+        )
+    return estimated
+
+
+def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, float]:
+    """Complete the known parameters of a servo with the estimate.
+
+    Args:
+        told: ``inertia``, ``damping``, ``coulomb``, ``lag``; NaN: not known.
+        found: The estimate; None: there is none.
+    """
+    known = dict(told)
+    if found is not None and math.isnan(known["inertia"]):
+        known["inertia"] = found.inertia
+        late, damping = not math.isnan(known["lag"]), known["damping"]
+        if math.isnan(damping):
+            known["damping"] = found.damping(known["lag"]) if late else 0.0
+        if not late:
+            known["lag"] = found.lag(known["damping"])
+    known["lag"] = 0.0 if math.isnan(known["lag"]) else known["lag"]
+    return known
+
+
+def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall) -> KnownWall:
+    """The wall as it is given, as the recording knows it, or as it can be estimated."""
+    knows = recording.known
+    if part.stiffness is not None:
+        wall = KnownWall(part.stiffness, knows.virtual_damping, knows.surface, knows.side)
+    else:
+        found = None
+        if part.torques is not None and None in (given.stiffness, given.surface):
+            found = fitted_wall(part.positions, part.torques, recording.period)
+        wall = found or KnownWall()
+        if found is not None and not detected.wall:
+            detected.notes.append(_estimated(found))
+    told = {name: getattr(given, name) for name in ("stiffness", "virtual_damping", "surface")}
+    wall = replace(wall, **{name: value for name, value in told.items() if value is not None})
+    if not detected.wall:
+        detected.wall = {
+            "stiffness": float(np.asarray(wall.stiffness).flat[0]),
+            "virtual_damping": wall.virtual_damping,
+            "wall_position": wall.surface,
+        }
+    return wall
+
+
+def _estimated(wall: KnownWall) -> str:
+    sides = {0: "two-sided", 1: "above its position", -1: "below its position"}
+    late = f", {1e3 * wall.inserted:.4g} ms before its torque" if wall.inserted else ""
+    return (
+        f"torque against position is a wall's, {sides[wall.side]}:"
+        f" {float(np.asarray(wall.stiffness)):.4g} N·m/rad,"
+        f" {wall.virtual_damping:.3g} N·m·s/rad, at {round(wall.surface, 9) + 0.0:.4g} rad{late}"
+    )
+
+
+def add(
+    detected: Detected, part: Part, record: DetectionRecord, *, goes_on: bool, of: int = 1
+) -> None:
+    """Add what was seen in a part.
+
+    Args:
+        detected: What was seen before.
+        part: The motion.
+        record: What was seen in it.
+        goes_on: It follows the part before without a gap.
+        of: How many parts there are at least.
+    """
+    detected.samples += part.times.size
+    detected.parts += int(not goes_on)
+    at = record.worst_at
+    if (record.worst, record.amplitude[at]) > (detected.state, detected.amplitude):
+        detected.state = record.worst
+        quiet = record.worst == State.QUIET
+        detected.amplitude = 0.0 if quiet else float(record.amplitude[at])
+        detected.frequency_hz = math.nan if quiet else float(record.frequency_hz[at])
+        detected.growth = math.nan if quiet else float(record.growth[at])
+    if math.isnan(detected.first_alarm_s):
+        detected.first_alarm_s = record.first_alarm_s
+    if part.times.size > _WHOLE:
+        part, record = _taken(part, record, _telling(part, record, SLICES // of + 1))
+    if goes_on and detected.drawn and detected.parts <= _DRAWN:
+        part, record = _joined(detected.drawn.pop(), (part, record))
+    if len(detected.drawn) < _DRAWN:
+        detected.drawn.append((part, record))
+
+
+def _taken(
+    part: Part, record: DetectionRecord, places: NDArray[np.intp]
+) -> tuple[Part, DetectionRecord]:
+    """Only some of the samples, and what is worst of those."""
+    times = part.times[places]
+    return (
+        Part(
+            times,
+            part.positions[places],
+            None if part.torques is None else part.torques[places],
+            None if part.stiffness is None else part.stiffness[places],
+        ),
+        DetectionRecord.of(
+            times,
+            record.state[places],
+            record.frequency_hz[places],
+            record.amplitude[places],
+            record.growth[places],
+            record.alarm[places],
+        ),
+    )
+
+
+def _joined(
+    first: tuple[Part, DetectionRecord], second: tuple[Part, DetectionRecord]
+) -> tuple[Part, DetectionRecord]:
+    """A part and what follows it without a gap."""
+
+    def both(a: Any, b: Any) -> Any:  # noqa: ANN401 - arrays of any type, or None
+        return None if a is None or b is None else np.concatenate([a, b])
+
+    part = Part(
+        *(both(getattr(first[0], f.name), getattr(second[0], f.name)) for f in fields(Part))
+    )
+    arrays = ("state", "frequency_hz", "amplitude", "growth", "alarm")
+    joined = {name: both(getattr(first[1], name), getattr(second[1], name)) for name in arrays}
+    record = replace(first[1], **joined)
+    return _taken(part, record, np.arange(part.times.size))
+
+
+def _telling(part: Part, record: DetectionRecord, slices: int) -> NDArray[np.intp]:
+    """Of each slice the ends, the extremes of position and amplitude, and the worst state."""
+    places: set[int] = set()
+    for inside in np.array_split(np.arange(part.times.size), slices):
+        state = record.state[inside]
+        places |= {int(inside[0]), int(inside[-1])}
+        places |= {int(inside[np.argmax(record.amplitude[inside])])}
+        worst = int(np.argmax(state))
+        places |= {int(inside[worst]), int(inside[min(worst + 1, inside.size - 1)])}
+        known = inside[np.isfinite(part.positions[inside])]
+        if known.size:
+            of = part.positions[known]
+            places |= {int(known[np.argmin(of)]), int(known[np.argmax(of)])}
+    return np.array(sorted(places))

@@ -1,0 +1,300 @@
+"""Log files: one stream of arrays, each complete by itself, so that damage costs what it hit.
+
+A file is a sequence of ``.npy`` arrays with nothing between them: first the metadata, JSON as
+bytes, then blocks of rows of one structured dtype, and last how the run ended, JSON again.
+``numpy.load`` on an open file reads them one after the other; each carries checksums, see
+``blocks``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.blocks import MOST_BYTES, encoded
+from haptic_wall.controller.logs.reader import FORMAT, SUFFIX, Head, LogReader
+from haptic_wall.controller.system.whole_file import Beside
+
+__all__ = ["SUFFIX", "LogWriter", "append_end", "identity", "read_log"]
+
+
+class LogWriter:
+    """Writes one log; the same rows in the same blocks give the same bytes.
+
+    Nothing is held back: what ``append`` has taken is with the operating system, and stays
+    readable whatever becomes of this process; after ``sync`` also whatever becomes of the machine.
+
+    Args:
+        path: Where to; a file that is there is replaced.
+        metadata: What the rows belong to, as JSON can hold it; NaN is not in JSON.
+        dtype: Of the rows, little-endian.
+        beside: Other name of ``path``: the log is there until its first rows are written, and then
+            replaces what is at ``path``. None: it replaces it at once.
+
+    Attributes:
+        found: The last rows of a log that is gone on with, shape (n,); None: it held none.
+        identity: What ``identity`` gives for the file.
+
+    Raises:
+        OSError: The file cannot be written.
+        ValueError: The metadata cannot be JSON.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, Any],
+        dtype: np.dtype[np.void],
+        beside: Beside | None = None,
+    ) -> None:
+        # FORMAT first, and what it says holds for this file, wherever the metadata come from.
+        head = _json({**FORMAT, **metadata, **FORMAT})
+        self._beside = beside
+        if beside is not None:
+            beside.begin()
+        self._begin(path if beside is None else beside.part, dtype, "wb")
+        try:
+            self._write(head)
+        except OSError:
+            self.close()
+            raise
+
+    def _begin(self, path: Path, dtype: np.dtype[np.void], mode: str) -> None:
+        self._folder = path.parent
+        self._dtype = dtype
+        self.found: NDArray[np.void] | None = None
+        self._unsynced = True
+        self._placed = False
+        self._shortened = False
+        self._file = cast(BinaryIO, path.open(mode, buffering=0))
+        status = os.fstat(self._file.fileno())
+        self.identity = _identity(status)
+        self._is_file = stat.S_ISREG(status.st_mode)
+        if self._is_file:  # a device (/dev/null) is everybody's
+            with contextlib.suppress(OSError):  # a dying writer may still have it
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    @classmethod
+    def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:
+        """Go on with a log whose writer is dead; whatever follows its last whole block is cut off.
+
+        Takes the same time for a log of days as for one of minutes.
+
+        Args:
+            path: The log; nobody else writes it any more.
+            dtype: Of its rows.
+
+        Raises:
+            LogFormatError: The file is not a log of such rows, or its metadata was cut off.
+            OSError: It cannot be read or written.
+        """
+        reader = LogReader(path)
+        last = reader.last()
+        if last is not None and last.array.dtype != dtype:
+            raise LogFormatError(f"{path} is a log of other rows: name another file")
+        log = cls.__new__(cls)
+        log._beside = None
+        log._begin(path, dtype, "r+b")
+        with contextlib.ExitStack() as undo:
+            undo.callback(log._file.close)
+            end = reader.start if last is None else last.end
+            log.found = None if last is None else last.array
+            log._file.truncate(end)
+            log._file.seek(end)
+            undo.pop_all()
+        return log
+
+    def append(self, rows: NDArray[np.void]) -> None:
+        """Write rows, shape (n,), in blocks that a reader takes; none writes nothing.
+
+        Raises:
+            OSError: It could not be written (a full disk) or put in its place; the file is what it
+                was before, and may be appended to again.
+        """
+        if not len(rows):
+            return
+        most = MOST_BYTES // self._dtype.itemsize
+        self._look_for_its_end()
+        with _all_or_nothing(self._file):
+            for start in range(0, len(rows), most):
+                self._write(rows[start : start + most].astype(self._dtype, copy=False))
+            if self._beside is not None:
+                self._beside.place()
+                self._beside = None
+
+    def end(self, ended: Mapping[str, Any]) -> None:
+        """Write how the run ended, the last of a log, as JSON can hold it.
+
+        Raises:
+            OSError: As ``append``.
+        """
+        self._write(_json(ended))
+
+    def sync(self) -> None:
+        """Have the disk keep what was written until now; waits for it.
+
+        Raises:
+            OSError: The disk has lost something, or somebody has cut off the file's end; said once,
+                and nobody knows which rows.
+        """
+        self._tell_if_shortened()
+        if not self._unsynced:
+            return
+        self._unsynced = False
+        try:
+            os.fdatasync(self._file.fileno())
+            if not self._placed:  # a file whose folder does not know it yet is lost with its rows
+                with contextlib.suppress(PermissionError):  # a folder to put in, not to look into
+                    self._place()
+        except OSError as error:
+            # Some file systems cannot be asked, and a device (/dev/null) has nothing to keep.
+            if error.errno != errno.EINVAL and self._is_file:
+                raise
+
+    def _look_for_its_end(self) -> None:
+        """Go on at the end that the file has now, and note where that has come nearer."""
+        if self._is_file and self._file.tell() > os.fstat(self._file.fileno()).st_size:
+            self._file.seek(0, os.SEEK_END)  # a hole would be taken for what was there
+            self._shortened = True
+
+    def _tell_if_shortened(self) -> None:
+        self._look_for_its_end()
+        if self._shortened:
+            self._shortened = False
+            raise OSError(errno.EIO, "another program has cut off its end")
+
+    def _place(self) -> None:
+        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+        self._placed = True
+
+    def close(self) -> None:
+        """Let go of the file, which is removed where it never had rows to be placed for.
+
+        Safe to call twice.
+
+        Raises:
+            OSError: The file system has lost something written earlier; or as ``sync``.
+        """
+        if self._beside is not None:
+            self._beside.discard()
+        if not self._file.closed:
+            with self._file:
+                self._tell_if_shortened()
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, array: NDArray[Any]) -> None:
+        _write_block(self._file, array)
+        self._unsynced = True
+
+
+def identity(path: Path) -> int:
+    """Tells a file from another that is put in its place; 0: there is none."""
+    try:
+        return _identity(path.stat())
+    except OSError:
+        return 0
+
+
+def _identity(status: os.stat_result) -> int:
+    return status.st_ino & ((1 << 63) - 1)  # fits a word of shared memory
+
+
+def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> None:
+    """Write how a run ended behind what its recorder has left, whatever that is.
+
+    Args:
+        path: The log; where there is none, or nothing in it, none is made.
+        ended: What JSON can hold.
+        sync: Wait until the disk keeps it.
+
+    Raises:
+        OSError: It cannot be written; what is in the log stays readable.
+    """
+    if not path.is_file() or not path.stat().st_size:
+        return
+    with path.open("ab", buffering=0) as file:
+        _write_block(file, _json(ended))
+        if sync:
+            os.fdatasync(file.fileno())
+
+
+def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
+    """Write a block to a file without a buffer, which may take it in several parts; all or none."""
+    with _all_or_nothing(file):
+        for part in encoded(array):
+            rest = memoryview(part)
+            while rest:
+                rest = rest[file.write(rest) :]
+
+
+@contextlib.contextmanager
+def _all_or_nothing(file: BinaryIO) -> Iterator[None]:
+    """Cut off again what was written to a file where an OSError comes in between."""
+    start = file.tell() if file.seekable() else None  # a device has no end to cut
+    try:
+        yield
+    except OSError:
+        # Half a block would be noticed, but it is better not there.
+        if start is not None:
+            with contextlib.suppress(OSError):
+                file.truncate(start)
+                file.seek(start)
+        raise
+
+
+def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
+    """Read a log whole; what is damaged is skipped with a warning in the program's log.
+
+    Args:
+        path: A file written by ``LogWriter``.
+
+    Returns:
+        The metadata, and all rows as they are in the file, shape (n,); of no field where no block
+        was written.
+
+    Raises:
+        LogFormatError: The file is not a log of ours.
+        OSError: It cannot be read.
+    """
+    log = LogReader(path)
+    blocks: list[NDArray[np.void]] = []
+    for piece in log.pieces():
+        if isinstance(piece, np.ndarray):
+            blocks.append(piece)
+        elif isinstance(piece, Head):
+            raise LogFormatError(f"{path}: another log is joined to it; part them with --cut")
+        else:
+            log.warn(piece)
+    return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))
+
+
+def _json(content: Mapping[str, Any]) -> NDArray[np.uint8]:
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+    # A log's metadata are kept when it is cut, though no text of ours has half a character.
+    return np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)

@@ -1,0 +1,199 @@
+"""Reading a log block by block, in memory that does not grow with it, past whatever is damaged."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.blocks import Block, block_at, last_block, next_begin
+from haptic_wall.controller.logs.content import FORMAT, from_json, is_ours, judged, refused
+from haptic_wall.controller.logs.order import in_order
+from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece, said_of
+from haptic_wall.controller.system.printable import in_line
+from haptic_wall.controller.system.regular_file import opened
+
+__all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Head", "LogReader", "Misplaced", "Piece"]
+
+SUFFIX = ".hwlog"
+_logger = logging.getLogger(__name__)
+
+
+BEGINS_WITHIN = 1 << 26
+"""A log whose metadata are damaged is known by an intact block of rows among so many bytes."""
+_LOOKED = 1 << 20
+"""Bytes in which a block must begin for a file of another name to be a log"""
+_AGAIN = 4
+"""How often what looks like a block, and is none, may lead over the bytes of a file again..."""
+_AGAIN_BYTES = 1 << 26
+"""...and this in a small one [bytes]; then the rest is damage"""
+_LEAST_LOOK = 1 << 12
+"""Smallest count for each such look [bytes]"""
+
+
+class LogReader:
+    """A log, read block by block in memory that does not grow with it.
+
+    Bounds: 16 MB a block, 4 MB of metadata, and time in proportion to what is on the disk.
+
+    Args:
+        path: A file written by ``LogWriter``.
+
+    Attributes:
+        path: See above.
+        metadata: What the rows belong to; empty where that part of the file is damaged.
+
+    Raises:
+        LogFormatError: The file is not a log of ours.
+        OSError: It cannot be read, or is no regular file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._start = 0
+        self._checked = True
+        self.metadata: dict[str, Any] = {}
+        with opened(path) as file:
+            size = _size(file)
+            self._file, self._size = _identity(file), size
+            head = block_at(file, 0, size)
+            metadata = from_json(head.array) if head is not None else None
+            if head is not None and metadata is not None and is_ours(metadata):
+                self._start = head.end
+                self.metadata = metadata
+                self._checked = "checksum" in metadata
+                _refuse_later(path, metadata)
+            elif not _has_rows(path, file, min(size, BEGINS_WITHIN)):
+                raise LogFormatError(
+                    f"{path} is not a log of haptic-wall: it does not begin with one's metadata; "
+                    f"wanted a {SUFFIX} file"
+                )
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the file's pieces in their order: rows, faults between them, ends.
+
+        Rows come in their order: what stands behind later ones, or twice, is left out and told. May
+        be asked for any number of times; a file that grows is read to where it ended then.
+
+        Raises:
+            LogFormatError: A log of another version is joined to this one; or the file was replaced
+                or cut off since it was opened first.
+            OSError: It cannot be read.
+        """
+        with self._opened() as file:
+            yield from in_order(_pieces(self.path, file, self._start, _size(file), self._checked))
+
+    def last(self) -> Block | None:
+        """The last intact block of rows, found from the end; None: there is none.
+
+        Raises:
+            LogFormatError: The file was replaced or cut off since it was opened first.
+            OSError: It cannot be read.
+        """
+        with self._opened() as file:
+            return last_block(file, self._start, _size(file), self._checked)
+
+    def _opened(self) -> BinaryIO:
+        """The file that was looked at first, which may have grown.
+
+        Raises:
+            LogFormatError: It is another one, or shorter.
+            OSError: It cannot be read.
+        """
+        file = opened(self.path)
+        if _identity(file) == self._file and _size(file) >= self._size:
+            return file
+        file.close()
+        raise LogFormatError(f"{self.path}: replaced or cut off while it was read; try again")
+
+    @property
+    def start(self) -> int:
+        """Where what follows the metadata begins [bytes]."""
+        return self._start
+
+    def warn(self, piece: Piece) -> None:
+        """Say in the program's log what is wrong there, if anything is."""
+        for text in said_of(piece):
+            _logger.warning("%s: %s", self.path, text)
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file is a log by what it holds, or, where its begin is damaged, by its name.
+
+    Raises:
+        OSError: It cannot be read, or is no regular file.
+    """
+    with opened(path) as file:
+        looked = min(_size(file), _LOOKED)
+        return path.suffix == SUFFIX or next_begin(file, 0, looked) < looked
+
+
+def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
+    """Yield the file's pieces in their order.
+
+    Args:
+        path: Its name, for messages.
+        file: Open for reading.
+        start: Where to begin [bytes].
+        size: Where to end [bytes].
+        checked: Whether blocks carry checksums.
+    """
+    dtype: np.dtype[np.void] | None = None
+    damage: Damage | None = None
+    written = min(size, os.fstat(file.fileno()).st_blocks * 512)
+    may_look = _AGAIN * written + _AGAIN_BYTES
+    while start < size:
+        block = block_at(file, start, size)
+        looked = file.tell() - start
+        if block is not None and dtype is None and (why := refused(block)) is not None:
+            raise LogFormatError(f"{path}: {why}; read it with the haptic-wall that wrote it")
+        piece, why = judged(block, dtype, checked) if block is not None else (None, None)
+        if block is None or piece is None:
+            may_look -= max(looked, _LEAST_LOOK)
+            damage = damage or Damage(start, 0, last=False, why=why)
+            # The shape of a block whose checksums are right is known.
+            after = start + 1 if block is None or not block.summed else block.end
+            start = next_begin(file, after, size)
+            if may_look < 0:
+                why = "too much in them looks like the beginning of a block"
+                damage, start = Damage(damage.start, 0, last=False, why=why), size
+            continue
+        if damage is not None:
+            yield Damage(damage.start, start - damage.start, last=False, why=damage.why)
+            damage = None
+        if isinstance(piece, Head):
+            _refuse_later(path, piece.metadata)
+            dtype, checked = None, "checksum" in piece.metadata
+        elif isinstance(piece, np.ndarray):
+            dtype = piece.dtype
+        yield piece
+        start = block.end
+    if damage is not None:
+        yield Damage(damage.start, size - damage.start, last=True, why=damage.why)
+
+
+def _has_rows(path: Path, file: BinaryIO, size: int) -> bool:
+    return any(isinstance(piece, np.ndarray) for piece in _pieces(path, file, 0, size, True))
+
+
+def _refuse_later(path: Path, metadata: Mapping[str, Any]) -> None:
+    version = metadata.get("version", FORMAT["version"])
+    if version != FORMAT["version"]:
+        raise LogFormatError(
+            f"{path} is a log of format version {in_line(str(version), 20)}, this program reads "
+            f"version {FORMAT['version']}: read it with the haptic-wall that wrote it"
+        )
+
+
+def _identity(file: BinaryIO) -> tuple[int, int]:
+    found = os.fstat(file.fileno())
+    return found.st_dev, found.st_ino
+
+
+def _size(file: BinaryIO) -> int:
+    return os.fstat(file.fileno()).st_size

@@ -1,0 +1,196 @@
+"""The motion in a record: in a log of ours, with what its configuration says, or in a CSV."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.laws.wall import SIGNS
+from haptic_wall.controller.logs.csv_recording import recordings_of_csv
+from haptic_wall.controller.logs.pieces import End, Head, said_of
+from haptic_wall.controller.logs.reader import LogReader, is_log
+from haptic_wall.controller.logs.recording import (
+    LEAST,
+    Knowledge,
+    Part,
+    Recording,
+    parted,
+    position_count,
+)
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.windows import WINDOW, Window, windows
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.servo import Outcome
+
+MOST_LAG_S = 10.0
+"""Between a sample and its torque [s]; what acted is kept for so long"""
+_MOST_TOLD = 5
+"""Damaged places that are told one by one"""
+
+
+def read_recordings(path: Path) -> Iterator[Recording]:
+    """Read a log of ours, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
+
+    Args:
+        path: What holds a log is one, whatever its name; a long one comes in several recordings
+            that overlap, so that never the whole is in memory. Anything else is a CSV, of which
+            the torque, the one commanded at that sample, may be missing.
+
+    Raises:
+        UserError: There is nothing in it to look at; the message says what was found.
+        LogFormatError: It is not a log of ours.
+        OSError: It cannot be read, or is no regular file.
+    """
+    if is_log(path):
+        yield from recordings_of_log(path)
+    else:
+        yield from recordings_of_csv(path)
+
+
+def recordings_of_log(path: Path) -> Iterator[Recording]:
+    """The motion that a log of ours holds, a long one in several recordings that overlap.
+
+    Of logs that are joined in one file each is a recording of its own.
+
+    Raises:
+        UserError: The wall was on too shortly.
+        LogFormatError: It is not a log of ours.
+        OSError: It cannot be read, or is no regular file.
+    """
+    rows = LogRows.of(LogReader(path))
+    logs, notes = _looked_through(rows)
+    count = sum(each.count for each in logs)
+    if all(each.count < LEAST for each in logs):
+        raise UserError(
+            f"LOG {path}: found {count} rows with the wall on, wanted at least {LEAST}; record"
+            " a longer run"
+        )
+    configs = [_config(path, each.metadata) if each.count >= LEAST else None for each in logs]
+    of = sum(-(-each.count // WINDOW) for each in logs)
+    origin_ns = next(each.origin_ns for each in logs if each.count)
+    notes += [
+        f"{each.count} rows of part {number} with the wall on are too few to look at"
+        for number, each in enumerate(logs, 1)
+        if each.count < LEAST
+    ]
+    for number, blocks in groupby(_with_wall_on(rows), key=lambda found: found[0]):
+        config = configs[number] if number < len(configs) else None  # one joined meanwhile
+        if config is None:
+            continue
+        # An experiment's program has walls of its own, one after the other.
+        surface = config.surface(logs[number].started_at)
+        surface = math.nan if "phases" in logs[number].metadata else surface
+        for window in windows(block for _, block in blocks):
+            found = _of_rows(window, origin_ns, config, surface)
+            yield replace(found, of=of, notes=(*notes, *found.notes))
+            notes = []
+
+
+@dataclass(slots=True)
+class _Log:
+    """One log of a file; several are joined in some."""
+
+    metadata: Mapping[str, Any]
+    count: int = 0
+    """Rows with the wall on"""
+    origin_ns: int = 0
+    """Deadline of the first of them [ns]"""
+    started_at: float = math.nan
+    """The first position of the run [rad]; NaN: the begin is cut off or damaged"""
+    begins: bool = True
+    """Nothing is lost before what was looked at last"""
+
+
+def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
+    """Each log in the file, and what is wrong in it, in sentences."""
+    logs = [_Log(rows.metadata, begins="cut" not in rows.metadata)]
+    notes: list[str] = []
+    wrong = 0
+    for piece in rows.pieces():
+        log = logs[-1]
+        if isinstance(piece, np.ndarray):
+            known = piece["position"][np.isfinite(piece["position"])]
+            if log.begins and known.size:
+                log.started_at, log.begins = float(known[0]), False
+            on = piece[(piece["flags"] & FLAG_WARM_UP) == 0]
+            if on.size and log.count == 0:
+                log.origin_ns = int(on["deadline_ns"][0])
+            log.count += on.size
+        elif isinstance(piece, Head):
+            logs.append(_Log(piece.metadata, begins="cut" not in piece.metadata))
+            name = in_line(str(piece.metadata.get("name", "unknown")))
+            notes.append(f"part {len(logs)} is another log, {name}, joined to the one before")
+        elif not isinstance(piece, End):
+            log.begins = False
+            new = list(said_of(piece))
+            notes += new[: max(0, _MOST_TOLD - wrong)]
+            wrong += len(new)
+    if wrong > _MOST_TOLD:
+        notes.append(f"there are {wrong - _MOST_TOLD} more such places")
+    return logs, notes
+
+
+def _config(path: Path, metadata: Mapping[str, Any]) -> Config:
+    try:
+        return Config.model_validate(metadata.get("config"))
+    except ValidationError as error:
+        raise LogFormatError(
+            f"LOG {path}: its configuration is not one this program knows"
+            f" ({error.error_count()} differences); read it with the haptic-wall that wrote it"
+        ) from error
+
+
+def _with_wall_on(rows: LogRows) -> Iterator[tuple[int, NDArray[np.void]]]:
+    """Blocks of rows with the wall on, each with the number of its log in the file, from 0."""
+    number = 0
+    for piece in rows.pieces():
+        if isinstance(piece, Head):
+            number += 1
+        elif isinstance(piece, np.ndarray):
+            on = piece[(piece["flags"] & FLAG_WARM_UP) == 0]
+            if on.size:
+                yield number, on
+
+
+def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> Recording:
+    rows = window.rows
+    good = (rows["outcome"] == Outcome.OK) & np.isfinite(rows["position"])
+    belief = config.belief()
+    gain = belief.torque_gain.value
+    age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
+    whole = Part(
+        times=(rows["deadline_ns"] - origin_ns) * 1e-9,
+        positions=np.where(good, rows["position"], np.nan),
+        torques=rows["torque"].astype(np.float64),
+        stiffness=rows["stiffness"].astype(np.float64),
+    )
+    notes: list[str] = []
+    if not good.all():
+        notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
+    lag = age + belief.delay.value
+    if lag > MOST_LAG_S:
+        notes.append(f"torques are {lag:.4g} s late in it: counted as {MOST_LAG_S:g} s")
+    known = Knowledge(
+        inertia=belief.inertia.value / gain,
+        damping=belief.damping.value / gain,
+        coulomb=belief.coulomb.value / gain,
+        lag=min(lag, MOST_LAG_S),
+        position_step=position_count(whole.positions),
+        virtual_damping=float(np.median(rows["damping"])),
+        surface=surface,
+        side=0 if math.isnan(surface) else SIGNS[config.wall.side],
+    )
+    since_s = float(whole.times[window.seen]) if window.seen else -math.inf
+    parts = parted(whole, config.period_s, notes)
+    return Recording(config.period_s, parts, known, tuple(notes), since_s)

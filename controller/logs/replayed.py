@@ -1,0 +1,211 @@
+"""Repeats the oscillation watch of a run over the run's log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.logs.detected import Detected, add
+from haptic_wall.controller.logs.pieces import Damage, End, said_of
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.recording import LEAST, Part, position_count
+from haptic_wall.controller.logs.replay import Replay
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
+from haptic_wall.controller.runtime.watch_settings import watch_settings
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.servo import Outcome
+
+_GATHERED = 100_000
+"""Rows that are looked at in one go"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """Facts of the servo that the log holds; see ``haptic_wall.hw.servo.Facts``."""
+
+    torque_limit: float = math.inf
+    stall_torque: float = math.inf
+    position_step: float = 0.0
+
+
+def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
+    """Run a log's own watch over it again; None: the log does not hold what that needs.
+
+    Those are the logs of experiments, which render no wall, what is cut out of a log, logs joined
+    into one file, and logs that lack rows before their last one.
+
+    Args:
+        path: A log of ours.
+        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of what was believed; None:
+            as it was.
+
+    Raises:
+        LogFormatError: It is not a log of ours.
+        OSError: It cannot be read.
+    """
+    log = LogReader(path)
+    metadata = log.metadata
+    try:
+        config = Config.model_validate(metadata.get("config"))
+    except ValidationError:
+        return None
+    rows = LogRows.of(log)
+    begin = next(rows.blocks(), None)
+    if begin is None or begin["seq"][0] != 0 or "cut" in metadata or "phases" in metadata:
+        return None
+    known = begin["position"][np.isfinite(begin["position"])]
+    whole = _looked_through(log)
+    if whole is None:
+        return None
+    ended, notes = whole
+    surface = config.surface(float(known[0])) if known.size else math.nan
+    blocks = _gathered(rows)
+    first = next(blocks, None)
+    if first is None or len(first) < LEAST or not math.isfinite(surface):
+        return None
+    facts = _facts(ended, first)
+    replay, told = _replay(config, facts, surface, given)
+    told.notes += notes
+    return _seen(replay, told, (first, blocks))
+
+
+def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
+    """How the run ended, and what is wrong at the log's end; None: rows are missing before."""
+    ended: dict[str, Any] = {}
+    notes: list[str] = []
+    following = 0
+    for piece in log.pieces():
+        if isinstance(piece, np.ndarray):
+            last = int(piece["seq"][-1])
+            if last + 1 != following + len(piece):
+                return None
+            following = last + 1
+        elif isinstance(piece, End):
+            ended = piece.ended
+        elif isinstance(piece, Damage) and piece.last:
+            notes += said_of(piece)
+        else:
+            return None
+    return ended, notes
+
+
+def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:
+    told = ended.get("servo")
+    if not isinstance(told, dict):  # a log of before, or one that was cut off
+        good = first["outcome"] == Outcome.OK
+        return _Facts(position_step=position_count(np.where(good, first["position"], np.nan)))
+    counts = _above_0(told.get("counts_per_rev"), math.inf)
+    return _Facts(
+        torque_limit=_above_0(told.get("torque_limit"), math.inf),
+        stall_torque=_above_0(told.get("stall_torque"), math.inf),
+        position_step=math.tau / counts,
+    )
+
+
+def _above_0(value: object, default: float) -> float:
+    """A number above 0 that a file says, or the default."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if number and 0.0 < value < 1e12 else default  # type: ignore[operator, arg-type]
+
+
+def _replay(
+    config: Config, facts: _Facts, surface: float, given: Mapping[str, float | None]
+) -> tuple[Replay, Detected]:
+    wall = config.wall
+    clip = math.inf if wall.torque_clip is None else wall.torque_clip
+    law = Wall(0.0, 0.0, surface, wall.side, clip)
+    settings = watch_settings(config, facts, law)
+    servo = {name: given[name] for name in ("inertia", "damping", "coulomb")}
+    of_servo = {name: value for name, value in servo.items() if value is not None}
+    settings = replace(settings, detector=replace(settings.detector, **of_servo))
+    before_age_s: float | None = settings.inserted + config.belief().delay.high
+    lag = given["lag"]
+    if lag is not None:
+        settings = replace(settings, lag=max(0.0, lag - settings.inserted))
+        before_age_s = None
+    watch = Watch(settings)
+    if before_age_s is None:
+        watch.set_age(0.0)
+    detector = settings.detector
+    detected = Detected(
+        period=detector.period,
+        known={
+            "inertia": detector.inertia,
+            "damping": detector.damping,
+            "coulomb": detector.coulomb,
+            "lag": settings.lag + settings.inserted,
+        },
+        wall={"stiffness": math.nan, "virtual_damping": math.nan, "wall_position": surface},
+        position_step=facts.position_step,
+    )
+    return Replay(watch, law, config.period_ns, before_age_s), detected
+
+
+def _seen(
+    replay: Replay,
+    detected: Detected,
+    rows: tuple[NDArray[np.void], Iterator[NDArray[np.void]]],
+) -> Detected:
+    first, others = rows
+    origin_ns = int(first["deadline_ns"][0])
+    failed = 0
+    detected.wall["stiffness"] = float(first["stiffness"][0])
+    detected.wall["virtual_damping"] = float(first["damping"][0])
+    block: NDArray[np.void] | None = first
+    ages: list[float] = []
+    while block is not None:
+        good = block["outcome"] == Outcome.OK
+        failed += int(np.count_nonzero(~good))
+        ages.append(float(np.median(block["age_ns"])) * 1e-9)
+        part = Part(
+            times=(block["deadline_ns"] - origin_ns) * 1e-9,
+            positions=np.where(good, block["position"], np.nan),
+            torques=block["torque"].astype(np.float64),
+            stiffness=block["stiffness"].astype(np.float64),
+        )
+        add(detected, part, replay.see(block, part.times), goes_on=block is not first)
+        block = next(others, None)
+    if failed:
+        detected.notes.append(f"{failed} readings failed or were late and are left out")
+    watch = replay.watch
+    detected.known["lag"] += float(np.median(ages)) if replay.counts_ages else 0.0
+    _as_reported(detected, watch)
+    return detected
+
+
+def _as_reported(detected: Detected, watch: Watch) -> None:
+    """Say what the run's report says: an alarm that a probe took back is none."""
+    seen = watch.state > State.QUIET
+    if watch.state != detected.state or not seen:
+        detected.growth = math.nan
+    detected.state = watch.state
+    detected.frequency_hz = watch.frequency_hz if seen else math.nan
+    detected.amplitude = watch.amplitude if seen else 0.0
+    detected.first_alarm_s = watch.first_alarm_s
+
+
+def _gathered(rows: LogRows) -> Iterator[NDArray[np.void]]:
+    """The rows since the warm-up, in large blocks."""
+    held: list[NDArray[np.void]] = []
+    count = 0
+    for block in rows.blocks():
+        on = block[(block["flags"] & FLAG_WARM_UP) == 0]
+        if on.size:
+            held.append(on)
+            count += on.size
+        if count >= _GATHERED:
+            yield np.concatenate(held)
+            held, count = [], 0
+    if held:
+        yield np.concatenate(held)

@@ -1,0 +1,171 @@
+"""A stretch of a log, block by block: the rows between two instants, and what is wrong there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.pieces import End, Head, Piece
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.todays import todays
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From ``start_s`` up to, but without, ``end_s``, in seconds since the log's first row."""
+
+    start_s: float = -math.inf
+    end_s: float = math.inf
+
+
+WHOLE = Stretch()
+JOINT_NS = 1_000_000_000
+"""A log that is joined to another goes on so long after it, whenever it was written [ns]"""
+
+_MOST_LOGS = 100
+"""Logs in one file"""
+_LAST_NS = 1 << 62
+_GATHERED = 8192
+"""Rows that are worth a look at a time: a recorder's blocks are a few hundred"""
+
+
+@dataclass(frozen=True, slots=True)
+class LogRows:
+    """The rows of a run's log within a stretch; may be gone through any number of times.
+
+    Where logs are joined in one file, the time of each goes on from the one before.
+    """
+
+    log: LogReader
+    origin_ns: int
+    """Deadline of the log's first row [ns]; 0 where there is none"""
+    metadata: Mapping[str, Any]
+    """Of the log that they are from, the first where logs are joined"""
+    stretch: Stretch = WHOLE
+    watched: bool = True
+    """Its rows say what the oscillation detector saw; the first logs had none"""
+
+    @classmethod
+    def of(cls, log: LogReader, stretch: Stretch = WHOLE) -> LogRows:
+        """Those of a log, whose first row tells where the time is 0.
+
+        Raises:
+            LogFormatError: They are not a run's.
+        """
+        for piece in log.pieces():
+            if isinstance(piece, np.ndarray):
+                first = todays(piece[:1], log.path)
+                watched = "oscillation" in (piece.dtype.names or ())
+                return cls(log, int(first["deadline_ns"][0]), log.metadata, stretch, watched)
+        return cls(log, 0, log.metadata, stretch)
+
+    def blocks(self) -> Iterator[NDArray[np.void]]:
+        """Blocks of rows, shape (n,), n > 0."""
+        return (piece for piece in self.pieces() if isinstance(piece, np.ndarray))
+
+    def pieces(self) -> Iterator[Piece]:
+        """Blocks of rows, what is wrong beside rows of the stretch, and ends that it reaches.
+
+        What is wrong where nothing intact precedes or follows belongs to any stretch. Before the
+        rows of another log, which is joined to the first one, comes its ``Head``.
+        """
+        held: list[Piece] = []  # until rows follow that are in the stretch
+        inside = self.stretch.start_s == -math.inf
+        for piece in self._in_one_time():
+            if isinstance(piece, np.ndarray):
+                rows, past = self._within(piece)
+                if len(rows):
+                    if len(rows) < len(piece):
+                        held = [*(other for other in held if isinstance(other, Head))]
+                    yield from held
+                    inside = True
+                    yield rows
+                    held = []
+                else:
+                    held = [*(other for other in held if isinstance(other, Head))]
+                if past:
+                    return
+            elif isinstance(piece, Head):
+                held = [piece]
+            elif inside:
+                yield from held
+                held = []
+                yield piece
+            elif not isinstance(piece, End):
+                held.append(piece)
+
+    def _in_one_time(self) -> Iterator[Piece]:
+        """All pieces of the file; rows as today's, those of a joined log after those before it."""
+        shift_ns = logs = 0
+        last_ns: int | None = None
+        joined = False
+        for piece in self.log.pieces():
+            if isinstance(piece, np.ndarray):
+                rows = todays(piece, self.log.path)
+                if joined and last_ns is not None:
+                    shift_ns = last_ns + JOINT_NS - int(rows["deadline_ns"][0])
+                joined = False
+                rows = _shifted(rows, shift_ns, self.log.path)
+                last_ns = int(rows["deadline_ns"][-1])
+                yield rows
+                continue
+            if isinstance(piece, Head):
+                joined = True
+                logs += 1
+                if logs >= _MOST_LOGS:
+                    raise LogFormatError(
+                        f"{self.log.path}: found more than {_MOST_LOGS} logs joined in one file;"
+                        " wanted fewer"
+                    )
+            yield piece
+
+    def _within(self, block: NDArray[np.void]) -> tuple[NDArray[np.void], bool]:
+        """The block's rows in the stretch, and whether the log has gone past it."""
+        if self.stretch == WHOLE:
+            return block, False
+        time = (block["deadline_ns"] - self.origin_ns) * 1e-9
+        # Half a nanosecond: 0.003 s is not to miss the row at 3 ms by the last binary digit.
+        after = time >= self.stretch.start_s - 5e-10
+        before = time < self.stretch.end_s - 5e-10
+        return block[after & before], bool(len(time)) and not bool(before[-1])
+
+
+def _shifted(rows: NDArray[np.void], shift_ns: int, path: Path) -> NDArray[np.void]:
+    if shift_ns == 0:
+        return rows
+    if int(rows["deadline_ns"][-1]) + shift_ns > _LAST_NS:
+        raise LogFormatError(
+            f"{path}: found logs of more than 146 years in all, wanted shorter ones"
+        )
+    moved = rows.copy()
+    moved["deadline_ns"] += shift_ns
+    moved["sampled_ns"] += shift_ns
+    return moved
+
+
+def gathered(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """The same with blocks put together: what is counted by NumPy is quicker in large ones."""
+    held: list[NDArray[np.void]] = []
+    rows = 0
+    for piece in pieces:
+        if isinstance(piece, np.ndarray):
+            held.append(piece)
+            rows += len(piece)
+            if rows < _GATHERED:
+                continue
+        if held:
+            together = np.concatenate(held)
+            held, rows = [], 0
+            yield together
+            del together  # or it would be there beside the next one
+        if not isinstance(piece, np.ndarray):
+            yield piece
+    if held:
+        yield np.concatenate(held)

@@ -1,0 +1,244 @@
+"""Summarises a log from its blocks, one after the other: rows, losses, extremes, the end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece
+from haptic_wall.controller.logs.rows import LogRows, gathered
+from haptic_wall.controller.runtime.statistics import RunStatistics
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.servo import Outcome
+
+
+@dataclass(slots=True)
+class LogPart:
+    """Part of a file that comes from one log: all of it, unless logs were joined in one file."""
+
+    metadata: Mapping[str, Any]
+    """Of all but the first only what it is called"""
+    rows: int = 0
+    first_ns: int = 0
+    """Deadline of the first row [ns]"""
+    last_ns: int = 0
+    """Of the last [ns]"""
+    ended: Mapping[str, Any] | None = None
+    """How the run ended, as the log tells; None: it does not"""
+
+    @property
+    def elapsed_ns(self) -> int:
+        """From the first row to the last [ns]."""
+        return self.last_ns - self.first_ns
+
+
+class LogSummary:
+    """Counts a log's pieces in memory that does not grow.
+
+    Args:
+        begins: Whether the first row should be the run's first: else rows that lack before it were
+            cut away on purpose.
+        metadata: Of the log.
+        watched: Whether its rows say what the oscillation detector saw.
+
+    Attributes:
+        rows: Rows that are there.
+        parts: One, or more where logs are joined in one file.
+    """
+
+    def __init__(self, begins: bool, metadata: Mapping[str, Any], watched: bool = True) -> None:
+        self.rows = 0
+        self._watched = watched
+        self.parts = [LogPart(metadata)]
+        self._statistics = RunStatistics()
+        self._next_seq: int | None = 0 if begins else None
+        self._after_damage = False
+        self._places = self._damaged_bytes = 0
+        self._last_damage: Damage | None = None
+        self._why: str | None = None
+        self._damaged_rows = self._unrecorded = 0
+        self._unknown = False
+        self._late = self._twice = 0
+        self._missed = self._failed = self._contact = self._warm_up = self._off = 0
+        self._position = [math.inf, -math.inf]
+        self._torque = [math.inf, -math.inf]
+        self._worst = State.QUIET
+        self._oscillating = 0
+        self._first_oscillation_ns: int | None = None
+        self._latest = (-1, 0)
+        self._phases: set[int] = set()
+
+    def add(self, piece: Piece) -> None:
+        """Count the next piece of the log."""
+        if isinstance(piece, Damage):
+            self._add_damage(piece)
+        elif isinstance(piece, Misplaced):
+            self._add_misplaced(piece)
+        elif isinstance(piece, Head):
+            self._begin(piece.metadata)
+        elif isinstance(piece, End):
+            self.parts[-1].ended = piece.ended
+            self._count_missing(int(piece.ended.get("rows", self._next_seq or 0)))
+        else:
+            self._add_rows(piece)
+
+    def _begin(self, metadata: Mapping[str, Any]) -> None:
+        """Go on with another log, which is joined to the one before."""
+        if self.parts[-1].rows == 0 and self.parts[-1].ended is None:
+            self.parts.pop()
+        names = {
+            name: in_line(text)
+            for name in ("name", "program")
+            if isinstance(text := metadata.get(name), str)
+        }
+        self.parts.append(LogPart(names if self.parts else metadata))
+        self._next_seq = None if "cut" in metadata else 0
+        self._unknown = self._unknown or self._after_damage
+        self._after_damage = False
+
+    def _add_damage(self, damage: Damage) -> None:
+        self._places += 1
+        self._damaged_bytes += damage.size
+        self._last_damage = damage
+        self._why = self._why or damage.why
+        self._after_damage = True
+
+    def _add_misplaced(self, found: Misplaced) -> None:
+        """Count rows that are left out; those out of their place were missed there."""
+        late = found.rows - found.twice
+        self._twice += found.twice
+        self._late += late
+        recorded = min(late, self._unrecorded)
+        self._unrecorded -= recorded
+        self._damaged_rows = max(0, self._damaged_rows - (late - recorded))
+
+    def _count_missing(self, seq: int) -> None:
+        """Rows between the last and the one numbered ``seq`` lack, whatever the reason."""
+        missing = 0 if self._next_seq is None else max(0, seq - self._next_seq)
+        if self._after_damage:
+            self._damaged_rows += missing
+        else:
+            self._unrecorded += missing
+        self._after_damage = False
+
+    def _add_rows(self, rows: NDArray[np.void]) -> None:
+        first, last = int(rows["seq"][0]), int(rows["seq"][-1])
+        self._count_missing(first)
+        self._unrecorded += max(0, last + 1 - first - len(rows))
+        self._next_seq = last + 1
+        part = self.parts[-1]
+        if part.rows == 0:
+            part.first_ns = int(rows["deadline_ns"][0])
+        part.last_ns = int(rows["deadline_ns"][-1])
+        part.rows += len(rows)
+        self.rows += len(rows)
+        self._statistics.add(rows)
+        self._missed += int(rows["missed"].sum())
+        good = np.isin(rows["outcome"], (Outcome.OK, Outcome.WAITING))
+        self._failed += int(np.count_nonzero(~good))
+        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        self._warm_up += int(np.count_nonzero(~on))
+        self._off += int(np.count_nonzero(rows["flags"] & FLAG_OFF))
+        # A shaft inside a wall that is off touches nothing.
+        touched = (rows["flags"] & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT
+        self._contact += int(np.count_nonzero(touched))
+        for extremes, field in ((self._position, "position"), (self._torque, "torque")):
+            known = rows[field][np.isfinite(rows[field])]
+            if known.size:
+                extremes[0] = min(extremes[0], float(known.min()))
+                extremes[1] = max(extremes[1], float(known.max()))
+        self._phases.update(np.unique(rows["phase"]).tolist())
+        late = np.where(on, rows["lateness_ns"], -1)
+        at = int(np.argmax(late))
+        self._latest = max(self._latest, (int(late[at]), int(rows["deadline_ns"][at])))
+        self._add_oscillation(rows)
+
+    def _add_oscillation(self, rows: NDArray[np.void]) -> None:
+        self._worst = max(self._worst, State(int(rows["oscillation"].max())))
+        oscillates = np.flatnonzero(rows["oscillation"] >= State.SUSTAINED)
+        self._oscillating += oscillates.size
+        if oscillates.size and self._first_oscillation_ns is None:
+            self._first_oscillation_ns = int(rows["deadline_ns"][oscillates[0]])
+
+    def report(self, origin_ns: int) -> dict[str, Any]:
+        """All of it as JSON can hold it; times since ``origin_ns`` [ns], what is not known None."""
+
+        def since(instant_ns: int | None) -> float | None:
+            return None if instant_ns is None else (instant_ns - origin_ns) / 1e9
+
+        some = self.rows > 0
+        filled = [part for part in self.parts if part.rows]
+        elapsed = sum(part.elapsed_ns for part in filled) / 1e9
+        damage = self._last_damage
+        parts = [
+            {
+                "name": part.metadata.get("name"),
+                "program": part.metadata.get("program"),
+                "rows": part.rows,
+                "from_s": since(part.first_ns) if part.rows else None,
+                "to_s": since(part.last_ns) if part.rows else None,
+                **_told(part.ended),
+            }
+            for part in self.parts
+        ]
+        return {
+            "rows": self.rows,
+            "parts": parts,
+            "from_s": since(filled[0].first_ns) if some else None,
+            "to_s": since(filled[-1].last_ns) if some else None,
+            "duration_s": elapsed if some else None,
+            "rate_hz": (self.rows - len(filled)) / elapsed if elapsed else None,
+            "missed_ticks": self._missed if some else None,
+            "failed_readings": self._failed if some else None,
+            "unrecorded_rows": self._unrecorded if some else None,
+            "misplaced_rows": {"late": self._late, "twice": self._twice},
+            "damaged": {
+                "places": self._places,
+                "bytes": self._damaged_bytes,
+                "rows": None if self._after_damage or self._unknown else self._damaged_rows,
+                "cut_off": damage is not None and damage.last,
+                **({} if self._why is None else {"why": self._why}),
+            },
+            "position_rad": _span(self._position),
+            "torque_nm": _span(self._torque),
+            "saturated_ticks": self._statistics.saturated if some else None,
+            "warm_up_ticks": self._warm_up if some else None,
+            "off_ticks": self._off if some else None,
+            "contact_ticks": self._contact if some else None,
+            "oscillation": {
+                "state": self._worst.name.lower() if some and self._watched else None,
+                "first_s": since(self._first_oscillation_ns),
+                "ticks": self._oscillating,
+            },
+            "lateness_us": self._statistics.lateness.as_report(50, 99, 99.9)
+            | {"max_at_s": since(self._latest[1]) if self._latest[0] >= 0 else None},
+            "phases": len(self._phases),
+            **_told(self.parts[-1].ended),
+        }
+
+
+def summarised(rows: LogRows) -> LogSummary:
+    """The summary of a log, or of a stretch of it."""
+    begins = rows.stretch.start_s <= 0.0 and "cut" not in rows.metadata
+    summary = LogSummary(begins, rows.metadata, rows.watched)
+    for piece in gathered(rows.pieces()):
+        summary.add(piece)
+        del piece  # or it would be there while the next one is put together
+    return summary
+
+
+def _told(ended: Mapping[str, Any] | None) -> dict[str, str | None]:
+    """How a run ended, as it is reported; None: the log does not tell."""
+    ended = ended or {}
+    return {"stop_reason": ended.get("stop_reason"), "message": ended.get("message") or None}
+
+
+def _span(extremes: list[float]) -> list[float] | None:
+    return list(extremes) if extremes[0] <= extremes[1] else None

@@ -1,0 +1,157 @@
+"""Child processes: started with their orders, watched by their pidfd, heard line by line."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from haptic_wall.controller.system.signals import held_back
+
+KILLED_S = 2.0
+"""How long a killed process may take to be gone [s]"""
+_DOING = {
+    "R": "was busy",
+    "S": "waited for something",
+    "D": "waited for a disk or a device",
+    "T": "was stopped by a signal",
+    "t": "was stopped by a debugger",
+}
+"""By the letter for a process's state in /proc"""
+
+
+_OF_THE_TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGTSTP)
+"""What the terminal sends to its foreground process group"""
+
+
+class Child:
+    """A child process in a process group of its own, so that a Ctrl-C reaches only its parent.
+
+    One that comes while it is started, before it has left the terminal's group, is held back in it
+    for good, unless it lets it through.
+    It inherits neither real-time scheduling nor a core by accident: it is placed on ``cores``.
+
+    Args:
+        name: For messages.
+        arguments: After ``python -m``.
+        orders: Sent as one JSON line on its standard input; None: no input.
+        descriptors: Those it inherits.
+        cores: Where it may run.
+
+    Attributes:
+        pidfd: Becomes readable when it ends.
+        output: Its standard output, non-blocking.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        orders: dict[str, Any] | None,
+        descriptors: Sequence[int] = (),
+        cores: set[int] | None = None,
+    ) -> None:
+        self.name = name
+        with held_back(_OF_THE_TERMINAL):
+            self._process = subprocess.Popen(
+                # -P: a module of the folder where the user stands is not this program's.
+                [sys.executable, "-P", "-m", *arguments],
+                stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                pass_fds=descriptors,
+                process_group=0,
+                bufsize=0,
+            )
+        self.pid = self._process.pid
+        if cores:
+            os.sched_setaffinity(self.pid, cores)
+        self.pidfd = os.pidfd_open(self.pid)
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._process.stdin.write((json.dumps(orders) + "\n").encode())
+            self._process.stdin.close()
+        assert self._process.stdout is not None
+        self.output = self._process.stdout.fileno()
+        os.set_blocking(self.output, False)
+        self._heard = b""
+
+    def lines(self) -> list[str]:
+        """The whole lines that it has said since the last call; never waits."""
+        with contextlib.suppress(BlockingIOError):
+            while chunk := os.read(self.output, 65536):
+                self._heard += chunk
+        *lines, self._heard = self._heard.split(b"\n")
+        return [line.decode(errors="replace") for line in lines]
+
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def well(self) -> bool:
+        """Whether it has ended as it should."""
+        return self._process.returncode == 0
+
+    def doing(self) -> str:
+        """What it is just about, to go behind "it"; empty: nobody knows."""
+        try:
+            stat = Path(f"/proc/{self.pid}/stat").read_text()
+        except OSError:
+            return ""
+        return _DOING.get(stat[stat.rindex(")") + 2], "")
+
+    def exit_text(self) -> str:
+        """How it ended, for messages."""
+        code = self._process.returncode
+        if code is None:
+            return "is running"
+        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; whether it came in time."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        return self.ended()
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal; nothing happens when it has ended."""
+        if not self.ended():
+            self._process.send_signal(number)
+
+    def dismiss(self, timeout_s: float) -> None:
+        """End it: asked first, killed after ``timeout_s`` [s]; lets go of its descriptors."""
+        self.send(signal.SIGTERM)
+        if not self.wait(timeout_s):
+            self.send(signal.SIGKILL)
+            self.wait(KILLED_S)  # one that waits for a device in the kernel does not even die
+        if self._process.stdout is not None and not self._process.stdout.closed:
+            self._process.stdout.close()
+            os.close(self.pidfd)
+
+
+def first_line(
+    child: Child, timeout_s: float, given_up: Callable[[], bool] = lambda: False
+) -> str | None:
+    """The first line a child says; None: it said nothing.
+
+    Args:
+        child: Who is to say it.
+        timeout_s: How long it is waited for [s].
+        given_up: Whether it is no longer waited for.
+    """
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline and not given_up():
+        ended = child.ended()  # asked first: it may say something and end between two looks
+        lines = child.lines()
+        if lines:
+            return lines[0]
+        if ended:
+            return None
+        time.sleep(0.005)
+    return None

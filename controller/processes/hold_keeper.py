@@ -1,0 +1,113 @@
+"""The supervisor's side of the dead man: starts its watcher, and says when that is gone."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+
+from haptic_wall.controller.laws.engagement import place_text
+from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.plan import Plan, Tell
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
+
+_END_S = 2.0
+"""How long the watcher may take to end [s]"""
+
+
+class HoldKeeper:
+    """The dead man's watcher while it lives, and what it means for the wall.
+
+    It is not started again when it dies: a run without its dead man has no torque, and a person
+    should find out why.
+
+    Args:
+        watcher: Its process.
+        telemetry: What the loop writes.
+
+    Attributes:
+        trouble: Why the watcher ended by itself; empty: it has not.
+    """
+
+    def __init__(self, watcher: Child, telemetry: Telemetry) -> None:
+        self._watcher = watcher
+        self._telemetry = telemetry
+        self._told = ""
+        self._gone = False
+        self.trouble = ""
+
+    def look(self, tell: Tell) -> None:
+        """Say when the wall has gone off or come back, and once when the watcher has ended."""
+        self._tell_change(tell)
+        if self._gone or not self._watcher.ended():
+            return
+        self._gone = True
+        troubles = [json.loads(line)["trouble"] for line in self._watcher.lines()]
+        why = "; ".join(troubles) or f"its process {self._watcher.exit_text()}"
+        self.trouble = f"--hold: {why}; from then on the wall was off"
+        tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
+
+    def _tell_change(self, tell: Tell) -> None:
+        """Say what has become of a wall that was on; the session speaks for the time before."""
+        head = int(self._telemetry.words[Word.HEAD])
+        rows, _ = self._telemetry.read(max(0, head - 1))
+        if not len(rows) or rows[-1]["flags"] & FLAG_WARM_UP:
+            return
+        if not rows[-1]["flags"] & FLAG_OFF:
+            news, text = "on", "the wall is on again" if self._told else ""
+        elif self._telemetry.words[Word.HELD_NS] < rows[-1]["deadline_ns"]:
+            news, text = "released", "let go; the wall is off"
+        else:
+            where = place_text(float(rows[-1]["position"]))
+            news = "waits"
+            text = f"held, but the shaft, at {where}, is where the wall would come on with a blow"
+        if text and news != self._told:
+            tell(f"--hold: {text}")
+        if text or self._told:
+            self._told = news
+
+    def close(self) -> None:
+        """End the watcher."""
+        self._watcher.dismiss(_END_S)
+
+
+def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldKeeper | None:
+    """Start the dead man's watcher; None: the plan has no dead man.
+
+    From here on, and until the watcher says otherwise, the dead man is released.
+
+    Args:
+        plan: Of the run.
+        telemetry: Where the watcher writes.
+        cores: Where it runs.
+
+    Raises:
+        UserError: The source cannot be opened.
+    """
+    hold = plan.hold
+    if hold is None:
+        return None
+    telemetry.words[Word.HELD_NS] = 0
+    device = hold.open()
+    orders = {
+        "telemetry": telemetry.descriptor,
+        "parent": os.getpid(),
+        "hold": asdict(hold),
+        "descriptor": device,
+        "real_time": plan.config.realtime.profile != "off",
+    }
+    descriptors = [telemetry.descriptor]
+    if device is not None:
+        descriptors.append(device)
+    try:
+        watcher = Child(
+            "dead man's watcher",
+            ["haptic_wall.controller.processes.hold_watcher"],
+            orders,
+            descriptors,
+            cores,
+        )
+    finally:
+        if device is not None:
+            os.close(device)
+    return HoldKeeper(watcher, telemetry)

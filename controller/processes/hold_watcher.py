@@ -1,0 +1,62 @@
+"""The dead man's watcher: a process that says in shared memory until when the wall is held on.
+
+It stands beside the loop and not in it: a thread in the loop's process would cost it milliseconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import time
+
+from haptic_wall.controller.processes.hold import Hold, Source, source_of
+from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.runtime.realtime import die_with_parent
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+
+LOOK_S = 0.01
+"""How often the source is looked at, at least [s]"""
+PRIORITY = 1
+"""Of real-time scheduling, where it is granted: a busy machine must not let the wall go"""
+
+
+def watch(source: Source, words: memoryview[int]) -> OSError:
+    """Say until when the dead man counts as held, again and again.
+
+    Returns:
+        Why the source is gone; the dead man is released then, for good.
+    """
+    descriptors = [] if source.descriptor is None else [source.descriptor]
+    while True:
+        try:
+            words[Word.HELD_NS] = source.until(time.monotonic_ns(), time.time_ns())
+        except OSError as error:
+            words[Word.HELD_NS] = 0
+            return error
+        select.select(descriptors, (), (), LOOK_S)
+
+
+def main() -> None:
+    """Watch until told to end."""
+    orders = read_orders()
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends after the loop, not before
+    die_with_parent(orders["parent"], signal.SIGKILL)
+    if orders["real_time"]:
+        with contextlib.suppress(OSError):  # not granted: a stall is a release
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    telemetry = Telemetry(orders["telemetry"])
+    hold = Hold(**orders["hold"])
+    source = source_of(hold, orders["descriptor"], time.monotonic_ns())
+    error = watch(source, telemetry.words)
+    trouble = f"{hold.path} is gone ({error.strerror or error})"
+    with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
+        os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+
+
+if __name__ == "__main__":
+    main()

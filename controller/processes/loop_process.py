@@ -1,0 +1,143 @@
+"""The loop's own process: takes its orders on standard input, reports on standard output.
+
+Orders are one JSON object; reports are one JSON object a line, each with an ``event``. Nothing
+else runs here: a busy thread beside the loop would cost it stalls of 5 ms.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.runtime.defect import defect_text
+from haptic_wall.controller.runtime.lateness.causes import Machine
+from haptic_wall.controller.runtime.lateness.machine_setup import (
+    is_virtual,
+    machine_setup,
+    start_table,
+)
+from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader
+from haptic_wall.controller.runtime.lateness.ticks import LateTicks
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.errors import ServoError
+
+LAST_S = 5
+"""How long this process may live on after it was told to end by a signal [s]; the kernel ends it
+then, which ends no torque: the servo's Bus Watchdog has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the supervisor tells the loop."""
+
+    config: str
+    """The effective configuration as JSON"""
+    telemetry: int
+    """Descriptor of the shared memory"""
+    port: int | None
+    """Descriptor of the open serial port"""
+    parent: int
+    """Process id of the supervisor"""
+    core: int
+    duration_s: float | None
+    program: list[dict[str, Any]]
+    """Phases in place of the wall; empty: the wall"""
+
+
+def main() -> None:
+    """Run one session as ordered; it ends with torque off, or the control words say so."""
+    orders = Orders(**read_orders())
+    telemetry = Telemetry(orders.telemetry)
+
+    def stop(_signal: int, _frame: object) -> None:
+        telemetry.words[Word.STOP] = 1
+        signal.alarm(LAST_S)  # who would end it by force, should it hang, may be dead
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    # Held back by who started this process, until it had a group of its own and could hear them.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    config = Config.model_validate_json(orders.config)
+    single = os.sched_getaffinity(0) == {orders.core}
+    os.sched_setaffinity(0, {orders.core})
+    try:
+        with contextlib.ExitStack() as scope:
+            result = run_session(
+                config,
+                MonotonicClock(),
+                telemetry,
+                orders.duration_s,
+                [Phase(**phase) for phase in orders.program],
+                Surroundings(
+                    port=orders.port,
+                    tell=lambda text: _tell("tell", text=text),
+                    take_real_time=lambda: _prepare(config, orders.core, single, scope),
+                ),
+            )
+    except (ServoError, PlatformError) as error:
+        _tell("refused", message=str(error))
+        return
+    except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
+        # The session was to switch the torque off on its way here; the supervisor looks whether it
+        # was read back. Say what it was.
+        what = defect_text(error)
+        _tell("refused", message=f"{what}: this is a defect of haptic-wall, please report it")
+        return
+    _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+
+
+def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
+    """Take the real-time settings, say what was granted, and have late ticks explained.
+
+    Raises:
+        PlatformError: The profile is strict, and what it needs was not granted.
+    """
+    wishes = config.realtime
+    settings = realtime.apply(wishes.profile, wishes.priority, {core})
+    _tell("realtime", settings=[asdict(setting) for setting in settings])
+    _tell("tell", text=start_table(settings, machine_setup(core)))
+    missing = realtime.missing_for_strict(settings)
+    if missing and wishes.profile == "strict":
+        raise PlatformError(_strict_message(missing))
+    reader = CounterReader(core)
+    machine = Machine(
+        virtual=is_virtual(),
+        real_time=os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
+        shared=single,
+        knows_run_delay=reader.knows_run_delay,
+    )
+    late = scope.enter_context(LateTicks(machine, reader, config.period_ns))
+    signal.signal(signal.SIGCONT, lambda *_: late.continued())
+    return late
+
+
+def _strict_message(missing: list[realtime.Setting]) -> str:
+    wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
+    return (
+        f"realtime.profile is strict, and the system did not grant what it needs ({wishes}); or"
+        " run with --set realtime.profile=best-effort to take what is granted"
+    )
+
+
+def _tell(event: str, **content: object) -> None:
+    try:
+        os.write(sys.stdout.fileno(), (json.dumps({"event": event, **content}) + "\n").encode())
+    except BrokenPipeError:
+        return  # the supervisor is gone; torque off does not depend on it
+
+
+if __name__ == "__main__":
+    main()

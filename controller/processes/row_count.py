@@ -1,0 +1,73 @@
+"""Take rows as they pass: statistics for the supervisor, and word of an oscillation."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.processes.plan import Plan, Tell
+from haptic_wall.controller.runtime.statistics import RunStatistics
+from haptic_wall.controller.runtime.telemetry import Telemetry
+
+BATCH = 5000
+"""Rows that gather until they are counted. Counting takes longest of all that the supervisor does,
+for many rows hardly longer than for few, and meanwhile the kernel threads that carry the loop's
+bytes wait for their core."""
+
+
+class RowCount:
+    """Looks at rows as they come, and counts them in batches.
+
+    Args:
+        telemetry: Where they come from.
+        plan: Of the run.
+        tell: Called once when an oscillation is noticed, and once when it is over.
+
+    Attributes:
+        statistics: Of the rows until now.
+    """
+
+    def __init__(self, telemetry: Telemetry, plan: Plan, tell: Tell) -> None:
+        self._telemetry = telemetry
+        self._tell = tell
+        self._reduces = plan.config.safety.on_oscillation == "reduce"
+        self._silent = bool(plan.program)  # an experiment makes its own of it
+        self._looked_at = 0
+        self._counted = 0
+        self._oscillates = False
+        self.statistics = RunStatistics()
+
+    def look(self) -> None:
+        """See whether there is anything to tell; count where enough rows have come for that."""
+        rows, self._looked_at = self._telemetry.read(self._looked_at)
+        if rows.size and not self._silent:
+            self._tell_of_oscillation(rows)
+        if self._looked_at - self._counted >= BATCH:
+            self._count()
+
+    def end(self) -> None:
+        """Take in the last rows: no more will come."""
+        self.look()
+        self._count()
+
+    def _count(self) -> None:
+        rows, self._counted = self._telemetry.read(self._counted)
+        self.statistics.add(rows)
+
+    def _tell_of_oscillation(self, rows: NDArray[np.void]) -> None:
+        oscillates = bool(np.any(rows["oscillation"] >= State.SUSTAINED))
+        if oscillates and not self._oscillates:
+            softer = (
+                f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
+                " full wall again"
+                if self._reduces
+                else ""
+            )
+            self._tell(f"the wall oscillates by itself{softer}")
+        elif self._oscillates and not oscillates:
+            stiffness = float(rows["stiffness"][-1])
+            self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
+        self._oscillates = oscillates

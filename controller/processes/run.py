@@ -1,0 +1,104 @@
+"""One run, from its plan to its end: under a supervisor, or inline on the simulated clock."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, closing
+from types import FrameType
+
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.logs.file import append_end, identity
+from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.plan import Ended, LogState, Plan, Tell
+from haptic_wall.controller.processes.recorder import rows_lacking
+from haptic_wall.controller.processes.supervisor import Supervisor
+from haptic_wall.controller.processes.teller import Teller
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.system.signals import on_signals
+
+Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
+"""Shows a run while it goes on, and gives what tells a person something meanwhile"""
+
+
+def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
+    """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
+
+    In real time Ctrl-Z does the same; a SIGHUP that nohup has had ignored stays ignored.
+    SIGUSR1 asks to go back to the full wall after an oscillation has made it softer.
+
+    Args:
+        plan: What to run.
+        tell: Called with what a person should know meanwhile.
+        shown: Shows the run; None: nothing does.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: This machine has no memory for its rows.
+    """
+    try:
+        memory = Telemetry.create()
+    except OSError as error:
+        raise PlatformError(
+            f"there is no memory for the rows ({error.strerror}): raise the limits of this shell, "
+            "ulimit -f and ulimit -v"
+        ) from error
+    with closing(memory) as telemetry:
+        return _run(plan, tell, telemetry, shown)
+
+
+def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> Ended:
+    asked = False
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        telemetry.words[Word.STOP] = 1
+
+    def raise_again(_signal: int, _frame: FrameType | None) -> None:
+        telemetry.words[Word.RAISE] += 1
+
+    # A terminal that is changed to show the run is put in order whatever signal comes.
+    with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
+        told = tell if shown is None else stack.enter_context(shown(telemetry, tell))
+        if plan.config.loop.clock == "simulated":
+            ended = run_inline(plan, telemetry, told)
+        else:
+            with (
+                on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
+                on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
+                Teller(told) as teller,
+            ):
+                ended = Supervisor(plan, telemetry, teller).run()
+        ended.log = _finished_log(plan, ended, telemetry.words)
+    ended.asked = asked
+    return ended
+
+
+def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
+    """Write how the run ended into its log, if that is where it should be; what there is of it."""
+    rows, written = words[Word.HEAD], words[Word.LOG_FILE]
+    if not rows:
+        return LogState.NONE
+    found = identity(plan.log)
+    if not written or found != written:
+        if rows_lacking(words) < rows:
+            there = "another file is in its place" if found else "it was removed or moved"
+            ended.warnings.append(
+                f"the log {plan.log} is missing: {there}; the run was not disturbed"
+            )
+        return LogState.MISSING
+    facts = {
+        "stop_reason": ended.stop_reason,
+        "message": ended.cause or (ended.result or {}).get("message", ""),
+        "ticks": ended.ticks,
+        "missed": ended.missed,
+        "rows": rows,
+        "servo": (ended.result or {}).get("facts"),
+    }
+    try:
+        append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")
+    except OSError as error:
+        ended.warnings.append(f"the log does not tell how the run ended: {error.strerror or error}")
+        return LogState.INCOMPLETE
+    return LogState.WHOLE if ended.lacking == 0 else LogState.INCOMPLETE

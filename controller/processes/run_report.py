@@ -1,0 +1,128 @@
+"""The report of a run: everything it measured, under the names that outside tools read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from haptic_wall.controller.processes.plan import Ended, LogState
+from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.servo import Servo
+
+
+def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
+    """The report as JSON-ready values; what is not known is None.
+
+    Args:
+        config: The effective configuration.
+        ended: What is known of the run.
+        log: Where the log is.
+        plot: Where the picture is.
+    """
+    result = ended.result or {}
+    statistics = ended.statistics
+    elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz
+    return {
+        "ticks": ended.ticks,
+        "duration_s": elapsed,
+        "missed_ticks": ended.missed,
+        "rate_hz": ended.ticks / elapsed if elapsed else None,
+        "grid_hz": result.get("grid_hz"),
+        "real_time_factor": _speed(config, result),
+        "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
+        "work_us": statistics.work.as_report(50, 99, 99.9),
+        "bus_us": statistics.bus.as_report(50, 99, 99.9),
+        "timing": result.get("timing"),
+        "bus": _bus(result.get("bus"), ended),
+        "delay_s": result.get("delay"),
+        "guard": result.get("guard"),
+        "oscillation": result.get("oscillation"),
+        "torque": {"max": statistics.max_torque, "saturated_ticks": statistics.saturated},
+        "stop_reason": ended.stop_reason,
+        "explanation": explanation(ended, config.servo),
+        "wall_came_on": bool(result.get("wall_came_on")),
+        "waited_for": result.get("waited_for") or None,
+        "torque_off": ended.torque_off,
+        "servo_checks": result.get("checks", []),
+        "realtime": ended.realtime,
+        "machine": result.get("setup", []),
+        "warnings": _warnings(ended),
+        "log": log,
+        "log_state": ended.log,
+        "plot": plot,
+    }
+
+
+def explanation(ended: Ended, servo: Servo) -> str | None:
+    """What a trip means and what to do; None where the run ended as planned.
+
+    Args:
+        ended: What is known of the run.
+        servo: Of its configuration: behind a pseudo-terminal there is no cable.
+    """
+    trip = Trip.of(ended.stop_reason)
+    if trip is None:
+        return None
+    means = EXPLANATIONS[trip]
+    if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
+        means = EMULATOR_LATE[trip]
+    if ended.cause:
+        return f"{ended.cause}; {means}"
+    message = (ended.result or {}).get("message", "")
+    return means + (f" ({message})" if message else "")
+
+
+def _on_pseudo_terminal(servo: Servo) -> bool:
+    """Whether an emulator is at the other end of the port, and no adapter."""
+    if servo.kind != "hardware":
+        return servo.kind == "emulated"
+    return servo.port is not None and Path(servo.port).resolve().parent == Path("/dev/pts")
+
+
+def exit_status(
+    stop_reason: str, waited_for: str | None = None, log: LogState = LogState.NONE
+) -> int:
+    """The exit status that goes with a stop reason.
+
+    What happened to the shaft goes before what happened to the log: only a run that ended as
+    planned tells of its log.
+
+    Args:
+        stop_reason: Why the run ended.
+        waited_for: What a wall that never came on waited for; None: it came on, or the run ended
+            before it could.
+        log: What there is of its log.
+    """
+    if stop_reason == Trip.SERVO_LOST:
+        return 4
+    if waited_for:
+        return 3
+    planned = 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
+    return {End.DURATION.value: planned, End.INTERRUPTED.value: 130}.get(stop_reason, 3)
+
+
+def _speed(config: Config, result: dict[str, Any]) -> float | None:
+    """How many times faster than real time the simulated clock ran."""
+    if config.loop.clock != "simulated" or not result.get("real_s"):
+        return None
+    return float(result["elapsed_s"] / result["real_s"])
+
+
+def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
+    if counts is None:
+        return None
+    return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}
+
+
+def _warnings(ended: Ended) -> list[str]:
+    warnings = [*ended.warnings, *(ended.result or {}).get("warnings", [])]
+    for setting in ended.realtime:
+        if not setting["ok"]:
+            warnings.append(
+                f"{setting['name']}: wanted {setting['wanted']}, {setting['got']}"
+                + (f"; to grant it: {setting['remedy']}" if setting["remedy"] else "")
+            )
+    if ended.statistics.unread:
+        warnings.append(f"{ended.statistics.unread} rows were not read in time for the statistics")
+    return warnings

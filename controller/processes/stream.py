@@ -1,0 +1,155 @@
+"""Rows as they come, one JSON object in a UDP datagram each: what PlotJuggler reads live.
+
+Nothing waits for the network: what it does not take at once is lost, for the picture only.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import math
+import re
+import socket
+from dataclasses import dataclass
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.columns import finite_rows
+from haptic_wall.controller.runtime.telemetry import Telemetry
+
+RATE_HZ = 100.0
+"""Rows a second that are sent unless told otherwise"""
+_PLACE = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Where rows are sent to, and how many."""
+
+    host: str
+    """An address, not a name: nothing is looked up during a run"""
+    port: int
+    rate_hz: float
+    """Rows a second [Hz]; every row where it is the loop's rate or more"""
+
+
+def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
+    """The stream to ``HOST:PORT``, its name looked up.
+
+    Args:
+        place: As a person writes it; an IPv6 address in brackets.
+        rate_hz: Rows a second [Hz].
+        anywhere: It may be another machine's.
+
+    Raises:
+        UserError: It is no place, it is not known, it is another machine's, or the rate is none.
+    """
+    if not 0.0 < rate_hz < math.inf:
+        raise UserError(f"--stream-rate: found {rate_hz:g}, wanted a rate above 0 Hz")
+    found = _PLACE.fullmatch(place)
+    port = int(found["port"]) if found is not None else 0
+    if found is None or not 0 < port < 65536:
+        raise UserError(
+            f"--stream: found {place!r}, wanted HOST:PORT with a port of 1 to 65535, for example"
+            " localhost:9870"
+        )
+    host = found["six"] or found["host"]
+    try:
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise UserError(
+            f"--stream: the host {host} is not known ({why}); give another name, or its address"
+        ) from None
+    # A name often stands for both, and who listens often listens to the old protocol only.
+    addresses.sort(key=lambda address: address[0] != socket.AF_INET)
+    address, _, *more = addresses[0][4]
+    scope = f"%{more[1]}" if more and more[1] else ""  # fe80::1 is somewhere on each interface
+    stream = Stream(f"{address}{scope}", port, rate_hz)
+    if not anywhere and not _is_here(stream):
+        raise UserError(
+            f"--stream: {host} is not this machine ({stream.host}), and whoever is on the way there"
+            " could read the rows; add --stream-anywhere if that is meant, or give for example"
+            f" localhost:{port}"
+        )
+    return stream
+
+
+def _is_here(stream: Stream) -> bool:
+    """Whether an address is this machine's own; nothing is sent to find out."""
+    address = ipaddress.ip_address(stream.host.partition("%")[0])
+    if address.is_loopback or address.is_unspecified:
+        return True
+    with _socket(stream) as probe:
+        try:
+            probe.connect((stream.host, stream.port))
+        except OSError:  # no way leads there, or it is everybody's
+            return False
+        # To itself a machine goes by the address that it goes to.
+        own = probe.getsockname()[0].partition("%")[0]
+    return ipaddress.ip_address(own) == address
+
+
+def _socket(stream: Stream) -> socket.socket:
+    family = socket.AF_INET6 if ":" in stream.host else socket.AF_INET
+    return socket.socket(family, socket.SOCK_DGRAM)
+
+
+class Sender:
+    """Sends the rows of a run that fall on a coarser grid than the loop's.
+
+    Args:
+        telemetry: Where rows come from.
+        stream: Where they go.
+        loop_hz: The loop's rate [Hz].
+    """
+
+    def __init__(self, telemetry: Telemetry, stream: Stream, loop_hz: float) -> None:
+        self._telemetry = telemetry
+        self._stream = stream
+        self._every = max(1, round(min(loop_hz / stream.rate_hz, 1e18)))
+        self._tail = 0
+        self._origin_ns: int | None = None
+        self._said: set[str] = set()
+        self._socket = _socket(stream)
+        self._socket.setblocking(False)
+        self._connected = False
+
+    def send(self) -> list[str]:
+        """Send what has come since the last call; never waits.
+
+        Returns:
+            What went wrong for the first time, as sentences.
+        """
+        rows, self._tail = self._telemetry.read(self._tail)
+        if rows.size == 0:
+            return []
+        if self._origin_ns is None:
+            self._origin_ns = int(rows["deadline_ns"][0])
+        chosen = rows[rows["seq"] % self._every == 0]
+        troubles = []
+        for row in finite_rows(chosen, self._origin_ns):
+            message = {"timestamp": row.pop("time_s"), **row}
+            try:
+                self._deliver(json.dumps(message, allow_nan=False).encode())
+            except BlockingIOError:
+                continue  # more than the network takes
+            except OSError as error:
+                why = error.strerror or str(error)
+                if why not in self._said:
+                    self._said.add(why)
+                    troubles.append(
+                        f"--stream: {self._stream.host} port {self._stream.port} cannot be reached"
+                        f" ({why}); the run is not disturbed, and sending goes on"
+                    )
+        return troubles
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+    def _deliver(self, datagram: bytes) -> None:
+        # Connected, so that the other side's refusal comes back; a route may come up meanwhile.
+        if not self._connected:
+            self._socket.connect((self._stream.host, self._stream.port))
+            self._connected = True
+        self._socket.send(datagram)

@@ -1,0 +1,45 @@
+"""The streamer: sends rows to whoever watches live, in a process of its own.
+
+It may be slow, die, or have no network: neither the loop nor the log notices.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+
+from haptic_wall.controller.processes.lull import pause_until_lull
+from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.processes.stream import Sender, Stream
+from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+
+PAUSE_S = 0.02
+"""How long rows gather [s]; a person sees no difference, and the machine has less to do."""
+
+
+def main() -> None:
+    """Send until the supervisor says that no more rows will come."""
+    orders = read_orders()
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
+    stand_back()
+    die_with_parent(orders["parent"], signal.SIGKILL)
+    telemetry = Telemetry(orders["telemetry"])
+    period_ns = orders["period_ns"]
+    sender = Sender(telemetry, Stream(**orders["stream"]), 1e9 / period_ns)
+    finished = False
+    while not finished:
+        pause_until_lull(telemetry.words, period_ns, PAUSE_S)
+        finished = bool(telemetry.words[Word.FINISHED])  # looked at first: no row comes after it
+        for trouble in sender.send():
+            with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
+                os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+    sender.close()
+
+
+if __name__ == "__main__":
+    main()

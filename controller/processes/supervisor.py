@@ -1,0 +1,343 @@
+"""The process tree of a run: who starts, watches and ends whom.
+
+The command's own process is the supervisor. It opens the port, passes its descriptor to the
+loop's process and stays silent; it writes to the bus only when the loop is dead or hung, and then
+nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.processes.emulator import emulator_arguments
+from haptic_wall.controller.processes.hold_keeper import HoldKeeper, start_hold
+from haptic_wall.controller.processes.log_keeper import LogKeeper
+from haptic_wall.controller.processes.loop_process import Orders
+from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
+from haptic_wall.controller.processes.lull import until_lull
+from haptic_wall.controller.processes.outside import Outside
+from haptic_wall.controller.processes.plan import Ended, Plan, Tell
+from haptic_wall.controller.processes.row_count import RowCount
+from haptic_wall.controller.runtime.realtime import pick_cores
+from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
+from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.open import cut_torque, open_port, port_users
+from haptic_wall.hw.settings import DynamixelSettings
+
+POLL_S = 0.02
+"""How often the heartbeat is looked at [s]"""
+LOOK_S = 0.25
+"""How often all else is looked at [s]"""
+
+
+class Supervisor:
+    """Starts the children, watches them, and cuts the torque when the loop cannot.
+
+    Args:
+        plan: What to run.
+        telemetry: The memory that all of them share.
+        tell: Called with what a person should know meanwhile; must not wait for the terminal.
+    """
+
+    def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
+        self._plan = plan
+        self._telemetry = telemetry
+        self._words = telemetry.words
+        self._tell = tell
+        self._cause = ""
+        self._torque_off: bool | None = None
+        self._rows = RowCount(telemetry, plan, tell)
+        self._warnings: list[str] = []
+        self._realtime: list[dict[str, Any]] = []
+        self._result: dict[str, Any] | None = None
+        self._refused: str | None = None
+        self._period_ns = plan.config.period_ns
+        self._settings = plan.config.servo_settings()
+        self._port: int | None = None
+        self._streamer: Child | None = None
+        self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
+        self._core, self._others = pick_cores(plan.config.realtime.core)
+
+    def run(self) -> Ended:
+        """Start the children, watch them to the end of the run, and leave none behind.
+
+        Raises:
+            ServoError: The servo could not be started; the message has every note of the run too.
+        """
+        with self._away_from_the_loop(), contextlib.ExitStack() as children:
+            emulator = self._start_emulator(children)
+            if emulator is not None and self._port is None:
+                return self._stopped_before_the_start()
+            log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
+            children.callback(log.close)
+            self._start_streamer(children)
+            hold = start_hold(self._plan, self._telemetry, self._others)
+            if hold is not None:
+                children.callback(hold.close)
+            loop = self._start_loop(children)
+            reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
+            self._cause = "; ".join(filter(None, (found, self._cause)))
+            self._warnings += [*log.end(), *self._outside.notes()]
+            if hold is not None and hold.trouble:
+                self._warnings.append(hold.trouble)
+        self._rows.end()
+        if self._refused is not None:
+            notes = "; ".join(filter(None, (self._cause, *self._warnings)))
+            raise ServoError(self._refused + (f" ({notes})" if notes else ""))
+        words, result = self._words, self._result
+        return Ended(
+            reason,
+            self._rows.statistics,
+            words[Word.TICKS] if result is None else result["ticks"],
+            words[Word.MISSED] if result is None else result["missed"],
+            result,
+            self._realtime,
+            self._warnings,
+            self._cause,
+            self._torque_off,
+            lacking=log.lacking,
+        )
+
+    def _stopped_before_the_start(self) -> Ended:
+        """Ended by a person while there was no bus yet, and so no torque."""
+        return Ended(End.INTERRUPTED, self._rows.statistics, 0, 0, cut=True)
+
+    @contextlib.contextmanager
+    def _away_from_the_loop(self) -> Iterator[None]:
+        """Keep this process too off the loop's core: a hung loop at real-time priority holds it."""
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, self._others)
+        try:
+            yield
+        finally:
+            os.sched_setaffinity(0, before)
+
+    def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
+        """The emulated bus, if there is to be one, and the port; none where it is stopped first."""
+        settings = self._settings
+        if not isinstance(settings, DynamixelSettings):
+            return None
+        emulator = None
+        config = self._plan.config
+        if config.servo.kind == "emulated":
+            plan = self._plan
+            true = config.true_servo()
+            arguments = emulator_arguments(settings, true, plan.witness, force=plan.force)
+            emulator = Child("emulator", arguments, None, (), self._others)
+            children.callback(emulator.dismiss, END_S)
+            path = first_line(emulator, START_S, lambda: bool(self._words[Word.STOP]))
+            if path is None and self._words[Word.STOP]:
+                emulator.send(signal.SIGKILL)  # one that hangs need not heed anything else
+                return emulator
+            if path is None:
+                raise ServoError(
+                    f"the emulated bus did not start: it {emulator.exit_text()}; see its message"
+                    " above, if any, and start again"
+                )
+            settings = replace(settings, port=path)
+        self._port = open_port(settings)
+        children.callback(os.close, self._port)
+        self._outside.users = users = port_users(self._port)
+        if users is not None:
+            children.callback(users.close)
+        return emulator
+
+    def _start_recorder(self, resume: bool) -> Child:
+        descriptor = self._telemetry.descriptor
+        orders = {
+            "telemetry": descriptor,
+            "parent": os.getpid(),
+            "log": str(self._plan.log),
+            "period_ns": self._period_ns,
+            "metadata": self._plan.metadata,
+            "resume": resume,
+            "force": self._plan.force,
+        }
+        return Child(
+            "recorder",
+            ["haptic_wall.controller.processes.recorder"],
+            orders,
+            [descriptor],
+            self._others,
+        )
+
+    def _start_streamer(self, children: contextlib.ExitStack) -> None:
+        stream = self._plan.stream
+        if stream is None:
+            return
+        descriptor = self._telemetry.descriptor
+        orders = {
+            "telemetry": descriptor,
+            "parent": os.getpid(),
+            "stream": asdict(stream),
+            "period_ns": self._period_ns,
+        }
+        module = "haptic_wall.controller.processes.streamer"
+        self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
+        children.callback(self._streamer.dismiss, END_S)
+
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        orders = Orders(
+            config=self._plan.config.model_dump_json(),
+            telemetry=self._telemetry.descriptor,
+            port=self._port,
+            parent=os.getpid(),
+            core=self._core,
+            duration_s=self._plan.duration_s,
+            program=[asdict(phase) for phase in self._plan.program],
+        )
+        descriptors = [self._telemetry.descriptor]
+        if self._port is not None:
+            descriptors.append(self._port)
+        loop = Child(
+            "loop", ["haptic_wall.controller.processes.loop_process"], asdict(orders), descriptors
+        )
+        children.callback(self._leave, loop)
+        return loop
+
+    def _watch(
+        self, loop: Child, emulator: Child | None, log: LogKeeper, hold: HoldKeeper | None
+    ) -> StopReason:
+        """Until the loop has ended, by itself or by force; why."""
+        looked = time.monotonic()
+        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
+        while True:
+            news = self._wait_for((loop.pidfd, loop.output))
+            now = time.monotonic()
+            if self._outside.look():
+                self._words[Word.STOP] = 1
+            overdue = watch.overdue(now)
+            if not news and overdue is None and now < looked + LOOK_S:
+                continue
+            if loop.ended():
+                break
+            if overdue is not None:
+                return self._cut_overdue(loop, emulator, overdue)
+            self._hear(loop)
+            log.look(now)
+            if now >= looked + LOOK_S:
+                self._rows.look()
+                self._hear_streamer()
+                if hold is not None:
+                    hold.look(self._tell)
+                looked = now
+            if emulator is not None and emulator.ended():
+                watch.asked()
+        self._hear(loop)
+        self._mourn(emulator)
+        if self._result is not None:
+            if not self._result["torque_off"]:
+                self._cut_unconfirmed()
+            return stop_reason(self._result["stop_reason"])
+        if self._refused is not None:
+            if self._words[Word.STATE] not in (State.STARTING, State.TORQUE_OFF):
+                self._cut_unconfirmed()
+            return End.REFUSED
+        return self._cut(loop, Trip.LOOP_DIED, "")
+
+    def _wait_for(self, descriptors: Sequence[int]) -> bool:
+        """Wait for news on one of them, or for the next look; whether there is news."""
+        pause_s = until_lull(self._words, self._period_ns, POLL_S)
+        # Not poll(): its whole milliseconds would miss the lull.
+        return bool(select.select(descriptors, (), (), pause_s)[0])
+
+    def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
+        """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
+        served = bool(self._words[Word.HEAD])
+        reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
+        self._hear(loop)
+        self._mourn(emulator)
+        if self._result is not None:  # only its process would not end
+            reason = stop_reason(self._result["stop_reason"])
+        elif emulator is not None and emulator.ended():
+            return Trip.SERVO_LOST
+        elif self._words[Word.STOP] and not served:  # a slow machine's start, which nobody wants
+            reason = End.INTERRUPTED
+        else:
+            return reason
+        self._warnings.append(self._cause)
+        self._cause = ""
+        return reason
+
+    def _mourn(self, emulator: Child | None) -> None:
+        if emulator is not None and emulator.ended():
+            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
+
+    def _cut(self, loop: Child, trip: Trip, overdue: str) -> StopReason:
+        """Take the bus from a loop that is dead or hung; from here on it says nothing on it.
+
+        Args:
+            loop: Whose bus it was.
+            trip: What the run is ended by.
+            overdue: What it has failed to do; empty: it is dead.
+        """
+        doing = loop.doing()
+        self._words[Word.CUT] = 1
+        loop.send(signal.SIGKILL)  # a loop that only seems hung must not talk during the cut
+        text = self._cut_text()
+        loop.wait(END_S)
+        what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
+        self._cause = f"the loop's process {what if overdue else loop.exit_text()}; {text}"
+        return trip
+
+    def _cut_unconfirmed(self) -> None:
+        """Try again what the loop, which has ended, could not read back; note what came of it."""
+        text = self._cut_text()
+        first = "the loop could not read torque off back; " if self._torque_off else ""
+        self._warnings.append(first + text)
+
+    def _leave(self, loop: Child) -> None:
+        """Whatever goes wrong here, the loop does not stay behind with its torque on."""
+        if not loop.ended():
+            self._words[Word.STOP] = 1
+            if not loop.wait(END_S):
+                self._cut(loop, Trip.LOOP_HUNG, "was left")
+        loop.dismiss(END_S)
+
+    def _cut_text(self) -> str:
+        """Switch the torque off; what came of it."""
+        if self._port is None or not isinstance(self._settings, DynamixelSettings):
+            self._torque_off = True
+            return "the simulated servo ended with it"
+        self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
+        if self._torque_off:
+            return "the supervisor switched the torque off and read it back"
+        return (
+            "torque off could not be read back: switch the servo's power off; its Bus Watchdog"
+            " should have stopped it"
+        )
+
+    def _hear(self, loop: Child) -> None:
+        for line in loop.lines():
+            event = json.loads(line)
+            match event.pop("event"):
+                case "realtime":
+                    self._realtime = event["settings"]
+                case "refused":
+                    self._refused = event["message"]
+                case "tell":
+                    self._tell(event["text"])
+                case "ended":
+                    self._result = event["result"]
+
+    def _hear_streamer(self) -> None:
+        if self._streamer is None:
+            return
+        for line in self._streamer.lines():
+            self._tell(json.loads(line)["trouble"])
+        if self._streamer.ended():
+            self._tell(
+                f"--stream: its process {self._streamer.exit_text()}; the run goes on without it"
+            )
+            self._streamer = None

@@ -1,0 +1,152 @@
+"""The K-B plane of a wall, the Z-width plot of the field: which stiffness with which damping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptic_wall.controller.guard.boundary_curve import Curve, Question, curve
+from haptic_wall.controller.report.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    STIFFNESS,
+    VIRTUAL_DAMPING,
+    grid,
+    picture,
+)
+from haptic_wall.controller.theory.checks import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
+"""Where a curve has points, as fractions of the range: at its very ends all limits are 0."""
+_SMALL = 0.08
+"""Where the servo's own damping is a smaller share of the ceiling, the origin gets an inset."""
+_ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"
+
+
+def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> None:
+    """Draw the limits over the virtual damping, with the oscillation's frequency below.
+
+    Args:
+        question: The servo and its loop.
+        found: Its ``report``: the peak, and the points that are marked.
+        path: Where the PNG goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    top = found["max_virtual_damping"]
+    plants = question.plants(1)
+    lowest = -float((plants.damping / plants.gain)[0])
+    across = curve(question, lowest + (top - lowest) * _SHARES)
+    with picture(path, PAGE, 4.6) as figure:
+        ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
+        _plane(ax, across)
+        _marks(ax, question, found)
+        peak = found["peak"]["stiffness"]
+        ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
+        ax.set_ylim(0.0, 1.25 * peak)
+        ax.set_ylabel(STIFFNESS)
+        ax.set_title(_title(question), fontsize=8.5, loc="left")
+        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+        if -lowest < _SMALL * top:
+            _origin(ax, question, lowest, found)
+        stable = across.frequency > 0
+        below.plot(across.virtual_damping[stable], across.frequency[stable], color=INK)
+        below.set_ylim(bottom=0.0)
+        below.set_ylabel("oscillation at\nthe exact limit [Hz]")
+        below.set_xlabel(VIRTUAL_DAMPING)
+        for each in (ax, below):
+            grid(each)
+
+
+def _plane(ax: Axes, across: Curve) -> None:
+    """The limits as curves, and what is stable below them shaded."""
+    damping, limits = across.virtual_damping, across.found
+    ax.fill_between(damping, 0.0, limits.exact, color=FAINT, linewidth=0, label="stable, two-sided")
+    if limits.one_sided is not None:
+        ax.fill_between(
+            damping,
+            0.0,
+            np.minimum(limits.one_sided, limits.exact),
+            color=_ONE_SIDED_FILL,
+            linewidth=0,
+            label="stable, one-sided too",
+        )
+    ax.plot(damping, limits.linear, "--", color=GREY, label="linear condition")
+    ax.plot(damping, limits.exact, color=BLUE, label="exact")
+    if limits.one_sided is not None:
+        ax.plot(damping, limits.one_sided, color=GREEN, label="one-sided")
+    shown = _above_zero(across.passive)
+    ax.plot(damping[shown], across.passive[shown], color=ORANGE, label="passive")
+    if limits.quantisation is not None:
+        shown = _above_zero(limits.quantisation)
+        label = "encoder (quantisation)"
+        ax.plot(damping[shown], limits.quantisation[shown], ":", color=_ENCODER, label=label)
+
+
+def _above_zero(values: FloatArray) -> slice:
+    """Where a limit is above zero, and the points beside."""
+    where = np.flatnonzero(values > 0)
+    return slice(max(where[0] - 1, 0), where[-1] + 2) if where.size else slice(0)
+
+
+def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
+    """The peak, and the points that were asked for, at the limit that holds there."""
+    peak = found["peak"]
+    ax.plot(
+        peak["virtual_damping"],
+        peak["stiffness"],
+        "*",
+        color=BLUE,
+        markersize=9,
+        label=f"peak: {_digits(peak['stiffness'])} at {_digits(peak['virtual_damping'])}",
+    )
+    points = curve(question, [point["virtual_damping"] for point in found["points"]])
+    ax.plot(
+        points.virtual_damping,
+        points.smallest(question.side),
+        "o",
+        color=INK,
+        markersize=3.5,
+        clip_on=False,
+        label=f"asked for ({'one' if question.side == 'one' else 'two'}-sided)",
+    )
+
+
+def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any]) -> None:
+    """The neighbourhood of the origin, where the servo's own damping tells and passivity is."""
+    near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
+    close = curve(question, lowest + (near - lowest) * _SHARES)
+    inset = ax.inset_axes((1.065, 0.03, 0.2, 0.34))
+    _plane(inset, close)
+    inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
+    inset.set_ylim(0.0, 1.05 * float(np.max(close.found.exact)))
+    inset.tick_params(labelsize=7)
+    inset.set_title("near the origin", fontsize=7.5, pad=2)
+    grid(inset)
+
+
+def _title(question: Question) -> str:
+    p = question.plants(1)
+    period = question.situation.period
+    delay = float(p.delay[0])
+    return (
+        f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "
+        f"$T$ = {1e3 * period:.4g} ms,  $t_d$ = {1e3 * delay:.4g} ms ({delay / period:.3g} $T$)"
+    )
+
+
+def _digits(value: float) -> str:
+    """Three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):g}"

@@ -1,0 +1,63 @@
+"""The picture of ``haptic-wall detect``: the motion, what was seen in it, and how fast it was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from haptic_wall.controller.detector.detection import DetectionRecord
+from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.logs.recording import Part
+from haptic_wall.controller.report.dense_picture import line, outline
+from haptic_wall.controller.report.style import BLUE, GREY, INK, ORANGE, PAGE, grid, picture
+
+_SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING: "#f6c6c0"}
+
+
+def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path: Path) -> None:
+    """Draw position and amplitude over the detector's state, and the frequency below.
+
+    Args:
+        parts: Of the recording.
+        found: For each of them.
+        path: Where the PNG goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with picture(path, PAGE, 4.4) as figure:
+        motion, pace = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
+        for number, (part, record) in enumerate(zip(parts, found, strict=True)):
+            first = number == 0
+            label = "position" if first else None
+            line(motion, part.times, part.positions, color=INK, lw=0.7, label=label)
+            seen = record.amplitude > 0.0
+            size = np.where(seen, record.amplitude, np.nan)
+            middle = float(np.nanmean(part.positions))
+            for sign in (1.0, -1.0):
+                label = "amplitude" if first and sign > 0 else None
+                line(motion, part.times, middle + sign * size, color=ORANGE, lw=0.9, label=label)
+            for state, shade in _SHADES.items():
+                times, heights = outline(part.times, record.state == state)
+                motion.fill_between(
+                    times,
+                    0.0,
+                    heights,
+                    transform=motion.get_xaxis_transform(),
+                    color=shade,
+                    lw=0.0,
+                    label=state.name.lower() if first else None,
+                )
+            line(pace, part.times, record.frequency_hz, color=BLUE, lw=0.9)
+        alarms = [record.first_alarm_s for record in found if np.isfinite(record.first_alarm_s)]
+        if alarms:
+            motion.axvline(alarms[0], color=GREY, lw=0.9, ls="--", label="first alarm")
+        motion.set_ylabel("position [rad]")
+        motion.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+        pace.set_ylabel("frequency [Hz]")
+        pace.set_ylim(bottom=0.0)
+        pace.set_xlabel("time [s]")
+        for each in (motion, pace):
+            grid(each)

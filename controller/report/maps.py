@@ -1,0 +1,247 @@
+"""The picture of a map: stiffness over virtual damping for each delay, and over the kick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptic_wall.controller.experiments.maps import CriticalMap
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.report.style import (
+    GREY,
+    INK,
+    PAGE,
+    STIFFNESS,
+    VIRTUAL_DAMPING,
+    grid,
+    picture,
+    shades,
+    titled,
+)
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    linear_limit,
+    max_virtual_damping,
+    one_sided_limit,
+)
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.friction import onset_amplitude
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_POINTS = 120
+_SHARE = 0.5
+"""Fraction of the torque limit up to which the theory of unlimited motion is drawn"""
+_MOST_DELAYS = 3
+"""More are thinned out: their curves could not be told apart. The table holds them all."""
+_MANY_DAMPINGS = 6
+_LARGE = 1e3
+"""A torque limit [N·m] from which on it is as good as none."""
+
+
+def plot_map(found: CriticalMap, name: str, path: Path) -> None:
+    """Draw a map as PNG.
+
+    Args:
+        found: The map; what was not computed, and what has no limit, is left out.
+        name: Of the configuration, for the title.
+        path: Where the picture goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    delays = np.unique(np.linspace(0, found.delay.size - 1, _MOST_DELAYS).round().astype(int))
+    colours = dict(zip(delays.tolist(), shades(delays.size), strict=True))
+    over_kick = _many_kicks(found)
+    with picture(path, PAGE, 3.9 if over_kick else 3.6) as figure:
+        figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
+        axes = figure.subplots(1, 2 if over_kick else 1, squeeze=False, sharey=True)[0]
+        _over_damping(axes[0], found, colours)
+        if over_kick:
+            _over_kick(axes[1], found, colours)
+        axes[0].set_yscale("log")
+        axes[0].set_ylabel(STIFFNESS)
+        axes[0].set_ylim(*_range(found))
+        for ax in axes:
+            grid(ax)
+        figure.legend(
+            handles=_legend(found, colours),
+            loc="outside lower left" if over_kick else "outside right upper",
+            ncols=4 if over_kick else 1,
+        )
+
+
+def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
+    setting, servo = found.setting, found.setting.servo
+    low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
+    ends = _signed_root(np.array([low, high]))
+    # Squares of roots may miss the ends by a rounding.
+    across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
+    for i, colour in colours.items():
+        delay = float(found.delay[i])
+        ceiling = float(
+            max_virtual_damping(
+                servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
+            )
+        )
+        # The curve falls to zero at the ceiling: it is drawn down to there.
+        damping = np.unique(np.append(across, ceiling * (1 - np.geomspace(1e-4, 0.2, 20))))
+        damping = damping[(damping >= low) & (damping <= high)]
+        loop = (servo.inertia, servo.damping, damping, setting.period, delay)
+        linear = linear_limit(servo.damping, damping, setting.period, delay)
+        dotted = (0, (1, 2))
+        _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=dotted)
+        exact = critical_stiffness(*loop, setting.velocity_samples)
+        _curve(ax, damping, exact, color=colour, linewidth=0.9)
+        if setting.one_sided:
+            limit = one_sided_limit(*loop, setting.velocity_samples, tolerance=0.01)
+            _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
+        for k, style in _shown_kicks(found).items():
+            ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **style)
+    if not _root_scale(found):
+        ax.set_xlabel(VIRTUAL_DAMPING)
+        return
+    # Near zero the limits rise steeply, and there walls are used: it gets more room.
+    ax.set_xscale("function", functions=(_signed_root, _signed_square))
+    ax.locator_params(axis="x", nbins=5)
+    ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
+
+
+def _root_scale(found: CriticalMap) -> bool:
+    """Whether there are enough dampings for a scale that is not even."""
+    return np.unique(found.virtual_damping).size >= _MANY_DAMPINGS
+
+
+def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **style: Any) -> None:  # noqa: ANN401
+    """A limit over the damping; over one damping only, a level line that can be seen."""
+    if damping.size > 1:
+        ax.plot(damping, _drawn(stiffness), **style)
+    elif stiffness[0] > 0.0:
+        ax.axhline(stiffness[0], **style)
+
+
+def _signed_root(value: FloatArray) -> FloatArray:
+    root: FloatArray = np.sign(value) * np.sqrt(np.abs(value))
+    return root
+
+
+def _signed_square(value: FloatArray) -> FloatArray:
+    square: FloatArray = np.sign(value) * np.square(value)
+    return square
+
+
+def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
+    setting, servo = found.setting, found.setting.servo
+    order = np.argsort(found.kick)
+    damping = float(found.virtual_damping[0])
+    for i, colour in colours.items():
+        simulated = found.stiffness[i, 0, order]
+        ax.plot(
+            found.kick[order], _drawn(simulated), color=colour, marker="o", ms=3.5, linestyle=" "
+        )
+        limit = found.one_sided[i, 0] if setting.one_sided else found.exact[i, 0]
+        ax.axhline(limit, color=colour, linewidth=0.5, linestyle="--" if setting.one_sided else "-")
+        finite = simulated[np.isfinite(simulated)]
+        if servo.coulomb == 0.0 or setting.one_sided or not finite.size or found.exact[i, 0] == 0:
+            continue
+        stiffness = np.geomspace(1.001 * found.exact[i, 0], 2.0 * finite.max(), _POINTS)
+        onset = onset_amplitude(
+            servo.inertia,
+            servo.damping,
+            servo.coulomb,
+            stiffness,
+            damping,
+            setting.period,
+            float(found.delay[i]),
+            setting.velocity_samples,
+        )
+        reached = _SHARE * servo.torque_limit > stiffness * onset.amplitude
+        ax.plot(
+            onset.amplitude[reached],
+            stiffness[reached],
+            color=colour,
+            linewidth=0.8,
+            linestyle="-.",
+        )
+    ax.set_xscale("log")
+    spread = (found.kick.max() / found.kick.min()) ** 0.06
+    ax.set_xlim(found.kick.min() / spread, found.kick.max() * spread)
+    ax.set_xlabel(f"kick  [rad]   ($B$ = {damping:.3g} N$\\cdot$m$\\cdot$s/rad)")
+
+
+def _many_kicks(found: CriticalMap) -> bool:
+    """Whether there are more kicks than are drawn over the damping."""
+    return np.unique(found.kick).size > len(_shown_kicks(found))
+
+
+def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
+    """The smallest and the largest kick, and their markers."""
+    small, large = int(np.argmin(found.kick)), int(np.argmax(found.kick))
+    styles: dict[int, dict[str, Any]] = {
+        small: {"marker": "o", "ms": 3.5, "mfc": "white", "mew": 0.8, "linestyle": " "}
+    }
+    styles[large] = {"marker": "o", "ms": 3.5, "linestyle": " "}
+    return styles
+
+
+def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    setting = found.setting
+    handles = [
+        Line2D([], [], color=colour, linewidth=2.5, label=f"delay {ms(found.delay[i])}")
+        for i, colour in colours.items()
+    ]
+    handles += [
+        Line2D([], [], color=INK, label=f"simulated, kick {found.kick[k]:.3g} rad", **style)
+        for k, style in _shown_kicks(found).items()
+    ]
+    handles.append(Line2D([], [], color=INK, linewidth=0.9, label="exact, no friction"))
+    if setting.one_sided:
+        label = "one-sided, no friction"
+        handles.append(Line2D([], [], color=INK, linewidth=0.9, linestyle="--", label=label))
+    handles.append(
+        Line2D([], [], color=GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition")
+    )
+    if setting.servo.coulomb > 0.0 and not setting.one_sided and _many_kicks(found):
+        label = "onset amplitude $A^*$ (theory)"
+        handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle="-.", label=label))
+    return handles
+
+
+def _title(found: CriticalMap, name: str) -> str:
+    servo = found.setting.servo
+    wall = "one-sided wall" if found.setting.one_sided else "two-sided wall"
+    device = [f"$m$ {servo.inertia:.3g} kg·m²", f"$b$ {servo.damping:.3g} N·m·s/rad"]
+    if servo.coulomb:
+        device.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
+    if servo.backlash:
+        device.append(f"backlash {servo.backlash:.3g} rad")
+    limits = [f"{1.0 / found.setting.period:.4g} Hz"]
+    if servo.counts_per_rev:
+        limits.append(f"{servo.counts_per_rev} counts/rev")
+    if servo.torque_limit < _LARGE:
+        limits.append(f"torque limit {servo.torque_limit:.3g} N·m")
+    unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
+    return f"{titled(name)}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
+        "   ".join(parts) for parts in (device, limits)
+    )
+
+
+def _drawn(stiffness: FloatArray) -> FloatArray:
+    """Stiffnesses that a logarithmic axis can show; NaN for the others."""
+    shown: FloatArray = np.where(np.isfinite(stiffness) & (stiffness > 0.0), stiffness, np.nan)
+    return shown
+
+
+def _range(found: CriticalMap) -> tuple[float, float]:
+    """From below what was simulated; the exact limit goes down to zero at the ceiling."""
+    shown = found.stiffness[:, :, list(_shown_kicks(found))]
+    good = shown[np.isfinite(shown) & (shown > 0.0)]
+    limit = found.one_sided if found.setting.one_sided else found.exact
+    first = limit[:, :1]
+    values = np.concatenate([good, first[first > 0.0], [limit.max(initial=0.1)]])
+    return 0.6 * float(values.min()), 1.6 * float(values.max())

@@ -1,0 +1,117 @@
+"""The picture of what is rendered: the spring's push, the drag, and the contacts with the wall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptic_wall.controller.experiments.contact_transient import Contact
+from haptic_wall.controller.experiments.drag import Drag
+from haptic_wall.controller.experiments.rendering import Rendering
+from haptic_wall.controller.experiments.static_stiffness import StaticStiffness
+from haptic_wall.controller.report.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE,
+    grid,
+    legend_above,
+    picture,
+    titled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_POINTS = 800
+"""Samples drawn of each way"""
+_BEFORE, _BEHIND = 0.05, 0.35
+"""Time drawn around the entry into the wall [s]"""
+
+
+def plot_rendering(found: Rendering, name: str, path: Path) -> None:
+    """Draw a comparison as PNG.
+
+    Args:
+        found: The result; what could not be measured is left out.
+        name: Of the configuration, for the title.
+        path: Where the picture goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with picture(path, PAGE, 3.2) as figure:
+        figure.suptitle(
+            f"{titled(name)}: commanded K = {found.stiffness:.4g} N·m/rad,"
+            f" B = {found.damping:.3g} N·m·s/rad",
+            fontsize=8.5,
+            ha="left",
+            x=0.01,
+        )
+        axes = figure.subplots(1, 3)
+        if found.static is not None:
+            _push(axes[0], found.static, found.stiffness)
+        _labels(axes[0], "displacement  [rad]", "torque beside the spring  [N$\\cdot$m]")
+        if found.drag is not None:
+            _drag(axes[1], found.drag)
+        _labels(axes[1], "speed  [rad/s]", "torque to move it  [N$\\cdot$m]")
+        _contacts(axes[2], found.contacts, found.predicted)
+        _labels(axes[2], "since the entry  [s]", "depth in the wall  [rad]")
+
+
+def _labels(ax: Axes, across: str, up: str) -> None:
+    ax.set_xlabel(across)
+    ax.set_ylabel(up)
+    grid(ax)
+
+
+def _push(ax: Axes, static: StaticStiffness, commanded: float) -> None:
+    for up, colour in ((True, BLUE), (False, ORANGE)):
+        way = np.flatnonzero(static.upward == up)
+        way = way[:: max(1, way.size // _POINTS)]
+        ax.plot(
+            static.position[way],
+            static.torque[way],
+            ".",
+            color=colour,
+            markersize=2,
+            label="up" if up else "down",
+        )
+    ends = np.array([static.position.min(), static.position.max()])
+    ax.plot(ends, commanded * ends, color=INK, linewidth=0.8, label="commanded")
+    legend_above(ax, columns=2)
+
+
+def _drag(ax: Axes, drag: Drag) -> None:
+    ax.plot(drag.speed, drag.torque, ".", color=BLUE, markersize=4, label="measured")
+    fastest = float(np.max(np.abs(drag.speed)))
+    for sign in (-1.0, 1.0):
+        speed = sign * np.array([0.0, fastest])
+        label = "Coulomb and viscous" if sign > 0 else None
+        torque = sign * drag.coulomb + drag.viscous * speed
+        ax.plot(speed, torque, color=INK, linewidth=0.8, label=label)
+    legend_above(ax)
+
+
+def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, ...]) -> None:
+    for place, (contacts, colour, width, label) in enumerate(
+        ((struck, BLUE, 0.8, "rendered"), (predicted, GREY, 0.8, "simulated with model.*"))
+    ):
+        for number, contact in enumerate(contacts):
+            near = (contact.time > -_BEFORE) & (contact.time < _BEHIND)
+            ax.plot(
+                contact.time[near],
+                contact.position[near],
+                color=colour,
+                linewidth=width,
+                linestyle="--" if place else "-",
+                label=None if number else label,
+            )
+    ax.axhline(0.0, color=INK, linewidth=0.6)
+    if struck:
+        deepest = max(contact.penetration for contact in struck)
+        ax.set_ylim(-deepest, 1.15 * deepest)
+        legend_above(ax)

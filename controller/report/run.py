@@ -1,0 +1,149 @@
+"""The run's picture: position against the wall, torque, what the guard or the hand did, timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.report import run_panels
+from haptic_wall.controller.report.sketch import Sketch, sketched
+from haptic_wall.controller.report.style import any_writing, titled
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.file_kinds import SOFTWARE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
+    """Draw a log, or a stretch of it, in memory that does not grow with it.
+
+    Args:
+        rows: Of the log.
+        path: Where the picture goes.
+        stop_reason: As for ``plot_run``.
+
+    Raises:
+        LogFormatError: As ``plot_run``; or there are no rows.
+        OSError: The log cannot be read, or the picture not be written.
+    """
+    count = sum(len(block) for block in rows.blocks())
+    if not count:
+        raise LogFormatError(f"{rows.log.path} holds no rows")
+    sketch = sketched(rows.blocks(), count, rows.origin_ns)
+    plot_run(sketch, rows.metadata, path, stop_reason)
+
+
+def plot_run(
+    sketch: Sketch, metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
+) -> None:
+    """Draw a run as PNG: panels over one time axis.
+
+    Args:
+        sketch: Of the run.
+        metadata: Of the log: its ``config``, and its ``name`` for the title.
+        path: Where the picture goes.
+        stop_reason: Of the report; a trip is named in the title. None: not known.
+
+    Raises:
+        LogFormatError: The metadata holds no configuration this program knows.
+        OSError: The picture cannot be written.
+    """
+    # Late and local: it takes a second, and only who wants a picture should wait. The classes
+    # are used without pyplot, so no state outlives the call.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    run = _drawn(sketch, metadata)
+    panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
+        (run_panels.position, 3.0),
+        (run_panels.torque, 2.0),
+        (run_panels.stiffness_or_velocity, 1.6),
+    ]
+    if run_panels.has_timing(run):
+        panels.append((run_panels.timing, 2.0))
+    heights = [height for _, height in panels]
+    figure = Figure(figsize=(11, 1.1 * sum(heights)), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
+    name = metadata.get("name")
+    title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
+    figure.suptitle(title, fontsize=12, ha="left", x=0.01)
+    for (panel, _), ax in zip(panels, axes, strict=True):
+        panel(ax, run)
+        run_panels.shade_warm_up(ax, run)
+        ax.grid(True, color="#e6e6e6", linewidth=0.6)
+        ax.set_axisbelow(True)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+        handles, labels = ax.get_legend_handles_labels()
+        if handles:
+            ax.legend(
+                handles,
+                labels,
+                loc="upper left",
+                bbox_to_anchor=(1.0, 1.0),
+                fontsize=8,
+                frameon=False,
+            )
+    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
+    figure.align_ylabels(axes)
+    with any_writing():
+        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+
+
+def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
+    if "config" not in metadata:
+        raise LogFormatError(
+            "the log tells no configuration, that part of it is damaged: it cannot be drawn, but"
+            " exported with --csv"
+        )
+    try:
+        config = Config.model_validate(metadata.get("config"))
+    except ValidationError as error:
+        raise LogFormatError(
+            f"the log's configuration is not one this program knows ({error.error_count()} "
+            "differences); draw it with the haptic-wall that wrote it"
+        ) from error
+    return run_panels.DrawnRun(
+        sketch, (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0, config
+    )
+
+
+def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:
+    wall, servo = run.config.wall, run.config.servo
+    what = servo.model or f"{servo.kind} servo"
+    where = f" at {titled(servo.port)}" if servo.port and servo.kind == "hardware" else ""
+    if servo.kind == "emulated":
+        where = ", emulated"
+    last = run.rows[-1]
+    parts = [
+        _commanded("K", float(last["stiffness"]), wall.stiffness, "N·m/rad"),
+        _commanded("B", float(last["damping"]), wall.damping, "N·m·s/rad"),
+        f"delay {1000 * float(last['delay_s']):.2f} ms",
+        f"{run.config.loop.rate_hz:g} Hz",
+    ]
+    if run.config.guard.mode == "off":
+        parts.append("guard off")
+    if run.config.loop.clock == "simulated":
+        parts.append("simulated clock")
+    if not run.on.any():
+        parts = ["the wall was never on"]
+    trip = Trip.of(stop_reason)
+    ended = "" if trip is None else f", ENDED BY A SAFETY TRIP: {titled(trip.label)}"
+    return f"{titled(name)}: {what}{where}{ended}\n" + "   ".join(parts)
+
+
+def _commanded(name: str, commanded: float, requested: float, unit: str) -> str:
+    as_asked = np.isclose(commanded, requested, rtol=1e-6)
+    asked = "as requested" if as_asked else f"of {requested:.4g} requested"
+    return f"{name} {commanded:.4g} {unit} ({asked})"

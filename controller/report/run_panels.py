@@ -1,0 +1,238 @@
+"""The panels of a run's picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.report.dense_picture import line, outline
+from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.controller.settings.config import Config
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
+_SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+_SMOOTH_S = 0.02
+"""The velocity is also drawn as its mean over this time [s]: one encoder count within a sample is
+a spike that hides the motion."""
+_LEAST_US = 0.02
+"""Times are drawn on a logarithmic axis from here [µs]."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnRun:
+    """Data that the panels draw."""
+
+    sketch: Sketch
+    on: NDArray[np.bool_]
+    """The wall is on: the warm-up is over, and it was not taken out again"""
+    config: Config
+
+    @property
+    def surface(self) -> float:
+        """Where the wall is [rad]; NaN: not known."""
+        position = self.rows["position"][np.isfinite(self.rows["position"])]
+        begins = self.rows["seq"][0] == 0 and position.size
+        return self.config.surface(float(position[0]) if begins else math.nan)
+
+    @property
+    def rows(self) -> NDArray[np.void]:
+        """Those that are drawn."""
+        return self.sketch.rows
+
+    @property
+    def time(self) -> Floats:
+        """Of each [s]."""
+        return self.sketch.time
+
+
+def position(ax: Axes, run: DrawnRun) -> None:
+    """The position, and the wall that it is inside of or not."""
+    wall, rows = run.config.wall, run.rows
+    _line(ax, run.time, rows["position"], _INK, "position", 1.3)
+    ax.set_ylabel("position [rad]")
+    surface = run.surface
+    if math.isnan(surface):
+        return
+    ax.axhline(surface, color=_WALL, linewidth=1.2, label="wall's surface")
+    if wall.side == "both":
+        return  # always in contact: it has no inside to shade
+    low, high = ax.get_ylim()
+    margin = 0.12 * (high - low)
+    if wall.side == "above":
+        high = max(high, surface + margin)
+        inside = (surface, high)
+    else:
+        low = min(low, surface - margin)
+        inside = (low, surface)
+    ax.axhspan(
+        *inside,
+        facecolor="none",
+        edgecolor=_WALL,
+        hatch="//",
+        alpha=0.35,
+        linewidth=0,
+        label=f"wall (fills {wall.side})",
+    )
+    _shade_contact(ax, run)
+    ax.set_ylim(low, high)
+
+
+def torque(ax: Axes, run: DrawnRun) -> None:
+    """The torque the wall asks for and the one that was sent, with its limit."""
+    rows = run.rows
+    _line(ax, run.time, rows["wall_torque"], "#c9d0d5", "wall (before delay and limit)", 3.5)
+    _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
+    ax.set_ylabel("torque [N·m]")
+    _shade_contact(ax, run)
+    saturated = (rows["flags"] & FLAG_SATURATED) != 0
+    limit = _torque_limit(run, saturated)
+    if limit is not None:
+        largest = float(np.nanmax(np.abs(rows["torque"])))
+        if largest > 0.4 * limit:
+            for sign in (-1, 1):
+                if np.any(sign * rows["torque"] > 0.4 * limit):
+                    ax.axhline(sign * limit, color=_ALARM, linestyle="--", linewidth=1.0)
+            ax.plot([], [], "--", color=_ALARM, label=f"limit ±{limit:.3g} N·m")
+        else:
+            ax.plot([], [], " ", label=f"(limit ±{limit:.3g} N·m: off the scale)")
+    _shade(ax, run.time, saturated, "#f7d4d5", "cut by the limit")
+
+
+def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
+    """The torque limit as far as the log tells [N·m]."""
+    if saturated.any():
+        return float(np.abs(run.rows["torque"][saturated]).max())
+    config = run.config
+    limit = config.servo.torque_limit
+    if config.servo.kind != "hardware":
+        limit = config.true_servo().torque_limit
+    known = [torque for torque in (limit, config.wall.torque_clip) if torque is not None]
+    return min(known, default=None)
+
+
+def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
+    """Commanded stiffness where the guard has changed it; else the velocity."""
+    stiffness = run.rows["stiffness"][run.on]
+    if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
+        steps = {"drawstyle": "steps-post", "color": _INK}
+        line(ax, run.time[run.on], stiffness, label="commanded K", **steps)
+        ax.set_ylim(0, 1.15 * float(stiffness.max()))
+        requested = run.config.wall.stiffness
+        if requested <= 1.15 * float(stiffness.max()):
+            ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
+        ax.set_ylabel("stiffness\n[N·m/rad]")
+        return
+    velocity, sketch = run.rows["velocity"], run.sketch
+    _line(ax, run.time, velocity, "#cfd6db", "estimated, every tick", 0.6)
+    if sketch.mean_time.size:
+        over_s = (run.time[-1] - run.time[0]) / sketch.mean_time.size
+        means = (sketch.mean_time, sketch.mean_velocity)
+    else:
+        samples = max(1, min(round(_SMOOTH_S / run.config.period_s), len(velocity)))
+        smooth = np.convolve(np.nan_to_num(velocity), np.full(samples, 1.0 / samples), mode="same")
+        over_s, means = _SMOOTH_S, (run.time, smooth)
+    _line(ax, *means, _INK, f"its mean over {1e3 * over_s:.3g} ms", 1.2)
+    ax.set_ylabel("velocity [rad/s]")
+
+
+def has_timing(run: DrawnRun) -> bool:
+    """Whether anything took time: on the simulated clock every tick is on time."""
+    rows = run.rows
+    return any(bool((rows[field] > 0).any()) for field in (*TIMES, "missed"))
+
+
+def timing(ax: Axes, run: DrawnRun) -> None:
+    """The ticks' times; a period is drawn as a line, a missed tick as a mark above it."""
+    rows = run.rows
+    ax.set_yscale("log")
+    for field, color, label in (
+        ("bus_ns", _WALL, "waiting for the bus"),
+        ("work_ns", _SENT, "work"),
+        ("lateness_ns", _INK, "lateness"),
+    ):
+        times = rows[field] * 1e-3
+        if (times > 0).any():
+            ax.plot(
+                run.time,
+                np.maximum(times, _LEAST_US),
+                ".",
+                markersize=1.6,
+                color=color,
+            )
+            # A dot of its own for the legend, large enough to be seen.
+            median = run.sketch.medians_us[field]
+            ax.plot([], [], ".", color=color, label=f"{label} (median {median:.3g} µs)")
+    period_us = 1e-3 * run.config.period_ns
+    missed = np.flatnonzero(rows["missed"] > 0)
+    ax.axhline(
+        period_us, color=_ALARM, linewidth=0.8, linestyle=":", label=f"period {period_us:g} µs"
+    )
+    ax.set_ylim(_LEAST_US, max(3 * period_us, 2e-3 * float(rows["lateness_ns"].max())))
+    if len(missed):
+        ax.plot(
+            run.time[missed],
+            np.full(len(missed), 1.6 * period_us),
+            "v",
+            color=_ALARM,
+            markersize=5,
+            label=_missed_label(run),
+        )
+    ax.set_ylabel("time per tick [µs]")
+
+
+def _missed_label(run: DrawnRun) -> str:
+    """Missed ticks as the report counts them, those of the warm-up apart."""
+    on, before = run.sketch.missed
+    apart = f" (and {before} in the warm-up)" if before else ""
+    return f"missed: {on} ticks{apart}"
+
+
+def _shade_contact(ax: Axes, run: DrawnRun) -> None:
+    """Mark the contact with a one-sided wall; a two-sided one always acts."""
+    if run.config.wall.side != "both":
+        contact = (run.rows["flags"] & FLAG_CONTACT) != 0
+        label = "in contact" if _is_first(ax) else ""
+        _shade(ax, run.time, contact & run.on, _CONTACT, label)
+
+
+def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
+    """Mark the time before the wall is on."""
+    label = "warm-up: the wall is off" if _is_first(ax) else ""
+    warm_up = (run.rows["flags"] & FLAG_WARM_UP) != 0
+    _shade(ax, run.time, warm_up, _WARM_UP, label)
+    label = "the wall is off: let go, or loaded" if _is_first(ax) else ""
+    _shade(ax, run.time, ~run.on & ~warm_up, _WARM_UP, label)
+
+
+def _is_first(ax: Axes) -> bool:
+    """Whether this is the panel whose legend names what all of them show."""
+    return ax is ax.figure.axes[0]
+
+
+def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
+    """Shade the stretches of time in which ``where`` holds."""
+    if not where.any():
+        return
+    times, heights = outline(time, where)
+    ax.fill_between(
+        times,
+        0.0,
+        heights,
+        transform=ax.get_xaxis_transform(),
+        color=color,
+        linewidth=0,
+        zorder=0,
+        label=label or "_",
+    )
+
+
+def _line(ax: Axes, time: Floats, values: Floats, color: str, label: str, width: float) -> None:
+    line(ax, time, values, color=color, linewidth=width, label=label)

@@ -1,0 +1,151 @@
+"""The rows of a long run that a picture can show, in memory that does not grow with the run.
+
+A picture has fewer columns than a long run has ticks. So the run is parted into slices, and of each
+those rows are kept that are extreme in something that is drawn: no peak is lost, and every point
+in the picture is one of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.runtime.statistics import TimeStatistics
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+)
+
+Floats = NDArray[np.float64]
+
+SLICES = 2500
+"""More than a picture has columns"""
+WHOLE = 4 * SLICES
+"""Runs of up to so many rows are drawn row by row."""
+TIMES = ("bus_ns", "work_ns", "lateness_ns")
+"""Fields that say how long something took"""
+
+_EXTREME = ("position", "velocity", "wall_torque", "torque", "stiffness", *TIMES)
+_FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """Data that a picture draws."""
+
+    rows: NDArray[np.void]
+    """Those that are drawn, in their order, the first and the last of the run among them"""
+    time: Floats
+    """When each was [s]"""
+    medians_us: dict[str, float]
+    """Median of each of ``TIMES`` while the wall was on, or of all rows where it never was [µs]"""
+    missed: tuple[int, int]
+    """Ticks missed while the wall was on, and before"""
+    mean_time: Floats
+    """Middles of the slices [s]; of no length where every row is drawn"""
+    mean_velocity: Floats
+    """Mean of the velocity over each slice [rad/s]"""
+
+
+def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> Sketch:
+    """Reduce rows to the data that a picture draws.
+
+    Args:
+        blocks: The rows, n > 0 in all, shape (m,) each, dtype ``telemetry.ROW``.
+        count: How many there are.
+        origin_ns: Where the time is 0, on the run's clock [ns].
+    """
+    counts = _Counts()
+    kept: list[NDArray[np.void]] = []
+    middles: list[float] = []
+    means: list[float] = []
+    slices = count if count <= WHOLE else SLICES
+    edges = [count] if count <= WHOLE else np.linspace(0, count, slices + 1).astype(int)[1:]
+    for rows in _parted(blocks, edges):
+        counts.add(rows)
+        if count <= WHOLE:
+            kept.append(rows)
+            continue
+        kept.append(rows[_telling(rows)])
+        middles.append((float(np.mean(rows["deadline_ns"][[0, -1]])) - origin_ns) * 1e-9)
+        velocity = rows["velocity"][np.isfinite(rows["velocity"])]
+        means.append(float(np.mean(velocity)) if velocity.size else np.nan)
+    chosen = np.concatenate(kept)
+    return Sketch(
+        chosen,
+        (chosen["deadline_ns"] - origin_ns) * 1e-9,
+        counts.medians_us(),
+        (counts.missed_on, counts.missed_before),
+        np.array(middles),
+        np.array(means),
+    )
+
+
+class _Counts:
+    """Figures of all rows for the legend."""
+
+    def __init__(self) -> None:
+        self.missed_on = self.missed_before = 0
+        self._on = {field: TimeStatistics() for field in TIMES}
+        self._before = {field: TimeStatistics() for field in TIMES}
+
+    def add(self, rows: NDArray[np.void]) -> None:
+        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        self.missed_on += int(rows["missed"][on].sum())
+        self.missed_before += int(rows["missed"][~on].sum())
+        for field in TIMES:
+            self._on[field].add(rows[field][on])
+            self._before[field].add(rows[field][~on])
+
+    def medians_us(self) -> dict[str, float]:
+        medians = {}
+        for field in TIMES:
+            median = self._on[field].percentile_us(50)
+            if median is None:
+                median = self._before[field].percentile_us(50)
+            medians[field] = np.nan if median is None else median
+        return medians
+
+
+def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterator[NDArray[np.void]]:
+    """The rows parted at ``edges``, each the number of rows before it; rows past the last too."""
+    waiting: list[NDArray[np.void]] = []
+    held = begun = 0
+    ends = iter(edges)
+    end = next(ends, None)
+    for block in blocks:
+        waiting.append(block)
+        held += len(block)
+        while end is not None and held >= end - begun:
+            # Parting one long block must not copy the rest of it for every part.
+            rows = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
+            if end > begun:
+                yield rows[: end - begun]
+            waiting, held, begun = [rows[end - begun :]], held - (end - begun), end
+            end = next(ends, None)
+    if held:
+        yield np.concatenate(waiting)
+
+
+def _telling(rows: NDArray[np.void]) -> NDArray[np.intp]:
+    """Which rows of a slice to keep: first and last, each field's extremes, each flag's change."""
+    places = {0, len(rows) - 1}
+    for field in _EXTREME:
+        numbers = rows[field]
+        known = np.flatnonzero(np.isfinite(numbers))
+        if known.size:
+            places |= {int(known[np.argmin(numbers[known])]), int(known[np.argmax(numbers[known])])}
+        if known.size < len(rows):  # a gap stays one
+            places.add(int(np.flatnonzero(~np.isfinite(numbers))[0]))
+    if rows["missed"].any():
+        places.add(int(np.argmax(rows["missed"])))
+    for flag in _FLAGS:
+        changes = np.flatnonzero(np.diff(rows["flags"] & flag))
+        if changes.size:
+            places |= {int(changes[0]), int(changes[0]) + 1, int(changes[-1]) + 1}
+    return np.array(sorted(places))

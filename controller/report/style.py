@@ -1,0 +1,113 @@
+"""How the figures look: one journal column wide, serif, colours that the colour-blind can tell."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from haptic_wall.controller.system.file_kinds import SOFTWARE
+from haptic_wall.controller.system.printable import in_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMN = 3.5
+"""Width of a journal's column [inch]"""
+PAGE = 7.16
+"""Width of both columns [inch]"""
+INK, BLUE, ORANGE, GREEN = "#222222", "#0072b2", "#d55e00", "#009e73"
+GREY, FAINT = "#6b6b6b", "#dfe9f2"
+BETA = r"dimensionless virtual damping  $\beta = BT/m$"
+ALPHA = r"dimensionless stiffness  $\alpha = KT^2/m$"
+STIFFNESS = r"stiffness  $K$  [N$\cdot$m/rad]"
+VIRTUAL_DAMPING = r"virtual damping  $B$  [N$\cdot$m$\cdot$s/rad]"
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 8.5,
+    "axes.labelsize": 9,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.top": True,
+    "ytick.right": True,
+    "savefig.dpi": 300,
+}
+
+
+@contextmanager
+def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Figure]:
+    """A figure to draw on, written as PNG at the end; the same data gives the same file.
+
+    Args:
+        path: Where it goes: a file's path, or what is open for writing.
+        width: [inch].
+        height: [inch].
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    # Late and local: it takes a second, and only who wants a picture should wait. Without pyplot
+    # no figure outlives the call.
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        with any_writing():
+            figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+
+
+@contextmanager
+def any_writing() -> Iterator[None]:
+    """While a picture is written: a letter that the font has not is a box, and no warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
+
+
+def titled(name: str) -> str:
+    """A name of anybody's for a title: in one line, and no formula whatever is in it."""
+    return in_line(name).replace("$", r"\$")
+
+
+def grid(ax: Axes) -> None:
+    """Faint lines behind the curves."""
+    ax.grid(True, color="#e9e9e9", linewidth=0.5)
+
+
+def legend_above(ax: Axes, columns: int = 1) -> None:
+    """Name the curves above the axes, where the legend covers none of them."""
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.2,
+        ncols=columns,
+        handlelength=1.4,
+        columnspacing=1.2,
+    )
+
+
+def shades(count: int) -> Sequence[str]:
+    """As many colours in order, dark to light, that differ in lightness too."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    last = max(count - 1, 1)
+    return [to_hex(colormaps["viridis"](0.85 * i / last)) for i in range(count)]

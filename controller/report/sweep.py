@@ -1,0 +1,135 @@
+"""The picture of a sweep: measured points on the limits, in the plane of stiffness and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.report.style import (
+    GREY,
+    INK,
+    PAGE,
+    STIFFNESS,
+    VIRTUAL_DAMPING,
+    grid,
+    picture,
+    shades,
+    titled,
+)
+from haptic_wall.controller.theory.checks import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_POINTS = 160
+_SIGMAS = 2.0
+"""Half length of the error bars in standard errors"""
+
+
+def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: Path) -> None:
+    """Draw the measured points over the limits, a colour for each inserted delay.
+
+    Args:
+        points: Of any number of delays; one without a figure is a cross on the axis.
+        device: What is believed, for the curves.
+        name: Of the configuration, for the title.
+        path: Where the picture goes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    steps = sorted({point.delay_steps for point in points})
+    colours = dict(zip(steps, shades(len(steps)), strict=True))
+    low, high = _range(points)
+    with picture(path, 0.8 * PAGE, 3.7) as figure:
+        figure.suptitle(_title(device, name), fontsize=8.5, ha="left", x=0.01)
+        ax = figure.subplots()
+        top = 0.0
+        for delay_steps in steps:
+            own = [point for point in points if point.delay_steps == delay_steps]
+            top = max(top, _one_delay(ax, own, device, colours[delay_steps], (low, high)))
+        ax.set_xlim(low, high)
+        ax.set_ylim(0.0, 1.12 * top if top > 0.0 else 1.0)
+        ax.set_xlabel(VIRTUAL_DAMPING)
+        ax.set_ylabel(STIFFNESS)
+        grid(ax)
+        figure.legend(handles=_legend(points, colours), loc="outside right upper")
+
+
+def _range(points: Sequence[PointResult]) -> tuple[float, float]:
+    """Ends of the damping drawn: of the points with a figure, if there are any, and a margin."""
+    found = [point.virtual_damping for point in points if point.measured is not None]
+    found = found or [point.virtual_damping for point in points]
+    low, high = min(0.0, *found), max(found)
+    space = 0.06 * max(high - low, abs(high), 1e-3)
+    return low - space, high + space
+
+
+def _one_delay(
+    ax: Axes,
+    points: Sequence[PointResult],
+    device: Device,
+    colour: str,
+    ends: tuple[float, float],
+) -> float:
+    """Curves and points of one inserted delay; the greatest stiffness that must be seen."""
+    delay = float(np.mean([point.delay_s for point in points]))
+    across = np.linspace(*ends, _POINTS)
+    exact = np.array([device.exact(value, delay) for value in across])
+    linear = np.array([device.linear(value, delay) for value in across])
+    ax.plot(across, linear, color=colour, linewidth=0.6, linestyle=(0, (1, 2)))
+    ax.plot(across, np.where(exact > 0.0, exact, np.nan), color=colour, linewidth=1.0)
+    found = [point for point in points if point.measured is not None]
+    stiffness = _values([point.measured for point in found])
+    error = _SIGMAS * _values([point.uncertainty for point in found])
+    at = np.array([point.virtual_damping for point in found])
+    style: dict[str, Any] = {"color": colour, "linestyle": " ", "capsize": 2.5, "elinewidth": 0.8}
+    ax.errorbar(at, stiffness, error, marker="o", markersize=3.5, **style)
+    if device.coulomb > 0.0:
+        predicted = _values([point.predicted_with_friction for point in found])
+        ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
+    # A point outside of the picture is drawn at its edge.
+    missing = np.clip([point.virtual_damping for point in points if point.measured is None], *ends)
+    ax.plot(
+        missing, np.zeros(missing.size), "x", color=colour, markersize=5, clip_on=False, zorder=5
+    )
+    shown = [float(value) for value in stiffness + error if np.isfinite(value)]
+    return max(*shown, float(exact.max()), 0.0)
+
+
+def _values(values: Sequence[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for steps, colour in colours.items():
+        delay = np.mean([point.delay_s for point in points if point.delay_steps == steps])
+        label = f"{ms(float(delay))} ({steps} inserted)"
+        handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
+    dot: dict[str, Any] = {"color": INK, "linestyle": " "}
+    handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
+    if any(point.onset_rad is not None and point.onset_rad > 0.0 for point in points):
+        label = "expected with friction\nfor that kick"
+        handles.append(Line2D([], [], marker="_", ms=9, label=label, **dot))
+    if any(point.measured is None for point in points):
+        handles.append(Line2D([], [], marker="x", ms=5, label="no figure: see reason", **dot))
+    handles.append(Line2D([], [], color=INK, linewidth=1.0, label="exact, no friction"))
+    style = (0, (1, 2))
+    handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle=style, label="linear"))
+    return handles
+
+
+def _title(device: Device, name: str) -> str:
+    return (
+        f"{titled(name)}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
+        f" $b$ {device.damping:.3g} N·m·s/rad, Coulomb friction {device.coulomb:.3g} N·m"
+    )

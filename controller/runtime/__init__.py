@@ -1,0 +1,1 @@
+"""One run: deadlines, tick, safety, telemetry, real time, lateness."""

@@ -1,0 +1,292 @@
+"""Builds what a tick works with from a configuration: wall, guard, safety, watch."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Situation, decide
+from haptic_wall.controller.guard.plants import Plants, is_heavy
+from haptic_wall.controller.guard.schedule import (
+    IRREGULAR_CAP,
+    RUN,
+    RUN_S,
+    GainSchedule,
+    age_bins_ns,
+    inserted_delay,
+    interval_bins_ns,
+)
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
+from haptic_wall.controller.laws.passivity_control import PassivityControl
+from haptic_wall.controller.laws.program import Phase, Program
+from haptic_wall.controller.laws.velocity import velocity_estimator
+from haptic_wall.controller.laws.wall import Law, Wall
+from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.missed import MissedPeriods
+from haptic_wall.controller.runtime.motion_watch import MotionWatch
+from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
+from haptic_wall.controller.runtime.rehearsal import Rehearsal, StandInClock
+from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
+from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.runtime.tick import Tick, TickParts
+from haptic_wall.controller.runtime.watch_settings import watch_settings
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory import peak
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Servo
+
+COARSE = 6
+"""Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
+RAMP_S = 0.05
+"""How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+MEANT_KICK = 0.25 * math.tau
+"""Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
+SLOWEST = 0.05
+"""Speed below which passivity control takes energy back no faster [rad/s]"""
+
+
+def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+    """The guard's decisions for every sample age and every served interval that may come."""
+    situation = situation_of(config, servo)
+    period = situation.period
+    # In the same process on the simulated clock a sample has no age.
+    ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
+    least_ns = round(config.guard.sample_age * 1e9)
+    ages_ns = [max(age, least_ns) for age in ages_ns]
+    intervals_ns = interval_bins_ns(config.period_ns)
+    decisions = []
+    for interval in (each * 1e-9 for each in intervals_ns):
+        inserted = inserted_delay(config.delay.steps, period, interval)
+        there = replace(situation, period=interval)
+        every = 1 if interval == period and not is_heavy(there) else COARSE
+        some = ages_ns[every - 1 :: every]
+        if not some or some[-1] != ages_ns[-1]:
+            some.append(ages_ns[-1])
+        found = decide(
+            config.request(),
+            settings_at(config, interval),
+            there,
+            [inserted + age * 1e-9 for age in some],
+            inserted,
+            explained=False,
+        )
+        decisions.append([found[bisect_left(some, age)] for age in ages_ns])
+    window = max(1, round(config.guard.window_s / period))
+    run = max(RUN, round(RUN_S / period))
+    percentile = config.guard.delay_percentile
+    return GainSchedule(decisions, ages_ns, intervals_ns, percentile, window, run)
+
+
+def decision_in_force(
+    config: Config, servo: Servo, schedule: GainSchedule, commanded: float
+) -> Decision:
+    """The schedule's present decision, with the reasons that the schedule leaves out.
+
+    Args:
+        config: The effective configuration.
+        servo: What the wall is rendered on.
+        schedule: Where the decision is.
+        commanded: Stiffness that is really commanded [N·m/rad].
+    """
+    decision = schedule.decision
+    situation = replace(situation_of(config, servo), period=decision.period)
+    inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
+    delays = [inserted + schedule.age_ns * 1e-9]
+    settings = settings_at(config, decision.period)
+    (again,) = decide(
+        config.request(),
+        settings,
+        situation,
+        delays,
+        inserted,
+        reduced=commanded < decision.stiffness,
+    )
+    return replace(decision, reasons=again.reasons)
+
+
+def settings_at(config: Config, interval: float) -> GuardSettings:
+    """How cautious the guard is where a tick happens once in ``interval`` [s]."""
+    settings = config.guard_settings()
+    if interval <= config.period_ns * 1e-9:
+        return settings
+    return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
+
+
+def situation_of(config: Config, servo: Servo) -> Situation:
+    """The situation of the wall: the belief, the period, the limits of the servo."""
+    return Situation(
+        belief=config.belief(),
+        period=config.period_ns * 1e-9,
+        torque_limit=servo.facts.torque_limit,
+        position_step=servo.facts.position_step,
+        slow_replies=servo.facts.reply_s > 0.0,
+    )
+
+
+def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
+    """Limits of a motion that the wall drives at ``speed`` [rad/s]."""
+    belief, kick = config.belief(), config.servo.kick
+    gain = belief.torque_gain.high
+    return DrivenLimits(
+        speed=speed,
+        position_step=servo.facts.position_step,
+        torque_limit=servo.facts.torque_limit,
+        inertia=belief.inertia.low / gain,
+        damping=belief.damping.low / gain,
+        coulomb=belief.coulomb.low / gain,
+        kicked=kick is not None and abs(kick) <= MEANT_KICK,
+    )
+
+
+def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[float]:
+    """Damping that may be added to each decision's [N·m·s/rad].
+
+    Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
+    what one encoder count may command. None where the wall is to be passive: any damping that is
+    added lowers the stiffness up to which it is.
+    """
+    decisions = schedule.decisions
+    if config.guard.mode == "passive":
+        return [0.0] * len(decisions)
+    situation = situation_of(config, servo)
+    delays = np.array([decision.delay for decision in decisions])
+    periods = np.array([decision.period for decision in decisions])
+    at = Plants.at_corner(situation, delays - situation.belief.delay.high)
+    samples = config.wall.velocity_samples
+    best = peak(at.inertia, at.damping, periods, at.delay, samples).virtual_damping / at.gain
+    if step := situation.position_step:
+        share = config.guard.quantisation_share * situation.torque_limit
+        best = np.minimum(best, share * samples * periods / step)
+    asked = np.array([decision.damping for decision in decisions])
+    most: list[float] = np.maximum(best - asked, 0.0).tolist()
+    return most
+
+
+def _ages_ns(config: Config, servo: Servo) -> list[int]:
+    return age_bins_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
+
+
+def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
+    """The wall, which the guard will set, or what an experiment wants in its place."""
+    if program:
+        return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
+    wall = config.wall
+    clip = math.inf if wall.torque_clip is None else wall.torque_clip
+    return Wall(0.0, 0.0, wall.position, wall.side, clip)
+
+
+def tick_parts(
+    config: Config,
+    clock: Clock,
+    servo: Servo,
+    telemetry: Telemetry,
+    schedule: GainSchedule,
+    law: Law,
+    injected: Sequence[float],
+    *,
+    engage_at_once: bool = False,
+) -> TickParts:
+    """All parts of a tick.
+
+    Args:
+        config: The effective configuration.
+        clock: What the loop runs on.
+        servo: Opened, and started if it is to have found out its limits.
+        telemetry: Where rows go.
+        schedule: The guard's decisions.
+        law: What is rendered.
+        injected: ``most_injected`` of the schedule.
+        engage_at_once: The wall comes on wherever the shaft is, as it does where the configuration
+            says so. A program always does: it starts where the shaft is.
+    """
+    period_ns = config.period_ns
+    period = period_ns * 1e-9
+    wall, safety = config.wall, config.safety
+    real = config.servo.kind == "hardware"
+    fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
+    if not (law.guarded or real):
+        driven = math.inf  # a program drives the shaft on purpose, and nothing can be hurt
+    gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
+    return TickParts(
+        clock=clock,
+        servo=servo,
+        law=law,
+        sampler=Sampler(
+            servo,
+            velocity_estimator(period, wall.velocity_samples),
+            period_ns,
+            pipelined=config.servo.schedule == "pipelined",
+        ),
+        gains=gains,
+        ring=DelayRing(config.delay.steps),
+        safety=Safety(
+            SafetyLimits(
+                max_speed=fastest,
+                position_step=servo.facts.position_step,
+                max_loss=safety.max_loss,
+                loss_window=max(1, round(safety.loss_window_s / period)),
+                max_silence_ns=round(safety.max_silence_s * 1e9),
+                travel=safety.travel,
+                travel_from_start=wall.reference == "start",
+            )
+        ),
+        missed=MissedPeriods(period_ns, safety.max_missed),
+        trips_on_missed=config.realtime.profile == "strict",
+        motion=MotionWatch(
+            law,
+            gains,
+            Watch(watch_settings(config, servo.facts, law)),
+            DrivenSpeed(_driven_limits(config, servo, driven)),
+            (
+                PassivityControl(period, SLOWEST)
+                if law.guarded and config.wall.passivity_control
+                else None
+            ),
+            injected,
+        ),
+        telemetry=telemetry,
+        wall_from_start=law.guarded and wall.reference == "start",
+        engagement=Engagement(
+            EngageLimits(
+                torque=engage_torque(safety.engage_torque, servo.facts.stall_torque),
+                position_step=servo.facts.position_step,
+                periods=max(1, math.ceil(REST_S / period - 1e-6)),
+            ),
+            start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
+        ),
+    )
+
+
+def rehearsal(
+    config: Config,
+    servo: Servo,
+    schedule: GainSchedule,
+    injected: Sequence[float],
+    program: Sequence[Phase],
+) -> Rehearsal:
+    """The same tick once more, of parts that nobody else has.
+
+    Args:
+        config: The effective configuration.
+        servo: The one that a stand-in is wanted of; nothing is asked of it.
+        schedule: The guard's decisions.
+        injected: ``most_injected`` of the schedule.
+        program: What is rendered in place of the wall.
+    """
+    clock = StandInClock()
+    stand_in = servo.stand_in(clock)
+    law = rendered(config, stand_in, program)
+    memory = Telemetry.scratch()
+    parts = tick_parts(
+        config, clock, stand_in, memory, schedule.anew(), law, injected, engage_at_once=True
+    )
+    tick = Tick(parts)
+    tick.wall_on()
+    return Rehearsal(tick.run, clock, config.period_ns, servo.idle)

@@ -1,0 +1,163 @@
+"""Owns the stiffness and the damping that are commanded, and moves them along ramps.
+
+Three things decide them: the guard's decision for the sample age and the interval that are served
+now, the scale that an oscillation has left of it, and whether the shaft is where K may be raised.
+"""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.controller.guard.guard import Decision
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.laws.wall import Law
+
+
+class Gains:
+    """Sets stiffness, damping and their scales of the law; nothing else does.
+
+    A law whose gains are not the guard's to set is scaled only.
+
+    Args:
+        schedule: The guard's decisions by sample age and served interval.
+        law: What is rendered.
+        ramp_ticks: Ticks over which a lower stiffness is reached [1].
+        torque_limit: Of the servo [N·m].
+
+    Attributes:
+        stiffness: At the end of the ramp, without scale [N·m/rad].
+        damping: Likewise [N·m·s/rad].
+    """
+
+    __slots__ = (
+        "_damping_step",
+        "_highest",
+        "_law",
+        "_pending",
+        "_ramp_left",
+        "_ramp_ticks",
+        "_schedule",
+        "_stiffness_step",
+        "_torque_limit",
+        "damping",
+        "in_force",
+        "stiffness",
+    )
+
+    def __init__(
+        self, schedule: GainSchedule, law: Law, ramp_ticks: int, torque_limit: float
+    ) -> None:
+        self._schedule = schedule
+        self._law = law
+        self._ramp_ticks = ramp_ticks
+        self._torque_limit = torque_limit
+        self._highest = max(decision.stiffness for decision in schedule.decisions)
+        self._ramp_left = 0
+        self._stiffness_step = self._damping_step = 0.0
+        self._pending = False  # the decision allows more, which waits for a moment at rest
+        self.stiffness = self.damping = 0.0
+        self.in_force = False
+
+    @property
+    def decision(self) -> Decision:
+        """The guard's decision that holds now."""
+        return self._schedule.decision
+
+    @property
+    def age_ns(self) -> int:
+        """Sample age that the decision counts with [ns]."""
+        return self._schedule.age_ns
+
+    @property
+    def index(self) -> int:
+        """Place of the decision in ``GainSchedule.decisions`` [1]."""
+        return self._schedule.index
+
+    @property
+    def largest_rise(self) -> float:
+        """Most that K may rise by from now [N·m/rad]."""
+        return self._highest - self._law.stiffness
+
+    @property
+    def coming(self) -> float:
+        """Stiffness that the wall would come on with [N·m/rad]."""
+        if not self.in_force:
+            return self._schedule.decision.stiffness
+        return max(self._law.stiffness, self.stiffness)
+
+    def begin(self) -> None:
+        """End the warm-up: the decision for the ages measured until now is in force at once."""
+        self._schedule.settle()
+        decision, law = self._schedule.decision, self._law
+        if law.guarded:
+            law.stiffness = decision.stiffness
+            law.damping = decision.damping
+        self.stiffness = decision.stiffness
+        self.damping = decision.damping
+        self.in_force = True
+
+    def scale(self, stiffness_scale: float, damping_scale: float) -> None:
+        """Scale the law at once: what an oscillation has left of it.
+
+        Args:
+            stiffness_scale: Of the stiffness, and of the largest torque of the spring [1].
+            damping_scale: Of the damping [1].
+        """
+        law = self._law
+        if stiffness_scale != law.scale or damping_scale != law.damping_scale:
+            law.scale, law.damping_scale = stiffness_scale, damping_scale
+            law.elastic_limit = stiffness_scale * min(self._torque_limit, law.clip)
+
+    def follow(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
+        """Count a tick's age and interval; move stiffness and damping along their ramp.
+
+        Args:
+            age_ns: Age of the sample when its torque was sent [ns].
+            interval_ns: From the last tick whose reading did not fail to this one [ns]; 0: this
+                reading failed.
+            may_raise: K may go up now.
+
+        Returns:
+            Whether another decision holds from now on, and is in force.
+        """
+        changed = self._schedule.observe(age_ns, interval_ns, may_raise) and self.in_force
+        law = self._law
+        if changed:
+            if law.guarded:
+                self._begin_ramp(may_raise)
+        elif self._pending and may_raise and not self._ramp_left:
+            self._pending = False
+            decision = self._schedule.decision
+            self.stiffness, self.damping = decision.stiffness, decision.damping
+            self._ramp_left = 1
+        if self._ramp_left:
+            self._ramp_left -= 1
+            if self._ramp_left:
+                law.stiffness += self._stiffness_step
+                law.damping += self._damping_step
+            else:
+                law.stiffness = self.stiffness
+                law.damping = self.damping
+        return changed
+
+    def _begin_ramp(self, may_raise: bool) -> None:
+        """Set out for what is allowed from now on."""
+        law, ticks = self._law, self._ramp_ticks
+        # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
+        # A longer delay may allow more too: it allows less damping, and that leaves more of
+        # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
+        decision = self._schedule.decision
+        stiffness, damping = decision.stiffness, decision.damping
+        self._pending = stiffness > law.stiffness and not may_raise
+        if self._pending:
+            stiffness, damping = law.stiffness, min(damping, law.damping)
+        self.stiffness, self.damping = stiffness, damping
+        fall = law.stiffness - stiffness
+        if fall < 0.0:
+            ticks = 1
+        elif self._ramp_left and self._stiffness_step < 0.0:
+            # Another reason to lower it does not make a fall slower that is under way.
+            ticks = min(ticks, max(1, math.ceil(fall / -self._stiffness_step)))
+        self._ramp_left = ticks
+        self._stiffness_step = (stiffness - law.stiffness) / ticks
+        self._damping_step = (damping - law.damping) / ticks

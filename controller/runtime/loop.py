@@ -1,0 +1,132 @@
+"""The loop of a run: one tick at each deadline, and a count of those that were missed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from haptic_wall.controller.runtime.deadlines import Waiter, first_deadline, next_deadline
+from haptic_wall.controller.runtime.lateness.ticks import LateTicks
+from haptic_wall.controller.runtime.safety import End, StopReason
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Servo
+
+BLOCK = 4096
+"""Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
+
+_never = (math.inf, math.inf, math.inf)
+
+
+class Grid:
+    """Deadlines served one after the other, from one start.
+
+    Args:
+        tick: What is done at each.
+        waiter: Waits for them.
+        clock: Tells the time.
+        telemetry: Where a stop is asked for.
+        servo: Whose bus a late tick may have waited for.
+        period_ns: From one to the next [ns].
+        on_block: Called now and then between two.
+        late: Who is told of late ticks; None: nobody.
+    """
+
+    def __init__(
+        self,
+        tick: Tick,
+        waiter: Waiter,
+        clock: Clock,
+        telemetry: Telemetry,
+        servo: Servo,
+        period_ns: int,
+        on_block: Callable[[], None],
+        late: LateTicks | None,
+    ) -> None:
+        self.tick = tick
+        self.period_ns = period_ns
+        self._servo = servo
+        self._late = late
+        self._waiter = waiter
+        self._clock = clock
+        self._words = telemetry.words
+        self._on_block = on_block
+        self._deadline = first_deadline(clock, period_ns)
+        self._missed = 0
+        self._begun = self._deadline
+        if late is not None:
+            late.begin(self._deadline)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time on the grid since the wall was switched on [s]."""
+        return (self._deadline - self._begun) * 1e-9
+
+    @property
+    def missed(self) -> int:
+        """Periods on the grid in that time in which no tick was executed."""
+        return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
+
+    def begin(self) -> None:
+        """Count time, ticks, missed periods and late ticks from here on."""
+        self._begun = self._deadline
+        self.tick.ticks = self._words[Word.TICKS] = 0
+        self.tick.missed = self._words[Word.MISSED] = 0
+        if self._late is not None:
+            self._late.begin(self._deadline)
+
+    def serve(self, duration_s: float | None) -> StopReason | None:
+        """Serve deadlines for a while; why it ended before, or None.
+
+        Raises:
+            ServoHealthError: The servo is in no state to be driven any longer.
+            ServoLostError: The servo, or its torque, is gone.
+        """
+        end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
+        tick, words, period_ns = self.tick, self._words, self.period_ns
+        waiter, servo, late = self._waiter, self._servo, self._late
+        wait, run, now = waiter.wait, tick.run, self._clock.now_ns
+        limit_ns, long_ns, rest = _never if late is None else late.limits
+        deadline, missed = self._deadline, self._missed
+        stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: looked at in every tick
+        served = woke = ended = deadline
+        block = BLOCK
+        try:
+            while deadline < end:
+                woke = wait(deadline)
+                if words[stop] or words[cut]:
+                    ended = woke
+                    return End.INTERRUPTED
+                served = deadline
+                run(deadline, woke, missed)
+                if tick.trip is not None:
+                    deadline += period_ns
+                    return tick.trip
+                if tick.done:
+                    deadline += period_ns
+                    return End.DURATION
+                ended = now()
+                deadline, missed = next_deadline(deadline, ended, period_ns)
+                waited = servo.waited_ns
+                rest -= 1
+                if ended - served - waited > limit_ns or waited > long_ns:
+                    self._explain(served, woke, ended, missed)
+                elif rest <= 0 and late is not None:
+                    rest = late.rest(served, waiter, deadline - ended, servo.counts.lost)
+                block -= 1
+                if block == 0:
+                    self._on_block()
+                    block = BLOCK
+        finally:
+            self._deadline, self._missed = deadline, missed
+            if ended < woke:  # the tick that ended the run
+                self._explain(served, woke, now(), 0)
+        return None
+
+    def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
+        """Have a tick explained that was late, if somebody does."""
+        servo = self._servo
+        if self._late is not None:
+            lost = servo.counts.lost
+            self._late.late(served, woke, ended, self._waiter, servo.waited_ns, lost, missed)

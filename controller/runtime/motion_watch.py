@@ -1,0 +1,92 @@
+"""Watches the motion for oscillation, for overspeed, and for energy that the wall generates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.laws.passivity_control import PassivityControl
+from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.overspeed import DrivenSpeed
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.hw.servo import Outcome
+
+_OK = Outcome.OK
+
+
+class MotionWatch:
+    """What the motion on the wall leads to: softer gains, injected damping, or a trip.
+
+    Args:
+        law: What is rendered; its ``injected`` is set here only.
+        gains: Scaled where an oscillation is answered.
+        watch: Looks for oscillations.
+        driven: Looks for a motion that the torque drives beyond what the servo can reach.
+        passivity: Injects damping where the wall generates energy; None: nothing does.
+        most_injected: Damping that may be injected, for each decision of the gain schedule
+            [N·m·s/rad].
+    """
+
+    __slots__ = ("_gains", "_law", "_most_injected", "_passivity", "driven", "watch")
+
+    def __init__(
+        self,
+        law: Law,
+        gains: Gains,
+        watch: Watch,
+        driven: DrivenSpeed,
+        passivity: PassivityControl | None,
+        most_injected: Sequence[float],
+    ) -> None:
+        self._law = law
+        self._gains = gains
+        self.driven = driven
+        self._passivity = passivity
+        self._most_injected = most_injected
+        self.watch = watch
+
+    def follow_gains(self) -> None:
+        """Count with the sample age and the injected damping of the decision in force."""
+        self.watch.set_age(self._gains.age_ns * 1e-9)
+        if self._passivity is not None:
+            self._passivity.cap = self._most_injected[self._gains.index]
+
+    def resume(self) -> None:
+        """Begin anew after a pause: the motion before it says nothing about the motion now."""
+        self.watch.resume()
+        if self._passivity is not None:
+            self._passivity.restart()
+
+    def update(self, sampler: Sampler, contact: bool, periods: int) -> Trip | None:
+        """Take the sample of a tick.
+
+        Args:
+            sampler: The sample.
+            contact: The shaft is in the wall.
+            periods: Periods since the tick before [1].
+
+        Returns:
+            Why the run must end; None: it need not.
+        """
+        watch, law = self.watch, self._law
+        watch.passed(periods)
+        if sampler.outcome is not _OK:
+            return None
+        position = sampler.position
+        watch.sample(position, law, sampler.measured_torque)
+        trip = None
+        if self.driven.too_fast(position, sampler.sampled_ns or 0, watch.commanded, contact, law):
+            trip = Trip.OVERSPEED
+        elif watch.failed:
+            trip = Trip.OSCILLATION
+        self._gains.scale(watch.scale, watch.damping_scale)
+        injected = 0.0
+        if self._passivity is not None:
+            penetration = position - law.position if contact else 0.0
+            injected = self._passivity.update(
+                position, penetration, law.stiffness * law.scale, watch.acted, watch.spanned
+            )
+        law.injected = injected
+        return trip

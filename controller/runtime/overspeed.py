@@ -1,0 +1,195 @@
+"""Notices that the wall drives the shaft faster than a servo should drive itself.
+
+A servo by itself comes to its no-load speed at most, and near it only where its torque goes with
+the motion for long. Speed alone does not tell that from a hand: one that jerks the shaft out of
+the wall, or lets it go, gets back the energy that it has put in. So the energy decides too: the
+shaft moves with more than the wall had taken before.
+
+Source: energy count after Hannaford and Ryu, IEEE T-RA 18(1), 2002.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from math import isnan
+from typing import Final
+
+from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.settings.shares import DRIVEN_SHARE
+from haptic_wall.hw.servo import JUMP_SPEED, Facts
+
+WINDOW_S: Final = 0.01
+"""Time over which that speed is measured [s]. One count a tick is 1.53 rad/s at 4096 counts and
+1 kHz; the two counts of slack are 0.31 rad/s over this time."""
+_WINDOW_NS: Final = round(WINDOW_S * 1e9)
+SLACK_COUNTS: Final = 2.0
+OWN_SHARE: Final = 0.5
+"""Part of the shaft's kinetic energy that is the wall's own, from which it trips"""
+_KEPT: Final = 128
+"""Samples kept: the window's at the highest rate, 10 kHz, and some more"""
+
+
+def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[float, float]:
+    """Largest speed of any motion, and of one that the torque drives [rad/s].
+
+    Args:
+        max_speed: ``safety.max_speed`` [rad/s], which is both; None: from the no-load speed.
+        facts: The servo's.
+        real: It may be a real servo. One of our own has no back-EMF that holds it back: a kick
+            makes it faster than any real one.
+
+    Returns:
+        The second is inf where there is no limit: the no-load speed is not known.
+    """
+    if max_speed is not None:
+        return max_speed, max_speed
+    return facts.fastest if real else JUMP_SPEED, DRIVEN_SHARE * facts.no_load_speed or math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenLimits:
+    """Largest speed, and the least that is believed of the servo's body, in commanded units."""
+
+    speed: float
+    """[rad/s]; inf: any"""
+    position_step: float = 0.0
+    """Encoder count [rad]; 0: not quantised"""
+    torque_limit: float = math.inf
+    """[N·m]"""
+    inertia: float = 0.0
+    """[kg·m²]"""
+    damping: float = 0.0
+    """Viscous friction [N·m·s/rad]"""
+    coulomb: float = 0.0
+    """Coulomb friction [N·m]"""
+    kicked: bool = False
+    """The energy in the spring when the wall comes on is meant: a kick"""
+
+
+class DrivenSpeed:
+    """Mean speed over 10 ms in which the torque went with the motion, and who paid for it.
+
+    The mean over several samples makes the slack for the encoder's steps small. A sample in which
+    the torque is zero, or goes against the motion, begins a new window.
+
+    The wall may give back what it has taken: at most what its spring holds. What it gives beyond
+    that and beyond friction is its own. Outside of a one-sided wall the count begins anew. A
+    program of an experiment drives the shaft on purpose; there speed alone decides.
+
+    Attributes:
+        found: The speed that was too high, and the highest allowed [rad/s]; empty: none was.
+    """
+
+    __slots__ = (
+        "_at",
+        "_coulomb",
+        "_count",
+        "_damping",
+        "_given",
+        "_instants_ns",
+        "_kicked",
+        "_own",
+        "_position",
+        "_positions",
+        "_sampled_ns",
+        "_slack",
+        "_speed",
+        "_torque_limit",
+        "found",
+    )
+
+    def __init__(self, limits: DrivenLimits) -> None:
+        self.found: tuple[float, ...] = ()
+        self._speed = limits.speed * 1e-9
+        self._slack = SLACK_COUNTS * limits.position_step
+        self._own = 0.5 * OWN_SHARE * limits.inertia
+        self._torque_limit = limits.torque_limit
+        self._damping = limits.damping * 1e9
+        self._coulomb = limits.coulomb
+        self._kicked = limits.kicked
+        self._position = math.nan
+        self._sampled_ns = 0
+        self._positions = [0.0] * _KEPT
+        self._instants_ns = [0] * _KEPT
+        self._at = 0
+        """Of the last sample in the window"""
+        self._count = 0
+        """Intervals in the window"""
+        self._given = math.nan
+        """Work of the torque less friction's, not below what the spring holds [J]"""
+
+    def too_fast(
+        self, position: float, sampled_ns: int, torque: float, contact: bool, law: Law
+    ) -> bool:
+        """Take a sample; whether the torque has driven the shaft too fast for the whole window.
+
+        Args:
+            position: [rad]
+            sampled_ns: Its instant [ns].
+            torque: Commanded torque that acted since the sample before [N·m].
+            contact: Whether the law acts at this position.
+            law: What is rendered.
+        """
+        before, before_ns = self._position, self._sampled_ns
+        moved = position - before
+        self._position = position
+        self._sampled_ns = sampled_ns
+        if moved == 0.0:
+            if self._count == 0:
+                return False
+        elif law.guarded:
+            if isnan(moved):  # the first sample
+                self._given = -self._held(position, law) if contact and self._kicked else 0.0
+                return False
+            if contact or torque != 0.0:
+                way = moved if moved > 0.0 else -moved
+                eaten = (self._coulomb + self._damping * way / (sampled_ns - before_ns or 1)) * way
+                given = self._given + moved * torque - eaten
+                if given < 0.0:
+                    held = self._held(position, law) if contact else 0.0
+                    given = max(given, -held)
+                self._given = given
+            else:
+                self._given = 0.0
+        if torque == 0.0 or not moved * torque >= 0.0:
+            self._count = 0
+            return False
+        return self._fast_over_the_window(before, before_ns, law.guarded)
+
+    def _fast_over_the_window(self, before: float, before_ns: int, guarded: bool) -> bool:
+        positions, instants_ns = self._positions, self._instants_ns
+        position, sampled_ns = self._position, self._sampled_ns
+        at, count = self._at, self._count
+        if count == 0:
+            positions[at], instants_ns[at] = before, before_ns
+        self._at = at = (at + 1) % _KEPT
+        positions[at], instants_ns[at] = position, sampled_ns
+        count = count + 1 if count < _KEPT - 1 else count
+        # The shortest window that is long enough.
+        enough_ns = sampled_ns - _WINDOW_NS
+        while count > 1 and instants_ns[at - count + 1] <= enough_ns:
+            count -= 1
+        self._count = count
+        elapsed_ns = sampled_ns - instants_ns[at - count]
+        if elapsed_ns < _WINDOW_NS:
+            return False
+        way = abs(position - positions[at - count])
+        if not way > self._speed * elapsed_ns + self._slack:
+            return False
+        speed = way * 1e9 / elapsed_ns
+        if guarded and not self._given > self._own * speed * speed:
+            return False
+        self.found = speed, self._speed * 1e9
+        return True
+
+    def _held(self, position: float, law: Law) -> float:
+        """Energy in the spring, its torque limited [J]."""
+        depth = position - law.position
+        if depth < 0.0:
+            depth = -depth
+        stiffness, limit = law.stiffness, law.clip
+        limit = min(limit, self._torque_limit)
+        if stiffness * depth > limit:
+            return limit * (depth - 0.5 * limit / stiffness)
+        return 0.5 * stiffness * depth * depth

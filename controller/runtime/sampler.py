@@ -1,0 +1,149 @@
+"""Takes one position sample a period, and estimates the velocity from it."""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.controller.laws.velocity import VelocityEstimator
+from haptic_wall.hw.servo import Outcome, Reading, Servo
+
+COLLECT_SHARE = 0.8
+"""Fraction of a period after which a missing reply is given up [1]"""
+LONGER_SHARE = 1.05
+"""The same after a pipelined reply was lost, until another one is [1]. An adapter flushes its
+buffer periodically. A request sent after giving up can then miss each tick by the time that it
+takes itself, for ever. With the one fraction those are phases of 0.8 to about 0.95 periods, with
+the other of 0.05 to 0.2, so that changing it leaves either."""
+JITTER = 0.1
+"""Largest distance from whole periods at which an interval between samples counts as whole
+[periods]. A loop that serves a tick every 1.5 periods is far from it: divided by 2, its velocity
+would leave a quarter of the damping out."""
+SHORTEST = 0.5
+"""The shortest interval that a velocity is taken over [periods]: over a very short one, which
+follows a late tick, one encoder count would be a high speed."""
+_OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
+_WAITING = Outcome.WAITING
+
+
+class Sampler:
+    """The position of the shaft, its velocity, and when they were sampled.
+
+    Args:
+        servo: Where the position comes from.
+        velocity: Estimates the velocity from the positions.
+        period_ns: The sampling period [ns].
+        pipelined: A request is sent at the end of the period before; else in its own.
+
+    Attributes:
+        outcome: Of the last request.
+        position: The last known position [rad]; NaN: none is known yet.
+        velocity: Estimated velocity [rad/s]; 0 after a reading that failed.
+        sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
+        measured_torque: Torque that came with the last reply [N·m]; NaN: the servo measures none.
+        first: The last sample was the first good one.
+    """
+
+    __slots__ = (
+        "_collect_ns",
+        "_estimator",
+        "_other_collect_ns",
+        "_period_ns",
+        "_pipelined",
+        "_served_ns",
+        "_servo",
+        "first",
+        "measured_torque",
+        "outcome",
+        "position",
+        "sampled_ns",
+        "velocity",
+    )
+
+    def __init__(
+        self, servo: Servo, velocity: VelocityEstimator, period_ns: int, *, pipelined: bool
+    ) -> None:
+        self._servo = servo
+        self._estimator = velocity
+        self._period_ns = period_ns
+        self._pipelined = pipelined
+        self._collect_ns = int(COLLECT_SHARE * period_ns)
+        self._other_collect_ns = int(LONGER_SHARE * period_ns)
+        self._served_ns = 0  # when the last tick woke whose reading did not fail; 0: none
+        self.outcome = _OK
+        self.position = math.nan
+        self.velocity = 0.0
+        self.sampled_ns: int | None = None
+        self.measured_torque = math.nan
+        self.first = False
+
+    @property
+    def known(self) -> bool:
+        """Whether ``position`` is that of this period, or no newer one is due yet."""
+        return self.outcome is _OK or self.outcome is _WAITING
+
+    def request_ahead(self) -> None:
+        """Send the request for the next period's sample, where requests are pipelined."""
+        if self._pipelined:
+            self._servo.request()
+
+    def sample(self, woke_ns: int) -> Reading:
+        """Collect the reply, and take the position and the velocity from it.
+
+        Args:
+            woke_ns: When the loop woke for this period [ns].
+
+        Returns:
+            The reply; its outcome says whether there is a new position.
+        """
+        servo = self._servo
+        if not self._pipelined:
+            servo.request()
+        reading = servo.collect(woke_ns + self._collect_ns)
+        self.outcome, position, _, sampled_ns, self.measured_torque, _ = reading
+        outcome = self.outcome
+        self.first = False
+        if outcome is _WAITING:
+            # Held as they are until the next sample: a loop with a longer period, which is what
+            # the theory knows. With dx = 0 in between the damping would act in one tick of many.
+            return reading
+        if outcome is not _OK:
+            # The last position once more, so dx = 0. Before the first good reading nothing acts.
+            self.velocity = 0.0
+            if self._pipelined and outcome is Outcome.LOST:
+                self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
+            return reading
+        last_ns = self.sampled_ns
+        self.position = position
+        self.sampled_ns = sampled_ns
+        self.first = last_ns is None
+        self.velocity = self._estimator.update(position, self._periods(last_ns, sampled_ns))
+        return reading
+
+    def _periods(self, last_ns: int | None, sampled_ns: int) -> float:
+        """Periods that really passed between two samples, whatever came in between.
+
+        Lost readings, skipped periods, and a tick that was served late, which the grid counts only
+        afterwards. Whole periods where that is nearly so: jitter does not reach the velocity.
+        """
+        if last_ns is None:
+            return 1.0
+        periods = (sampled_ns - last_ns) / self._period_ns
+        whole = round(periods)
+        if abs(periods - whole) <= JITTER and whole:
+            return whole
+        return max(periods, SHORTEST)
+
+    def interval_ns(self, woke_ns: int) -> int:
+        """Time from the last tick whose reading did not fail to this one; once a tick.
+
+        Args:
+            woke_ns: When the loop woke for this period [ns].
+
+        Returns:
+            The interval [ns]; 0: this reading failed, and the interval goes on.
+        """
+        if not self.known:
+            return 0
+        interval_ns = woke_ns - self._served_ns if self._served_ns else self._period_ns
+        self._served_ns = woke_ns
+        return interval_ns

@@ -1,0 +1,344 @@
+"""One run of the loop: build its parts, check the servo, run the grid, end with torque off."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from haptic_wall.controller.detector.watch import oscillation_report
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.runtime.assembly import (
+    decision_in_force,
+    guard_schedule,
+    most_injected,
+    rehearsal,
+    rendered,
+    situation_of,
+    tick_parts,
+)
+from haptic_wall.controller.runtime.deadlines import waiter_for
+from haptic_wall.controller.runtime.defect import defect_text
+from haptic_wall.controller.runtime.lateness.machine_setup import Found
+from haptic_wall.controller.runtime.lateness.ticks import LateTicks
+from haptic_wall.controller.runtime.loop import Grid
+from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
+from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.session_report import (
+    delay_report,
+    guard_report,
+    missed_warnings,
+    trip_figures,
+)
+from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.controller.runtime.wall_wait import WallWait
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.errors import (
+    ServoHealthError,
+    ServoLostError,
+    ServoMissingError,
+    StrangeServoError,
+    TorqueLostError,
+)
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Check, Servo
+from haptic_wall.hw.settings import ServoSettings
+
+_REPLIES = 3.0
+"""Replies that the warm-up waits for at least"""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How a run ended; everything in it can be sent as JSON."""
+
+    stop_reason: StopReason
+    message: str
+    """What the program itself wants to add; empty mostly"""
+    ticks: int
+    missed: int
+    elapsed_s: float
+    real_s: float
+    """What that took in real time, start-up not counted [s]"""
+    grid_hz: float
+    guard: dict[str, Any] | None
+    """None, as the next two: a defect came before it was told"""
+    oscillation: dict[str, Any] | None
+    delay: dict[str, float] | None
+    bus: dict[str, int] | None
+    timing: dict[str, Any] | None
+    """Which ticks were late, and why; None: nobody looked, or a defect"""
+    torque_off: bool
+    checks: list[Check] = field(default_factory=list)
+    setup: list[Found] = field(default_factory=list)
+    """The machine's, where the loop has a process of its own"""
+    facts: dict[str, float | None] = field(default_factory=dict)
+    """Of the servo, which the watch counts with; None: not known"""
+    wall_came_on: bool = False
+    waited_for: str = ""
+    """What a wall that never came on waited for; empty: it came on, or did not get so far"""
+    warnings: list[str] = field(default_factory=list)
+    """What the loop itself warns of"""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a session gets from the process that runs it."""
+
+    port: int | None = None
+    """Descriptor of the open serial port, where there is one"""
+    tell: Callable[[str], None] = lambda _text: None
+    """Called with what a person should know before the wall is on"""
+    on_block: Callable[[], None] = lambda: None
+    """Called now and then between ticks, where the same process must also record"""
+    take_real_time: Callable[[], LateTicks | None] = lambda: None
+    """Called when all that takes long is done and the servo is about to be started: real-time
+    scheduling must not be held through long computations. What it returns is told of late ticks"""
+    open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
+    """Opens the servo; replaced where something is done to an emulated one"""
+
+
+def run_session(
+    config: Config,
+    clock: Clock,
+    telemetry: Telemetry,
+    duration_s: float | None,
+    program: Sequence[Phase] = (),
+    surroundings: Surroundings | None = None,
+) -> Result:
+    """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
+
+    What goes wrong in the run, or when it is reported, is told in the result. Where an error is
+    raised torque is off, unless ``Word.STATE`` is ``State.TORQUE_UNKNOWN``: then that could not be
+    read back.
+
+    Args:
+        config: The effective configuration.
+        clock: What the loop runs on.
+        telemetry: Where rows go, and where a stop is asked for.
+        duration_s: How long the wall is on [s]; None: until stopped.
+        program: What is rendered in place of the wall; the run ends with it.
+        surroundings: What the process gives; None: nothing.
+
+    Raises:
+        ServoError: The servo could not be started.
+        PlatformError: ``take_real_time`` refused.
+    """
+    session = _Session(config, clock, telemetry, program, surroundings or Surroundings())
+    try:
+        session.prepare()
+        session.start()
+        session.run(duration_s)
+    except BaseException as error:
+        session.abandon(error)
+        raise
+    finally:
+        session.servo.close()
+    return session.finish()
+
+
+class _Session:
+    """A servo and what is rendered on it, from opening to the report."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        telemetry: Telemetry,
+        program: Sequence[Phase],
+        surroundings: Surroundings,
+    ) -> None:
+        self._config = config
+        self._clock = clock
+        self._telemetry = telemetry
+        self._program = program
+        self._around = surroundings
+        self._simulated = isinstance(clock, SimulatedClock)
+        self._started = False
+        self._checks: list[Check] = []
+        self.servo = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
+
+    def prepare(self) -> None:
+        """Do all that takes long: a started servo wants a frame in every period of its watchdog."""
+        self._decide()
+        self._rehearsed = None
+        if self._config.realtime.rehearse and not self._simulated:
+            self._rehearsed = rehearsal(
+                self._config, self.servo, self._schedule, self._injected, self._program
+            )
+        freeze_garbage()
+        reserve_memory()
+        self._late = self._around.take_real_time()
+        self._waiter = waiter_for(
+            self._clock, _spin_ns(self._config), self._config.period_ns, self._rehearsed
+        )
+
+    def _decide(self) -> None:
+        """Compute the guard's decisions for what is known of the servo."""
+        self._schedule = guard_schedule(self._config, self.servo, self._simulated)
+        self._injected = most_injected(self._config, self.servo, self._schedule)
+
+    def start(self) -> None:
+        """Check the servo, switch its torque on, and build the tick; then the loop is running."""
+        config, servo, telemetry = self._config, self.servo, self._telemetry
+        limit = servo.facts.torque_limit
+        if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
+            self._started = True
+            self._checks = servo.start()
+            # The servo's own Current Limit is another, or replies come later than was thought.
+            if servo.facts.torque_limit != limit or servo.facts.reply_s:
+                self._decide()
+            passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
+            self._around.tell(f"{servo.facts.name}: torque is on{passed}")
+        self._law = rendered(config, servo, self._program)
+        self._parts = tick_parts(
+            config, self._clock, servo, telemetry, self._schedule, self._law, self._injected
+        )
+        self._tick = Tick(self._parts)
+        self._grid = Grid(
+            self._tick,
+            self._waiter,
+            self._clock,
+            telemetry,
+            servo,
+            config.period_ns,
+            self._around.on_block,
+            self._late,
+        )
+        telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
+        telemetry.words[Word.STATE] = State.RUNNING
+
+    def run(self, duration_s: float | None) -> None:
+        """Serve the grid until the end, and switch the torque off."""
+        began_s = time.monotonic()
+        self._waiting = WallWait(self._grid, self._config, self._parts, self._around.tell)
+        self._reason, self._message = _run(
+            self._grid, self._config, self.servo, duration_s, self._waiting
+        )
+        self._real_s = time.monotonic() - began_s
+        self._torque_off = _stop(self.servo, self._clock, self._telemetry)
+
+    def abandon(self, error: BaseException) -> None:
+        """Switch the torque off after an error; a servo that never answered was never driven."""
+        if self._started and not isinstance(error, (ServoMissingError, StrangeServoError)):
+            _stop(self.servo, self._clock, self._telemetry)
+
+    def finish(self) -> Result:
+        """Report how the run ended; the servo is closed."""
+        servo, parts, tick = self.servo, self._parts, self._tick
+        result = Result(
+            stop_reason=self._reason,
+            message=self._message or trip_figures(tick.trip, parts) or servo.trouble,
+            ticks=tick.ticks,
+            missed=self._grid.missed,
+            elapsed_s=self._grid.elapsed_s,
+            real_s=self._real_s,
+            grid_hz=1e9 / self._grid.period_ns,
+            guard=None,
+            oscillation=None,
+            delay=None,
+            bus=asdict(servo.counts) if servo.facts.has_bus else None,
+            timing=None,
+            torque_off=self._torque_off,
+            checks=self._checks,
+            facts=_facts(servo),
+            wall_came_on=tick.came_on,
+            waited_for=self._waiting.lacking(),
+        )
+        try:
+            return self._reported(result)
+        except Exception as error:  # noqa: BLE001 - it must not cost what is known of the run
+            return _with_defect(result, error)
+
+    def _reported(self, result: Result) -> Result:
+        """Add what is computed from the run to a result."""
+        config, servo, schedule = self._config, self.servo, self._schedule
+        watch = self._parts.motion.watch
+        self._around.on_block()
+        if self._rehearsed is not None and self._rehearsed.fault:
+            self._around.tell(
+                f"the tick's rehearsal failed, so ticks took longer: {self._rehearsed.fault}"
+            )
+        decision = decision_in_force(config, servo, schedule, self._tick.commanded[0])
+        return replace(
+            result,
+            guard=guard_report(
+                config,
+                decision,
+                self._tick,
+                self._law,
+                watch,
+                situation_of(config, servo),
+                servo.counts,
+            ),
+            oscillation=oscillation_report(watch),
+            delay=delay_report(config, decision, schedule.age_ns),
+            timing=None if self._late is None else self._late.report(),
+            warnings=missed_warnings(config, self._parts.missed),
+        )
+
+
+def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
+    """Switch the torque off; whether that was read back, which ``Word.STATE`` tells too."""
+    words = telemetry.words
+    words[Word.HEARTBEAT_NS] = clock.now_ns()  # off the grid one is overdue some time after it
+    words[Word.STATE] = State.STOPPING
+    torque_off = servo.stop()
+    words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
+    return torque_off
+
+
+def _facts(servo: Servo) -> dict[str, float | None]:
+    facts = servo.facts
+    return {
+        "counts_per_rev": facts.counts_per_rev,
+        "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
+        "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
+    }
+
+
+def _with_defect(result: Result, error: Exception) -> Result:
+    """A run whose report met an error that nobody foresaw; a trip before it stays the reason."""
+    tripped = isinstance(result.stop_reason, Trip)
+    return replace(
+        result,
+        stop_reason=result.stop_reason if tripped else Trip.INTERNAL_ERROR,
+        message="; ".join(filter(None, (result.message, f"after the run: {defect_text(error)}"))),
+    )
+
+
+def _spin_ns(config: Config) -> int | None:
+    spin_us = config.realtime.spin_us
+    return None if spin_us is None else round(spin_us * 1000.0)
+
+
+def _run(
+    grid: Grid,
+    config: Config,
+    servo: Servo,
+    duration_s: float | None,
+    waiting: WallWait,
+) -> tuple[StopReason, str]:
+    """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
+    try:
+        reason = None
+        if servo.facts.has_bus or config.loop.clock == "monotonic":
+            # Where replies take long, until some have come: the age and the place are known then.
+            reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * servo.facts.reply_s))
+        if reason is None:
+            reason = waiting(duration_s)
+        grid.tick.wall_on()
+        grid.begin()
+        return reason or grid.serve(duration_s) or End.DURATION, ""
+    except ServoHealthError as error:
+        return Trip.SERVO_HEALTH, str(error)
+    except TorqueLostError as error:
+        return Trip.TORQUE_LOST, str(error)
+    except ServoLostError as error:
+        return Trip.SERVO_LOST, str(error)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the torque must go off
+        return Trip.INTERNAL_ERROR, defect_text(error)

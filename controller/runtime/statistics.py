@@ -1,0 +1,93 @@
+"""Statistics of a run from its rows: percentiles of times, extremes of torque.
+
+Works on batches in another process than the loop, in memory that does not grow: times are
+counted in bins 1.6 % wide, the maximum is kept exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, FLAG_WARM_UP
+from haptic_wall.hw.servo import Outcome
+
+_PER_OCTAVE = 64
+_BINS = _PER_OCTAVE * 48
+_LEAST_NS = 16.0
+"""Times below this [ns] count as one bin: no clock here resolves them."""
+
+
+class TimeStatistics:
+    """Percentiles of a time in nanoseconds, told in microseconds."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self._max = -np.inf
+
+    def add(self, times_ns: NDArray[np.int64]) -> None:
+        """Count a batch of times [ns], shape (n,)."""
+        if times_ns.size == 0:
+            return
+        octaves = np.log2(np.maximum(times_ns, _LEAST_NS) / _LEAST_NS)
+        bins = np.minimum((octaves * _PER_OCTAVE).astype(np.int64), _BINS - 1)
+        self._counts += np.bincount(bins, minlength=_BINS)
+        self._max = max(self._max, float(times_ns.max()))
+
+    def percentile_us(self, percentile: float) -> float | None:
+        """The time not exceeded by ``percentile`` [%] of those counted [µs]; None of none."""
+        total = int(self._counts.sum())
+        if total == 0:
+            return None
+        place = int(np.searchsorted(np.cumsum(self._counts), percentile / 100.0 * total))
+        if place == 0:
+            return max(0.0, min(self._max, _LEAST_NS)) / 1000.0
+        return float(min(_LEAST_NS * 2.0 ** ((place + 0.5) / _PER_OCTAVE), self._max)) / 1000.0
+
+    def as_report(self, *percentiles: float) -> dict[str, float | None]:
+        """``{p50: .., p99: .., max: ..}`` [µs] for the given percentiles."""
+        report = {f"p{p:g}".replace(".", "_"): self.percentile_us(p) for p in percentiles}
+        report["max"] = self._max / 1000.0 if np.isfinite(self._max) else None
+        return report
+
+
+class RunStatistics:
+    """Everything the report says of times and torques.
+
+    Ticks of the warm-up are not counted; the first row of all carries no tick before it, so its
+    work and bus times are left out.
+    """
+
+    def __init__(self) -> None:
+        self.lateness = TimeStatistics()
+        self.work = TimeStatistics()
+        self.bus = TimeStatistics()
+        self.age = TimeStatistics()
+        self.max_torque = 0.0
+        self.saturated = 0
+        self.rows = 0
+        self.unread = 0
+        """Rows that were overwritten before they were read."""
+        self._next_seq = 0
+
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Count a batch of rows, shape (n,), dtype ``telemetry.ROW``."""
+        if rows.size == 0:
+            return
+        self.unread += int(rows["seq"][-1]) + 1 - self._next_seq - rows.size
+        self._next_seq = int(rows["seq"][-1]) + 1
+        # Column by column: to choose whole rows would copy them field by field.
+        on = (rows["flags"] & FLAG_WARM_UP) == 0
+        if not on.any():
+            return
+        self.rows += int(np.count_nonzero(on))
+        self.lateness.add(rows["lateness_ns"][on])
+        after_first = on & (rows["seq"] > 0)
+        self.work.add(rows["work_ns"][after_first])
+        self.bus.add(rows["bus_ns"][after_first])
+        outcomes = rows["outcome"]
+        answered = (outcomes == Outcome.OK) | (outcomes == Outcome.WAITING)
+        self.age.add(rows["age_ns"][on & answered])
+        self.max_torque = max(self.max_torque, float(np.abs(rows["torque"][on]).max()))
+        saturated = (rows["flags"] & FLAG_SATURATED) != 0
+        self.saturated += int(np.count_nonzero(on & saturated))

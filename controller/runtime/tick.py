@@ -1,0 +1,271 @@
+"""One period, start to end: sample, render, delay, check, write, tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.engagement import Engagement
+from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.missed import MissedPeriods
+from haptic_wall.controller.runtime.motion_watch import MotionWatch
+from haptic_wall.controller.runtime.safety import Safety, Trip
+from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_RAISED,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    Row,
+    Telemetry,
+    Word,
+)
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Outcome, Servo
+
+_OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
+_WAITING = Outcome.WAITING
+_HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
+_TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
+_HELD_NS = int(Word.HELD_NS)
+
+
+@dataclass(frozen=True, slots=True)
+class TickParts:
+    """Everything a tick works with."""
+
+    clock: Clock
+    servo: Servo
+    law: Law
+    sampler: Sampler
+    gains: Gains
+    ring: DelayRing
+    safety: Safety
+    missed: MissedPeriods
+    trips_on_missed: bool
+    """Too many missed periods end the run; else they only lower stiffness and damping"""
+    motion: MotionWatch
+    telemetry: Telemetry
+    wall_from_start: bool
+    """The wall's position counts from the first reading"""
+    engagement: Engagement
+    """Decides when the wall may come on"""
+
+
+class Tick:
+    """The order of a period, its trip, and its counters.
+
+    Attributes:
+        trip: Why the run must end; None while all is well. Once set, no torque was sent.
+        done: What was to be rendered is over; the torque of the last period was zero.
+        warm_up: While true the torque is zero, and only the delay is measured.
+        came_on: The wall has been on at least once.
+        ticks: Periods executed.
+        missed: Whole periods skipped.
+    """
+
+    def __init__(self, parts: TickParts) -> None:
+        self._parts = parts
+        self._now = parts.clock.now_ns
+        self._words = parts.telemetry.words
+        self._row = Row()
+        self._limit = parts.servo.facts.torque_limit
+        self._work_ns = 0
+        self._bus_ns = 0
+        self._raises = self._words[Word.RAISE]
+        self._delay_s = 0.0
+        self._on = False  # the wall acts
+        self.came_on = False
+        self.trip: Trip | None = None
+        self.done = False
+        self.warm_up = True
+        self.ticks = 0
+        self.missed = 0
+        parts.sampler.request_ahead()
+
+    def wall_on(self) -> None:
+        """End the warm-up: the guard's decision for the measured ages is in force at once."""
+        self._parts.gains.begin()
+        self._follow_gains()
+        self.warm_up = False
+
+    def _follow_gains(self) -> None:
+        """Count with the delay of the decision in force."""
+        parts = self._parts
+        self._delay_s = parts.gains.decision.delay
+        parts.motion.follow_gains()
+
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered.
+
+        Ramps are at their end. A probe is left out: it takes most of K for a cycle.
+        """
+        parts = self._parts
+        law, gains, own = parts.law, parts.gains, parts.motion.watch.own
+        scale, damping_scale = (law.scale, law.damping_scale) if own is None else own.reduced
+        return gains.stiffness * scale, gains.damping * damping_scale
+
+    @property
+    def position(self) -> float:
+        """The last known position of the shaft [rad]; NaN: none is known yet."""
+        return self._parts.sampler.position
+
+    def may_engage(self) -> bool:
+        """Whether the wall would come on with the next reading, if that is like the last one."""
+        return self._parts.engagement.ready and self.held()
+
+    def held(self) -> bool:
+        """Whether the dead man is held, or there is none."""
+        return self._now() <= self._words[_HELD_NS]
+
+    def run(self, deadline_ns: int, woke_ns: int, missed: int) -> None:
+        """Serve one deadline.
+
+        Args:
+            deadline_ns: The deadline served [ns].
+            woke_ns: When the loop woke for it [ns].
+            missed: Whole periods skipped since the tick before.
+        """
+        parts = self._parts
+        servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
+        words, row = self._words, self._row
+        periods = 1 + missed
+
+        self._sample(woke_ns)
+        position, sampled_ns = sampler.position, sampler.sampled_ns
+
+        flags = 0
+        wall_torque = 0.0
+        contact = law.in_contact(position)
+        if missed:
+            self._count_missed(deadline_ns, missed)
+        on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns, contact)
+        if not on:
+            flags = FLAG_WARM_UP if self.warm_up else FLAG_OFF
+        elif sampled_ns is not None:
+            found = motion.update(sampler, contact, periods)
+            self.trip = self.trip or found
+            wall_torque = law.torque(position, sampler.velocity)
+        if contact:
+            flags |= FLAG_CONTACT
+        torque = parts.ring.push(wall_torque, periods)
+        torque = self._checked(torque)
+        if abs(torque) > self._limit or abs(torque) >= law.clip:
+            flags |= FLAG_SATURATED
+        if words[_CUT]:
+            return  # the supervisor has taken the bus: not one byte more
+        # From the sending of the request to the sending of the torque: what either takes on its
+        # way is the same, and so is no part of the age.
+        sent_ns = self._now()
+        sent = servo.write(torque)
+        motion.watch.sent(sent)
+        sampler.request_ahead()
+
+        age_ns = 0
+        # To the next tick with a sample: one that lost its reading is part of the interval.
+        interval_ns = sampler.interval_ns(woke_ns)
+        if sampled_ns is not None:
+            age_ns = sent_ns - sampled_ns
+            may_raise = not contact or not on or self._may_rise()
+            flags |= self._follow_guard(age_ns, interval_ns, may_raise)
+        row.deadline_ns = deadline_ns
+        row.lateness_ns = woke_ns - deadline_ns
+        row.age_ns = age_ns
+        row.missed = missed
+        row.flags = flags
+        row.wall_torque = wall_torque
+        row.torque = sent
+        self._write_row()
+        self.done = law.done
+        self.ticks = words[_TICKS] = self.ticks + 1
+        self.missed = words[_MISSED] = self.missed + missed
+        self._bus_ns = bus_ns = servo.waited_ns
+        words[_HEARTBEAT_NS] = ended_ns = self._now()
+        self._work_ns = ended_ns - woke_ns - bus_ns
+
+    def _write_row(self) -> None:
+        """Complete the row by what the parts know, and write it."""
+        parts, row = self._parts, self._row
+        law, sampler = parts.law, parts.sampler
+        row.work_ns = self._work_ns
+        row.bus_ns = self._bus_ns
+        row.outcome = sampler.outcome
+        row.sampled_ns = sampler.sampled_ns or 0
+        row.position = sampler.position
+        row.velocity = sampler.velocity
+        row.measured_torque = sampler.measured_torque
+        row.phase = law.phase
+        row.oscillation = parts.motion.watch.current
+        row.stiffness = law.stiffness * law.scale
+        row.damping = (law.damping + law.injected) * law.damping_scale
+        row.delay_s = self._delay_s
+        parts.telemetry.write(row)
+
+    def _sample(self, woke_ns: int) -> None:
+        """Take the reading, and check it."""
+        parts = self._parts
+        sampler = parts.sampler
+        reading = sampler.sample(woke_ns)
+        if sampler.outcome is _OK:
+            self.trip = parts.safety.good(reading)
+            if sampler.first and parts.wall_from_start and self.trip is None:
+                parts.law.position += sampler.position
+        elif sampler.outcome is not _WAITING:
+            self.trip = parts.safety.failed(self._now())
+
+    def _engage(self, woke_ns: int, contact: bool) -> bool:
+        """Whether the wall comes on with this tick; it is off, or the dead man was let go."""
+        parts = self._parts
+        gate, law, sampler = parts.engagement, parts.law, parts.sampler
+        if self._on:
+            self._on = False
+            gate.restart()
+            parts.ring.clear()
+        if sampler.known:  # slow replies: the last place counts
+            gate.sample(parts.gains.coming, sampler.position - law.position if contact else 0.0)
+        if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
+            return False
+        if self.came_on:
+            parts.motion.resume()
+        self._on = self.came_on = True
+        return True
+
+    def _may_rise(self) -> bool:
+        """Whether K may rise by whatever it lacks, though the shaft is in contact."""
+        parts = self._parts
+        elongation = parts.sampler.position - parts.law.position
+        return parts.engagement.may_rise(parts.gains.largest_rise, elongation)
+
+    def _checked(self, torque: float) -> float:
+        """The torque that may be sent [N·m]: none once a trip has come."""
+        if self.trip is None and not math.isfinite(torque):
+            self.trip = Trip.NOT_A_NUMBER
+        return torque if self.trip is None else 0.0
+
+    def _count_missed(self, deadline_ns: int, missed: int) -> None:
+        """Count periods that had no tick; too many may end the run."""
+        parts = self._parts
+        if self.warm_up or self.trip is not None:
+            return
+        if parts.missed.count(deadline_ns, missed) and parts.trips_on_missed:
+            self.trip = Trip.MISSED_PERIODS
+
+    def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> int:
+        """Let the gains follow what the guard allows now.
+
+        Returns:
+            ``FLAG_RAISED`` where it was asked to go back to the full wall; else 0.
+        """
+        parts = self._parts
+        asked = 0
+        if self._words[_RAISE] != self._raises:
+            self._raises = self._words[_RAISE]
+            asked = FLAG_RAISED
+            parts.motion.watch.raise_again()
+        if parts.gains.follow(age_ns, interval_ns, may_raise):
+            self._follow_gains()
+        return asked

@@ -1,0 +1,109 @@
+"""The time before the wall comes on: the loop runs without torque, and a person is told why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from haptic_wall.controller.laws.engagement import REST_S, start_text, waiting_text
+from haptic_wall.controller.runtime.loop import Grid
+from haptic_wall.controller.runtime.safety import End, StopReason
+from haptic_wall.controller.runtime.tick import TickParts
+from haptic_wall.controller.settings.config import Config
+
+LOOK_S = 0.01
+"""How often a shaft around which the wall may not come on yet is looked at [s]"""
+
+
+class WallWait:
+    """Serves ticks without torque until the wall may come on.
+
+    Args:
+        grid: Whose ticks are served meanwhile.
+        config: The effective configuration.
+        parts: What the tick works with.
+        tell: Called with where the wall and the shaft are, and where the shaft must go.
+
+    Attributes:
+        waited_for: What the wall waited for last; empty: it did not wait.
+        over: The wall may have come on.
+    """
+
+    def __init__(
+        self, grid: Grid, config: Config, parts: TickParts, tell: Callable[[str], None]
+    ) -> None:
+        self._grid = grid
+        self._config = config
+        self._parts = parts
+        self._tell = tell
+        self.waited_for = ""
+        self.over = False
+
+    def __call__(self, most_s: float | None) -> StopReason | None:
+        """Serve deadlines until the wall may come on; why that did not happen, or None.
+
+        Args:
+            most_s: How long to wait [s]; None: for ever.
+        """
+        tick = self._grid.tick
+        known = self._tell_start()
+        told = set()
+        looks = 0
+        while not tick.may_engage():
+            kind, self.waited_for = self._reason()
+            # The first readings after a warm-up too short for them are no news.
+            if kind not in told and looks * LOOK_S > REST_S:
+                self._tell(self.waited_for)
+                told.add(kind)
+            if most_s is not None and looks * LOOK_S >= most_s:
+                return End.DURATION
+            looks += 1
+            if reason := self._grid.serve(LOOK_S):
+                return reason
+            known = known or self._tell_start()
+        self.over = True
+        return None
+
+    def lacking(self) -> str:
+        """Condition that a wall never on has waited for; empty: none, or it was stopped before.
+
+        The shaft may have gone on in the very tick in which the wall was to come on.
+        """
+        if self._grid.tick.came_on:
+            return ""
+        return self._reason()[1] if self.over else self.waited_for
+
+    def _tell_start(self) -> bool:
+        """Say where the wall and the shaft are; whether that is known."""
+        config, law = self._config, self._parts.law
+        position = self._grid.tick.position
+        if (
+            math.isnan(position)
+            and config.servo.kind == "simulated"
+            and not self._parts.wall_from_start
+        ):
+            position = config.start_position  # nothing has been read, and nothing has moved it
+        if math.isnan(position):
+            return False
+        if law.guarded:
+            self._tell(start_text(law, config.wall.side, position))
+        return True
+
+    def _reason(self) -> tuple[str, str]:
+        """What the wall waits for: a name, and a text for people."""
+        tick, parts = self._grid.tick, self._parts
+        if math.isnan(tick.position):
+            return "reading", "the wall waits for the first reading"
+        if not tick.held():
+            return "dead man", "the dead man is not held; the wall goes on when it is"
+        stiffness = parts.gains.decision.stiffness
+        room = parts.engagement.limits.room(stiffness)
+        text = waiting_text(
+            parts.law,
+            self._config.wall.side,
+            tick.position,
+            stiffness,
+            room,
+            parts.servo.facts.torque_limit,
+        )
+        return "place", text

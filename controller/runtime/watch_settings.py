@@ -1,0 +1,92 @@
+"""What the watch of a run knows and is to do: from a configuration and the servo's facts."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
+from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.watch import Answer, WatchSettings
+from haptic_wall.controller.laws.engagement import engage_torque
+from haptic_wall.controller.laws.wall import SIGNS, Law
+from haptic_wall.controller.settings.config import Config
+
+UNPROBED = 12
+"""Regular half-cycles after which an oscillation is told where the wall must not be probed [1]"""
+LIGHTER, HEAVIER = 0.8, 1.6
+"""Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
+
+
+class WatchFacts(Protocol):
+    """What the watch wants to know of a servo."""
+
+    @property
+    def torque_limit(self) -> float:
+        """Largest torque it accepts [N·m]."""
+
+    @property
+    def stall_torque(self) -> float:
+        """The most it can make [N·m]; infinite: not known."""
+
+    @property
+    def position_step(self) -> float:
+        """One count of the encoder [rad]; 0: the position is not quantised."""
+
+
+def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:
+    """Settings of the watch. A program is only watched; without a guard an alarm trips.
+
+    Args:
+        config: The effective configuration.
+        facts: Of the servo.
+        law: What is rendered.
+    """
+    belief = config.belief()
+    gain = belief.torque_gain.value  # torques are counted as they are commanded
+    answer: Answer = config.safety.on_oscillation
+    if config.guard.mode == "off":
+        answer = "trip"
+    return WatchSettings(
+        detector=DetectorSettings(
+            period=config.period_ns * 1e-9,
+            inertia=belief.inertia.value / gain,
+            damping=belief.damping.value / gain,
+            coulomb=belief.coulomb.value / gain,
+            position_step=facts.position_step,
+            torque_limit=min(facts.torque_limit, law.clip),
+        ),
+        answer=answer if law.guarded else "report",
+        lag=belief.delay.value,
+        inserted=config.delay.steps * config.period_ns * 1e-9,
+        patient=law.guarded and config.wall.passivity_control,
+        side=SIGNS[config.wall.side],
+        backstop=_backstop(config, facts, law.clip, bounces=False) if law.guarded else None,
+        bounces=_backstop(config, facts, law.clip, bounces=True),
+        damping_high=belief.damping.high / belief.torque_gain.low,
+        heavy=belief.inertia.high / belief.torque_gain.low,
+    )
+
+
+def _backstop(
+    config: Config, facts: WatchFacts, clip: float, *, bounces: bool
+) -> BackstopSettings | None:
+    """When the wall is probed for motion of its own; ``bounces``: by its contacts."""
+    if bounces and config.wall.side == "both":
+        return None
+    belief = config.belief()
+    step = facts.position_step
+    threshold, small = sizes(step)
+    return BackstopSettings(
+        period=config.period_ns * 1e-9,
+        position_step=step,
+        threshold=threshold,
+        small=small,
+        light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
+        heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
+        heaviest=belief.inertia.high / belief.torque_gain.low,
+        rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
+        torque_limit=min(facts.torque_limit, clip),
+        acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
+        bounces=bounces,
+        unprobed=UNPROBED,
+    )

@@ -1,0 +1,1 @@
+"""Files, signals and terminals: what every command needs of Linux."""

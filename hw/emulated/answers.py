@@ -1,0 +1,197 @@
+"""Who on a bus obeys an instruction, who answers it, in what order and with which bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from haptic_wall.hw.dynamixel.codec import (
+    BROADCAST,
+    ErrorCode,
+    FastReply,
+    Frame,
+    Instruction,
+    encode_fast_status,
+    encode_status,
+)
+from haptic_wall.hw.emulated.collision import Sending, collide, pull_low
+from haptic_wall.hw.emulated.instructions import carry_out, carry_out_as_secondary
+from haptic_wall.hw.emulated.lists import READS, WRITES, Entry, entries
+from haptic_wall.hw.emulated.servo import EmulatedServo
+
+_FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+_ById = Mapping[int, Sequence[EmulatedServo]]
+
+
+class Answer(NamedTuple):
+    """A reply that is owed."""
+
+    delay_ns: int
+    """From the end of what came before on the wire to its first byte [ns]"""
+    frame: Frame
+    """Of the first of them where several servos with one id answer at once"""
+    wire: bytes
+    """The frame's bytes, or as many of them as are sent, or what a collision leaves of them"""
+
+
+def addressed(frame: Frame) -> list[int] | None:
+    """The ids an instruction is for; None: all of them."""
+    if frame.id != BROADCAST:
+        return [frame.id]
+    if frame.instruction in READS or frame.instruction in WRITES:
+        return [entry.id for entry in entries(frame)]
+    return None
+
+
+def answer(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[Answer]:
+    """Carry out ``frame``, which has fully arrived at ``now_ns`` [ns].
+
+    Returns:
+        The replies, in the order they take on the wire.
+    """
+    if frame.instruction == Instruction.STATUS:
+        return []
+    up = [servo for servo in servos if now_ns >= servo.answers_from_ns]
+    by_id: dict[int, list[EmulatedServo]] = {}
+    for servo in up:
+        by_id.setdefault(servo.id, []).append(servo)
+    if frame.id == BROADCAST:
+        return _broadcast(frame, up, by_id, now_ns)
+    group = [servo for servo in up if servo.secondary_id == frame.id]
+    answers = _direct(frame, by_id.get(frame.id, ()), now_ns)
+    if frame.error != ErrorCode.CRC:
+        for servo in group:
+            servo.heard(now_ns)
+            carry_out_as_secondary(frame, servo, now_ns)
+    return answers
+
+
+def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[Answer]:
+    """An instruction for one id; Status Return Level decides whether its servo answers.
+
+    The reply is the servo's as it was before: a write may change its id, its delay or the level.
+    """
+    sendings = []
+    for servo in servos:
+        if frame.error != ErrorCode.CRC:
+            servo.heard(now_ns)
+        level = servo.memory["status_return_level"]
+        delay_ns, baud = servo.return_delay_ns, servo.baud
+        error, params = carry_out(frame, servo, now_ns)
+        ping, read = frame.instruction == Instruction.PING, frame.instruction == Instruction.READ
+        if ping or level == 2 or (read and level == 1):
+            sendings.append(_status(servo, frame.id, error, params, delay_ns, baud))
+    return _on_the_wire(sendings)
+
+
+def _broadcast(
+    frame: Frame, servos: Sequence[EmulatedServo], by_id: _ById, now_ns: int
+) -> list[Answer]:
+    """An instruction for all, or for a list: answered are pings and lists of reads alone.
+
+    Servos answer a ping in the order of their ids, a list in its own, each as soon as the one
+    before it is through. One that is missing is passed over at once.
+    """
+    if frame.error == ErrorCode.CRC:
+        return []
+    if frame.instruction in READS or frame.instruction in WRITES:
+        listed = entries(frame)
+        for servo in (servo for entry in listed for servo in by_id.get(entry.id, ())):
+            servo.heard(now_ns)
+        if frame.instruction in _FAST:
+            return _fast_read(listed, by_id, now_ns)
+        return _listed(frame, listed, by_id, now_ns)
+    for servo in servos:
+        servo.heard(now_ns)
+    if frame.instruction == Instruction.PING:
+        return [
+            reply
+            for id_ in sorted(by_id)
+            for reply in _direct(frame._replace(id=id_), by_id[id_], now_ns)
+        ]
+    if frame.instruction != Instruction.READ:
+        for servo in servos:
+            carry_out(frame, servo, now_ns)
+    return []
+
+
+def _listed(frame: Frame, listed: Iterable[Entry], by_id: _ById, now_ns: int) -> list[Answer]:
+    """Each listed servo does its part; reads are answered but at Status Return Level 0."""
+    reads = frame.instruction in READS
+    single = Instruction.READ if reads else Instruction.WRITE
+    answers = []
+    for entry in listed:
+        part = Frame(entry.id, single, 0, entry.params)
+        sendings = []
+        for servo in by_id.get(entry.id, ()):
+            error, params = carry_out(part, servo, now_ns)
+            if reads and servo.memory["status_return_level"]:
+                delay_ns, baud = servo.return_delay_ns, servo.baud
+                sendings.append(_status(servo, entry.id, error, params, delay_ns, baud))
+        answers += _on_the_wire(sendings)
+    return answers
+
+
+def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answer]:
+    """One frame to which every servo appends its share.
+
+    A servo that is missing, silenced, or whose firmware is too old leaves the frame cut short in
+    front of its share: nobody behind it can go on. The length in the frame's head counts all.
+    """
+    shares: list[FastReply] = []
+    sent = sent_bytes = 0
+    first: EmulatedServo | None = None
+    for entry in listed:
+        size = entry.size
+        servos = [
+            servo
+            for servo in by_id.get(entry.id, ())
+            if servo.knows_fast_sync_read and servo.memory["status_return_level"]
+        ]
+        if servos and len(shares) == sent:
+            first = first or servos[0]
+            sent += 1
+            sent_bytes += size + 4
+            shares.append(_share(entry, servos, now_ns))
+        else:
+            shares.append(FastReply(entry.id, 0, bytes(size)))
+    if first is None:
+        return []
+    try:
+        wire = encode_fast_status(shares)[: 8 + sent_bytes]
+    except ValueError:
+        return []
+    frame = Frame(BROADCAST, Instruction.STATUS, wire[8], wire[9:-2])
+    return [Answer(first.return_delay_ns, frame, wire)]
+
+
+def _share(entry: Entry, servos: Sequence[EmulatedServo], now_ns: int) -> FastReply:
+    """What is appended for one id; several servos with it pull each other's bits low."""
+    address, size = int.from_bytes(entry.params[:2], "little"), entry.size
+    shares = []
+    for servo in servos:
+        data = servo.read(address, size, now_ns) if size else None
+        error = (ErrorCode.ACCESS if data is None else ErrorCode.NONE) | servo.alert
+        shares.append(bytes([error]) + (bytes(size) if data is None else data))
+    share = shares[0] if len(shares) == 1 else pull_low(shares)
+    return FastReply(entry.id, share[0], share[1:])
+
+
+def _status(
+    servo: EmulatedServo,
+    id: int,  # noqa: A002
+    error: int,
+    params: bytes,
+    delay_ns: int,
+    baud: int,
+) -> Sending:
+    error |= servo.alert
+    frame = Frame(id, Instruction.STATUS, error, params)
+    return Sending(delay_ns, baud, frame, encode_status(id, error, params))
+
+
+def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
+    if len(sendings) == 1:  # as always on a bus in order
+        (sending,) = sendings
+        return [Answer(sending.delay_ns, sending.frame, sending.wire)]
+    return [Answer(*heard) for heard in collide(sendings)]

@@ -1,0 +1,277 @@
+"""Drive of an emulated servo: its controllers and motor, on its mechanism, in time.
+
+In current mode the motor's torque is Goal Current times the torque constant, held: nothing is
+computed between instructions. Every other mode, and current mode where the supply's current is
+sensed or the supply or Goal PWM limits it, runs once a millisecond; the motion in between is exact.
+All of it is made up for when somebody looks, so that it does not matter how often somebody does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
+from haptic_wall.hw.emulated.control_modes import (
+    CURRENT_POSITION_MODE,
+    POSITION_MODE,
+    POSITION_MODES,
+    PWM_FULL,
+    PWM_MODE,
+    Controllers,
+    Motion,
+)
+from haptic_wall.hw.emulated.encoder import Encoder
+from haptic_wall.hw.emulated.health import HEALTH_NS, Health
+from haptic_wall.hw.emulated.motor import Motor
+from haptic_wall.hw.emulated.rules import ControlTable
+from haptic_wall.hw.plant.mechanism import Mechanism
+
+STEP_NS: Final = 1_000_000
+"""The controllers' period [ns]"""
+SLOPE_UNIT: Final = 1.977
+"""[V/s] per unit of PWM Slope"""
+_NEVER_NS: Final = 1 << 62
+_COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
+
+
+class Drive:
+    """Controllers, motor and health of one servo.
+
+    Args:
+        table: Its registers.
+        motor: Its motor.
+        mechanism: What the motor moves.
+        encoder: What the controllers see of it.
+        current_unit: [A] per unit of current; 0 where there is none.
+        stall_current: Of the motor, at the voltage its figures hold for [A].
+        now_ns: The time [ns].
+        back_emf: In current mode too the current is no more than the supply can drive at the
+            present speed. Off by default: a torque is then held as it was commanded.
+    """
+
+    __slots__ = (
+        "_active",
+        "_duty",
+        "_goal",
+        "_lost",
+        "_memory",
+        "_stepped_current",
+        "controllers",
+        "current_unit",
+        "encoder",
+        "health",
+        "mechanism",
+        "motor",
+        "next_ns",
+        "table",
+    )
+
+    def __init__(
+        self,
+        table: ControlTable,
+        motor: Motor,
+        mechanism: Mechanism,
+        encoder: Encoder,
+        *,
+        current_unit: float,
+        stall_current: float,
+        now_ns: int,
+        back_emf: bool,
+    ) -> None:
+        self.table = table
+        self._memory = table.memory
+        self.encoder = encoder
+        self.current_unit = current_unit
+        self._stepped_current = motor.senses_supply or back_emf
+        self._active: int | None = None
+        self._goal = 0
+        self._duty = 0.0
+        self._lost = 0
+        self.controllers = Controllers(table)
+        self.health = Health(table, stall_current, now_ns)
+        self.mechanism = mechanism
+        self.motor = motor
+        self.next_ns = _NEVER_NS
+        """When something is computed next [ns]"""
+
+    def advance(self, now_ns: int) -> None:
+        """Let time pass until ``now_ns`` [ns]."""
+        if now_ns >= self.next_ns:
+            self._catch_up(now_ns)
+        self.mechanism.advance(now_ns)
+
+    def update(self, now_ns: int) -> None:
+        """Have the motor make what the registers now ask for; ``advance`` comes first."""
+        memory = self._memory
+        mode = memory["operating_mode"]
+        unlimited = abs(memory["goal_pwm"]) >= PWM_FULL
+        if mode == CURRENT_MODE and unlimited and not self._stepped_current:
+            self.release(now_ns)
+            current = self.table.current
+            if current != self._goal:
+                self._hold(current, now_ns)
+            return
+        if not memory["torque_enable"] or (self.table.tripped and mode == CURRENT_MODE):
+            self.release(now_ns)
+            if self._goal:
+                self._hold(0, now_ns)
+            return
+        if self._active != mode:
+            self._active = mode
+            self._goal = 0  # what was held is stepped from now on
+            if mode == POSITION_MODE:
+                self.forget_turns()
+            if mode != CURRENT_MODE:
+                hold = not self.table.enabled_by_goal
+                self.controllers.engage(mode, self.position(), hold=hold, now_ns=now_ns)
+            self.next_ns = now_ns
+            self._catch_up(now_ns)
+        elif mode != CURRENT_MODE:
+            self.controllers.follow(now_ns)
+
+    def stop(self, now_ns: int) -> None:
+        """The Bus Watchdog has tripped: limp in current mode, else where it is and still."""
+        if self._active not in (None, CURRENT_MODE):
+            self.controllers.stop(self.position(), now_ns)
+        self.update(now_ns)
+
+    def motion(self, position: int, now_ns: int) -> Motion:
+        """State of the controllers, with the shaft at ``position`` [counts]."""
+        if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
+            return Motion(0, False, 0, position)
+        return self.controllers.motion(position, now_ns)
+
+    def position(self) -> int:
+        """Present Position [counts], at the time advanced to."""
+        counts = self.encoder.counts() - self._lost
+        if self.table.reversed:
+            counts = -counts
+        return counts + self.table.homing_offset
+
+    def forget_turns(self) -> None:
+        """Present Position back within one turn, but for the homing offset."""
+        counts, sign = self.encoder.counts(), self.table.position_inverted
+        self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
+
+    def clear_turns(self, now_ns: int) -> None:
+        """As ``forget_turns``, while it stands; what it holds is renumbered, so nothing moves."""
+        before = self.position()
+        self.forget_turns()
+        if self._active in POSITION_MODES:
+            self.controllers.renumber(self.position() - before, now_ns)
+
+    def electrical(self) -> tuple[float, float]:
+        """The current that is measured [A], and the share of the supply on the motor.
+
+        Both in the motor's direction, both 0 while it is limp.
+        """
+        mechanism, motor = self.mechanism, self.motor
+        torque = mechanism.torque
+        active = self._active is not None
+        if torque == 0.0 and not active:
+            return 0.0, 0.0
+        speed, volts = mechanism.velocity, self.table.supply
+        current = torque / motor.torque_constant
+        duty = self._duty if active else motor.duty(current, volts, speed)
+        if motor.senses_supply:
+            current = motor.sensed(current, volts, speed)
+        return current, min(max(duty, -1.0), 1.0)
+
+    def release(self, now_ns: int) -> None:
+        """Whatever the controllers are at ends, and the motor is limp."""
+        if self._active is not None:
+            self._active = None
+            self._duty = 0.0
+            self.next_ns = _NEVER_NS
+            self._torque(0.0, now_ns)
+
+    def _hold(self, current: int, now_ns: int) -> None:
+        """Current mode: this current [units] from now on."""
+        self._goal = current
+        self._torque(current * self.current_unit * self.motor.torque_constant, now_ns)
+        # A look at the temperature is due while current flows, and until it has been accounted for.
+        if self.next_ns == _NEVER_NS:
+            self.next_ns = now_ns + HEALTH_NS
+
+    def _torque(self, torque: float, now_ns: int) -> None:
+        self.mechanism.command(torque, now_ns)
+        self.health.load(torque / self.motor.torque_constant, now_ns)
+
+    def _voltage(self, duty: float, volts: float, now_ns: int) -> None:
+        """Hold a duty: the torque falls as the speed rises, at once and not step by step."""
+        motor = self.motor
+        stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
+        self.mechanism.command(stalled, now_ns, motor.braking)
+        self.health.load(motor.current(duty, volts, self.mechanism.velocity), now_ns)
+
+    def _catch_up(self, now_ns: int) -> None:
+        """Everything that is due by ``now_ns``."""
+        mechanism = self.mechanism
+        self.next_ns = max(self.next_ns, mechanism.time_ns)
+        while self.next_ns <= now_ns:
+            time_ns = self.next_ns
+            mechanism.advance(time_ns)
+            if self._active is not None:
+                self.next_ns = time_ns + STEP_NS
+                self._step(time_ns)
+            else:
+                self.next_ns = time_ns + HEALTH_NS if self._goal else _NEVER_NS
+                self.health.settle(time_ns)
+                self.update(time_ns)  # an error may have switched the torque off
+
+    def _step(self, now_ns: int) -> None:
+        """One period of the controllers."""
+        memory, motor, health, volts = self._memory, self.motor, self.health, self.table.supply
+        if now_ns >= health.due_ns:
+            health.settle(now_ns)
+        if not memory["torque_enable"]:
+            self.update(now_ns)
+            return
+        speed = self.mechanism.velocity
+        mode = self._active
+        cap = None
+        if mode == CURRENT_MODE:
+            wanted = motor.from_sensed(self.table.current * self.current_unit, volts, speed)
+            asked = motor.duty(wanted, volts, speed)
+            limit = abs(memory["goal_pwm"]) / PWM_FULL
+            at_limit = False
+        else:
+            inverted = self.table.inverts_current
+            sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
+            seen = 0.0 if self.encoder.stuck else sign * speed * _COUNTS_PER_RAD
+            output = self.controllers.output(self.position(), seen, now_ns)
+            asked = sign * output / PWM_FULL
+            limit = 1.0
+            at_limit = mode != PWM_MODE and abs(output) >= abs(memory["goal_pwm"])
+            if mode == CURRENT_POSITION_MODE:
+                cap = abs(memory["goal_current"]) * self.current_unit
+        duty = self._sloped(_clamp(asked, limit), volts)
+        current = motor.current(duty, volts, speed)
+        regulated = mode == CURRENT_MODE and duty == asked
+        if cap is not None:
+            most = motor.from_sensed(math.copysign(cap, current), volts, speed)
+            if abs(current) > abs(most):
+                current, regulated, at_limit = most, True, True
+                duty = motor.duty(current, volts, speed)
+        self._duty = duty
+        if regulated:
+            self._torque(motor.torque_constant * current, now_ns)
+        else:
+            self._voltage(duty, volts, now_ns)
+        slow = abs(speed) <= memory["moving_threshold"] * VELOCITY_UNIT
+        health.watch_output(at_limit and slow, now_ns)
+        if not memory["torque_enable"]:
+            self.update(now_ns)
+
+    def _sloped(self, duty: float, volts: float) -> float:
+        """The duty that PWM Slope allows; models without one follow at once."""
+        slope = self._memory.get("pwm_slope")
+        if not slope:
+            return duty
+        change = slope * SLOPE_UNIT / volts * STEP_NS * 1e-9
+        return self._duty + _clamp(duty - self._duty, change)
+
+
+def _clamp(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

@@ -1,0 +1,212 @@
+"""Faults that can be asked of the emulated bus: ``NAME[:KEY=VALUE[,KEY=VALUE ...]]``.
+
+Two kinds. *Frame* faults strike single frames, those to the servos and those from them: each with a
+probability ``p``, every so manieth with ``every``, or all. *Servo* faults happen to a servo, or to
+the adapter, at an instant. Times are seconds since the fault was given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID
+from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
+
+ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
+    {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
+)
+"""Of Hardware Error Status"""
+SUPPLY: Final = number(0.1, 60)
+"""Voltages a servo may be supplied with [V]"""
+AMBIENT: Final = number(-40, 200)
+"""Temperatures it may stand in [°C]"""
+_SECOND_NS = 1_000_000_000
+
+
+def _error_bits(text: str) -> int:
+    bits = 0
+    for name in text.split("+"):
+        bits |= ERROR_BITS[name]
+    return bits
+
+
+_error_bits.__doc__ = "one or more, joined by +, of " + ", ".join(ERROR_BITS)
+
+
+class _Key(NamedTuple):
+    parse: Callable[[str], Any]
+    meaning: str
+
+
+class _Kind(NamedTuple):
+    keys: tuple[str, ...]
+    """Beside those that all of its kind take"""
+    required: tuple[str, ...]
+    strikes_frames: bool
+    example: str
+    meaning: str
+
+
+KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
+    {
+        "p": _Key(number(0, 1), "probability for each frame"),
+        "every": _Key(whole(1, 10**9), "each so manieth frame"),
+        "times": _Key(whole(1, 10**9), "how often at most"),
+        "at": _Key(number(0, 1e6), "from when on [s]"),
+        "for": _Key(number(0, 1e6, open_low=True), "how long [s]"),
+        "repeat": _Key(number(0.001, 1e6), "again after so long [s]"),
+        "way": _Key(one_of("request", "reply", "both"), "frames to the servos, from them, or both"),
+        "id": _Key(whole(0, BROADCAST), "frames with this id, or the servo"),
+        "flips": _Key(whole(1, 64), "bits that are flipped"),
+        "keep": _Key(whole(0, 2055), "bytes that come through"),
+        "ms": _Key(number(0.001, 10_000), "how late [ms]"),
+        "to": _Key(whole(0, MAX_ID), "the wrong id"),
+        "bytes": _Key(whole(1, 255), "of garbage"),
+        "counts": _Key(whole(-(2**24), 2**24), "encoder counts, signed"),
+        "bits": _Key(_error_bits, "hardware errors"),
+        "volts": _Key(SUPPLY, "of the supply [V]"),
+        "celsius": _Key(AMBIENT, "around it [°C]"),
+    }
+)
+KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
+    {
+        "drop": _Kind((), (), True, "drop:p=0.01", "the frame is lost"),
+        "corrupt": _Kind(
+            ("flips",), (), True, "corrupt:p=0.01", "bits are flipped, one by default"
+        ),
+        "truncate": _Kind(("keep",), (), True, "truncate:p=0.01", "the end is lost"),
+        "duplicate": _Kind((), (), True, "duplicate:p=0.01", "it comes twice"),
+        "late": _Kind(("ms",), ("ms",), True, "late:ms=3,p=0.01", "it is held up on its way"),
+        "wrong-id": _Kind(("to",), (), True, "wrong-id:p=0.01", "another id, with a right CRC"),
+        "noise": _Kind(("bytes",), (), True, "noise:p=0.01", "garbage in front of it"),
+        "stuck": _Kind(("for", "id"), (), False, "stuck:at=2,for=0.5", "the encoder stands still"),
+        "jump": _Kind(
+            ("counts", "for", "id"),
+            ("counts",),
+            False,
+            "jump:counts=500,at=2",
+            "the encoder is off",
+        ),
+        "hardware-error": _Kind(
+            ("bits", "id"),
+            ("bits",),
+            False,
+            "hardware-error:bits=overload,at=3",
+            "errors are latched",
+        ),
+        "supply": _Kind(
+            ("volts", "for", "id"),
+            ("volts",),
+            False,
+            "supply:volts=9,at=2,for=0.5",
+            "its supply has another voltage",
+        ),
+        "ambient": _Kind(
+            ("celsius", "for", "id"),
+            ("celsius",),
+            False,
+            "ambient:celsius=60,at=2",
+            "it stands in another temperature",
+        ),
+        "brown-out": _Kind(("id",), (), False, "brown-out:at=2", "it reboots, unasked"),
+        "unplug": _Kind(("for", "id"), (), False, "unplug:at=2,for=0.5", "it is off the cable"),
+        "unplug-adapter": _Kind(
+            ("for",), (), False, "unplug-adapter:at=2,for=0.5", "the host's port is gone"
+        ),
+    }
+)
+_FRAME_KEYS = ("p", "every", "times", "at", "for", "way", "id")
+_SERVO_KEYS = ("at", "repeat", "times")
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault that was asked for."""
+
+    text: str
+    name: str
+    values: Mapping[str, Any]
+    """By key, as given"""
+
+    @property
+    def strikes_frames(self) -> bool:
+        """Whether it strikes frames; else it happens to a servo or to the adapter."""
+        return KINDS[self.name].strikes_frames
+
+    @property
+    def at_ns(self) -> int:
+        """When it begins, since it was given [ns]."""
+        seconds: float = self.values.get("at", 0.0)
+        return round(seconds * _SECOND_NS)
+
+    @property
+    def lasts_ns(self) -> int | None:
+        """How long it lasts [ns]; None: until it is lifted."""
+        seconds = self.values.get("for")
+        return None if seconds is None else round(seconds * _SECOND_NS)
+
+    @property
+    def repeat_ns(self) -> int | None:
+        """After how long it happens again [ns]; None: it does not."""
+        seconds = self.values.get("repeat")
+        return None if seconds is None else round(seconds * _SECOND_NS)
+
+    def check_servo(self, ids: Collection[int]) -> None:
+        """Whether the servo it happens to, if it names one, is among those with these ids.
+
+        Raises:
+            ValueError: It is not.
+        """
+        id_ = self.values.get("id")
+        if not self.strikes_frames and id_ is not None and id_ not in ids:
+            raise ValueError(
+                f"{self.text}: no servo on this bus has the id {id_}; the ids here are "
+                + ", ".join(map(str, ids))
+            )
+
+
+def parse_fault(text: str) -> Fault:
+    """The fault that ``text`` asks for.
+
+    Raises:
+        ValueError: It is none; the message says what was found and what is wanted.
+    """
+    name, colon, rest = text.strip().partition(":")
+    kind = KINDS.get(name)
+    if kind is None:
+        raise ValueError(f"no fault is called {name!r}{suggestion(name, KINDS)}")
+    known = kind.keys + (_FRAME_KEYS if kind.strikes_frames else _SERVO_KEYS)
+    values: dict[str, Any] = {}
+    for part in rest.split(",") if colon else ():
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        if key not in known:
+            raise ValueError(f"{name} has no {key!r}{suggestion(key, known)}; e.g. {kind.example}")
+        if not equals or key in values:
+            wrong = "is given twice" if key in values else "has no value"
+            raise ValueError(f"{name}: {key} {wrong}; give it once, as in {kind.example}")
+        try:
+            values[key] = KEYS[key].parse(value)
+        except (ValueError, KeyError):
+            wanted = KEYS[key].parse.__doc__
+            raise ValueError(f"{name}: {key}: found {value!r}, wanted {wanted}") from None
+    for key in kind.required:
+        if key not in values:
+            raise ValueError(f"{name}: wanted {key} ({KEYS[key].meaning}), e.g. {kind.example}")
+    _check_together(name, values)
+    return Fault(text.strip(), name, MappingProxyType(values))
+
+
+def _check_together(name: str, values: Mapping[str, Any]) -> None:
+    if "p" in values and "every" in values:
+        raise ValueError(f"{name}: p and every both say which frames; give one")
+    lasts, repeat = values.get("for"), values.get("repeat")
+    if "times" in values and repeat is None and not KINDS[name].strikes_frames:
+        raise ValueError(f"{name}: times says how often, but not after how long; add repeat=S")
+    if lasts is not None and repeat is not None and repeat <= lasts:
+        raise ValueError(
+            f"{name}: it would begin again (repeat={repeat:g}) before it is over (for={lasts:g}); "
+            "give a longer repeat"
+        )

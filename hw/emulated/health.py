@@ -1,0 +1,93 @@
+"""Temperature, supply and load of an emulated servo, and the errors they latch.
+
+The manual gives neither thermal constants nor the condition of an overload ("persistent load that
+exceeds maximum output"). Assumed here: one thermal mass, heated by the motor's losses, which would
+end ``STALL_RISE`` above where it began at stall current; and an overload when a controller's
+output has been at its limit for ``OVERLOAD_NS`` while the shaft stood still. In current and PWM
+mode full output is what was asked for, and no overload.
+"""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.hw.emulated.rules import ControlTable
+
+STALL_RISE = 200.0
+"""[K] An assumption: from 32 °C an X430 held at stall then shuts down at 80 °C after 55 s"""
+THERMAL_S = 200.0
+"""Time constant [s]; an assumption"""
+OVERLOAD_NS = 5_000_000_000
+"""[ns] Users report "some seconds" and "around 5 s" """
+OVERLOAD = 0x20
+HEALTH_NS = 100_000_000
+"""Between two looks at the temperature [ns]"""
+
+
+class Health:
+    """Wear of a servo by overload and heat.
+
+    Args:
+        table: Its registers, which hold the supply's voltage and the temperature.
+        stall_current: Of the motor [A].
+        now_ns: The time [ns].
+    """
+
+    __slots__ = (
+        "_at_limit_ns",
+        "_heat",
+        "_load",
+        "_settled_ns",
+        "_since_ns",
+        "_stall",
+        "_table",
+        "ambient",
+        "due_ns",
+    )
+
+    def __init__(self, table: ControlTable, stall_current: float, now_ns: int) -> None:
+        self._table = table
+        self._stall = stall_current
+        self.ambient = table.temperature
+        """Where it settles without load [°C]"""
+        self._load = 0.0
+        self._heat = 0.0
+        self._since_ns = self._settled_ns = now_ns
+        self.due_ns = now_ns + HEALTH_NS
+        """When the temperature is to be brought up to date next [ns]"""
+        self._at_limit_ns: int | None = None
+
+    def load(self, current: float, now_ns: int) -> None:
+        """From ``now_ns`` on this motor current [A] flows."""
+        share = current / self._stall
+        self._heat += self._load * (now_ns - self._since_ns)
+        self._since_ns = now_ns
+        self._load = share * share
+
+    def settle(self, now_ns: int) -> None:
+        """Bring the temperature up to ``now_ns``, and latch what it amounts to."""
+        self._heat += self._load * (now_ns - self._since_ns)
+        self._since_ns = now_ns
+        self.due_ns = now_ns + HEALTH_NS
+        elapsed = now_ns - self._settled_ns
+        if elapsed <= 0:
+            return
+        table = self._table
+        end = self.ambient + STALL_RISE * self._heat / elapsed
+        self._heat = 0.0
+        self._settled_ns = now_ns
+        if end != table.temperature:
+            table.temperature = end + (table.temperature - end) * math.exp(
+                -elapsed * 1e-9 / THERMAL_S
+            )
+            table.check_health()
+
+    def watch_output(self, at_limit: bool, now_ns: int) -> None:
+        """Latch an overload if the output has been at its limit for too long at a standstill."""
+        if not at_limit:
+            self._at_limit_ns = None
+        elif self._at_limit_ns is None:
+            self._at_limit_ns = now_ns
+        elif now_ns - self._at_limit_ns >= OVERLOAD_NS:
+            self._at_limit_ns = None
+            self._table.latch(OVERLOAD)

@@ -1,0 +1,168 @@
+"""The faults that act on a bus: when each strikes, which is decided by a seed and nothing else.
+
+Every fault draws from a random stream of its own, so that one more does not move the others.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+from random import Random
+from typing import NamedTuple
+
+from haptic_wall.hw.emulated.damage import Passage, id_of, strike
+from haptic_wall.hw.emulated.faults import Fault, parse_fault
+
+_HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
+"""Faults that last until they are over; a jump only if it says how long"""
+
+
+class Happening(NamedTuple):
+    """Something that happens to a servo or to the adapter now."""
+
+    fault: Fault
+    begins: bool
+    """It begins; else it is over"""
+
+
+class _Due(NamedTuple):
+    time_ns: int
+    order: int
+    acting: _Acting
+    begins: bool
+
+
+class _Acting:
+    """A fault since it was given."""
+
+    def __init__(self, fault: Fault, now_ns: int, rng: Random) -> None:
+        self.fault = fault
+        self.rng = rng
+        self.begin_ns = now_ns + fault.at_ns
+        lasts_ns = fault.lasts_ns
+        self.end_ns = None if lasts_ns is None else self.begin_ns + lasts_ns
+        self.done = 0
+        """How often it has struck"""
+        self.begun = False
+        """It holds a servo or the adapter now"""
+        self.lifted = False
+        self._seen = 0
+
+    def strikes(self, id_: int | None, way: str, now_ns: int) -> bool:
+        """Whether it strikes this frame."""
+        values = self.fault.values
+        if now_ns < self.begin_ns or (self.end_ns is not None and now_ns >= self.end_ns):
+            return False
+        if values.get("way", "both") not in (way, "both") or values.get("id", id_) != id_:
+            return False
+        if self.spent:
+            return False
+        self._seen += 1
+        every, probability = values.get("every"), float(values.get("p", 1.0))
+        if every is None:
+            return self.rng.random() < probability
+        return self._seen % int(every) == 0
+
+    @property
+    def spent(self) -> bool:
+        """It has struck as often as it was to."""
+        times = self.fault.values.get("times")
+        return times is not None and self.done >= int(times)
+
+
+class Faults:
+    """Faults on one bus.
+
+    Args:
+        specs: What to begin with, see ``parse_fault``.
+        seed: Of every random choice.
+
+    Raises:
+        ValueError: One of them is no fault.
+    """
+
+    def __init__(self, specs: Iterable[str] = (), seed: int = 0) -> None:
+        self._seed = seed
+        self._number = 0
+        self._order = 0
+        self._frames: list[_Acting] = []
+        self._servos: list[_Acting] = []
+        self._due: list[_Due] = []
+        self.at_start = [parse_fault(spec) for spec in specs]
+        """To be added by the bus when it begins"""
+
+    def add(self, fault: Fault, now_ns: int) -> None:
+        """Have ``fault`` act; its times count from ``now_ns`` [ns]."""
+        rng = Random(f"{self._seed} {self._number} {fault.text}")
+        self._number += 1
+        acting = _Acting(fault, now_ns, rng)
+        if fault.strikes_frames:
+            self._frames.append(acting)
+        else:
+            self._servos.append(acting)
+            self._plan(acting.begin_ns, acting, begins=True)
+
+    def lift(self, name: str) -> list[Happening] | None:
+        """End all faults of this name; what is over by it. None: none is there."""
+        found = [acting for acting in self._all() if acting.fault.name == name]
+        for acting in found:
+            acting.lifted = True
+        over = [Happening(acting.fault, False) for acting in found if acting.begun]
+        self._frames = [acting for acting in self._frames if not acting.lifted]
+        self._servos = [acting for acting in self._servos if not acting.lifted]
+        self._due = [due for due in self._due if not due.acting.lifted]
+        heapq.heapify(self._due)
+        return over if found else None
+
+    @property
+    def strikes_frames(self) -> bool:
+        """Whether frames may be struck at all."""
+        return bool(self._frames)
+
+    def describe(self) -> list[tuple[str, int]]:
+        """Every fault that was given and not lifted, and how often it has struck."""
+        return [(acting.fault.text, acting.done) for acting in self._all()]
+
+    def pass_frame(self, wire: bytes, way: str, now_ns: int) -> Passage | None:
+        """Pass a frame through the faults; None: nothing happens to it.
+
+        Args:
+            wire: Its bytes.
+            way: ``request`` or ``reply``.
+            now_ns: The time [ns].
+        """
+        id_ = id_of(wire)
+        struck = [acting for acting in self._frames if acting.strikes(id_, way, now_ns)]
+        if not struck:
+            return None
+        lost = [acting for acting in struck if acting.fault.name == "drop"]
+        passage = Passage([wire])
+        for acting in lost[:1] or struck:
+            acting.done += 1
+            strike(acting.fault, passage, acting.rng)
+        return passage
+
+    def next_ns(self) -> int | None:
+        """When something happens to a servo or to the adapter next [ns]; None: never."""
+        return self._due[0].time_ns if self._due else None
+
+    def happen(self, now_ns: int) -> Happening:
+        """The next of what is due at ``now_ns`` [ns]; what follows from it is planned."""
+        _, _, acting, begins = heapq.heappop(self._due)
+        fault = acting.fault
+        held = fault.name in _HELD or (fault.name == "jump" and fault.lasts_ns is not None)
+        acting.begun = begins and held
+        if begins:
+            acting.done += 1
+            if fault.lasts_ns is not None:
+                self._plan(now_ns + fault.lasts_ns, acting, begins=False)
+            if fault.repeat_ns is not None and not acting.spent:
+                self._plan(now_ns + fault.repeat_ns, acting, begins=True)
+        return Happening(fault, begins)
+
+    def _all(self) -> list[_Acting]:
+        return self._frames + self._servos
+
+    def _plan(self, time_ns: int, acting: _Acting, *, begins: bool) -> None:
+        heapq.heappush(self._due, _Due(time_ns, self._order, acting, begins))
+        self._order += 1

@@ -1,0 +1,56 @@
+"""Measurements of an emulated servo, as its registers say them."""
+
+from __future__ import annotations
+
+import struct
+
+from haptic_wall.hw.dynamixel.tables import VELOCITY_UNIT
+from haptic_wall.hw.emulated.control_modes import PWM_FULL
+from haptic_wall.hw.emulated.drive import Drive
+
+_PRESENT = struct.Struct("<HBBhhiiiiHB")
+"""Realtime Tick to Present Temperature, in the order of their addresses"""
+_LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
+_LOAD_FULL = 1000
+"""Present Load at full output [0.1 %]"""
+
+
+def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
+    """The bytes of the measured registers.
+
+    The velocity is the true one, unfiltered. Present Load, which takes the place of Present Current
+    in models without current control, is the output: "inferred from the internal output value".
+
+    Args:
+        drive: What is measured, advanced to ``now_ns``.
+        tick: Realtime Tick.
+        now_ns: The time [ns].
+    """
+    table, health = drive.table, drive.health
+    if now_ns >= health.due_ns:
+        health.settle(now_ns)
+    # A motor nobody stops may leave what the registers can say.
+    position = min(max(drive.position(), _LOWEST), _HIGHEST)
+    velocity = 0
+    if not drive.encoder.stuck:
+        velocity = min(max(round(drive.mechanism.velocity / VELOCITY_UNIT), -_HIGHEST), _HIGHEST)
+    amperes, duty = drive.electrical()
+    unit = drive.current_unit
+    current = round(amperes / unit) if unit else round(duty * _LOAD_FULL)
+    pwm = round(duty * PWM_FULL)
+    if table.inverts_current:
+        velocity, current, pwm = -velocity, -current, -pwm
+    status, ongoing, lead_velocity, lead_position = drive.motion(position, now_ns)
+    return _PRESENT.pack(
+        tick,
+        ongoing or abs(velocity) > table.memory["moving_threshold"],
+        status,
+        pwm,
+        min(max(current, -0x8000), 0x7FFF),
+        velocity,
+        position,
+        lead_velocity,
+        lead_position,
+        table.volts,
+        min(max(round(table.temperature), 0), 0xFF),
+    )

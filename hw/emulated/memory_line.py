@@ -1,0 +1,71 @@
+"""The emulated bus without processes or waiting: a line in memory, on the simulated clock."""
+
+from __future__ import annotations
+
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.errors import ServoLostError
+
+
+class MemoryLine:
+    """A line straight into an emulated bus. Bytes, times and motion depend on nothing else.
+
+    Time passes only in ``wait``: as far as the next reply, or to the deadline. Once the adapter was
+    unplugged the line is dead, as a serial port is, also when it is plugged in again: make another.
+
+    Args:
+        bus: What it leads to; begun at the clock's present time.
+        clock: The simulated clock everything runs on.
+    """
+
+    def __init__(self, bus: EmulatedBus, clock: SimulatedClock) -> None:
+        self.bus = bus
+        self.clock = clock
+        self._arrived = b""
+        self._times_unplugged = bus.times_unplugged
+
+    def write(self, data: bytes) -> None:
+        """Send ``data``; it begins to travel now.
+
+        Raises:
+            ServoLostError: The adapter was unplugged.
+        """
+        self._check()
+        self.bus.receive(data, self.clock.now_ns())
+        self._check()
+
+    def read(self) -> bytes:
+        """All that has arrived by now.
+
+        Raises:
+            ServoLostError: The adapter was unplugged.
+        """
+        data = self._arrived + self.bus.transmit(self.clock.now_ns())
+        self._check()
+        self._arrived = b""
+        return data
+
+    def wait(self, deadline_ns: int) -> bool:
+        """Let time pass until bytes arrive or ``deadline_ns`` [ns]; whether there are any.
+
+        Raises:
+            ServoLostError: The adapter was unplugged.
+        """
+        while True:
+            now_ns = self.clock.now_ns()
+            self._arrived += self.bus.transmit(now_ns)
+            self._check()
+            if self._arrived or now_ns >= deadline_ns:
+                return bool(self._arrived)
+            event_ns = self.bus.next_event_ns()
+            self.clock.wait_until(deadline_ns if event_ns is None else min(event_ns, deadline_ns))
+
+    def close(self) -> None:
+        """Nothing is held, so nothing is let go of."""
+
+    def _check(self) -> None:
+        if self.bus.times_unplugged != self._times_unplugged or not self.bus.connected:
+            raise ServoLostError(
+                "The serial port is gone (the emulated adapter was unplugged): plug it in again, "
+                "then open it anew."
+            )

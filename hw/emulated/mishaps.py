@@ -1,0 +1,35 @@
+"""Effect of a fault on a servo: its encoder, errors, supply, surroundings, power or cable."""
+
+from __future__ import annotations
+
+from haptic_wall.hw.emulated.injection import Happening
+from haptic_wall.hw.emulated.servo import EmulatedServo
+
+SILENCING = ("brown-out", "unplug")
+"""Those that end a reply on its way"""
+
+
+def befall(happening: Happening, servo: EmulatedServo, now_ns: int) -> None:
+    """Let it happen to ``servo`` at ``now_ns`` [ns], or be over."""
+    fault, begins = happening
+    servo.keep_up(now_ns)
+    match fault.name:
+        case "stuck" if begins:
+            servo.encoder.stop(now_ns)
+        case "stuck":
+            servo.encoder.free()
+        case "jump":
+            counts: int = fault.values["counts"]
+            servo.encoder.shift(counts if begins else -counts)
+        case "hardware-error" if not servo.unplugged:
+            servo.latch_errors(fault.values["bits"], now_ns)
+        case "supply":
+            servo.set_supply(fault.values["volts"] if begins else servo.true_supply, now_ns)
+        case "ambient":
+            servo.set_ambient(fault.values["celsius"] if begins else servo.true_ambient, now_ns)
+        case "unplug" if begins:
+            servo.unplug(now_ns)
+        case "unplug":
+            servo.reboot(now_ns)
+        case "brown-out" if not servo.unplugged:
+            servo.reboot(now_ns)

@@ -1,0 +1,264 @@
+"""The rules of an emulated servo's control table: what may be written, and what it entails.
+
+Time and motion are not its business. What the manual leaves open is decided here, and said where
+it is decided.
+
+Source: ROBOTIS e-Manual, control table pages of the X series.
+"""
+
+from __future__ import annotations
+
+from haptic_wall.hw.dynamixel.codec import ErrorCode
+from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
+from haptic_wall.hw.emulated.memory import Memory
+from haptic_wall.hw.emulated.restoring import Backup
+
+_REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
+_VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
+_POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
+_QUARTER_TURN = 1024
+_FARTHEST = 1_048_575
+"""Goal Position reaches 256 turns either way in the multi-turn modes [counts]"""
+_TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
+"""Bits of Startup Configuration"""
+MEASURED = range(120, 147)
+"""Addresses of what the servo measures, Realtime Tick to Present Temperature"""
+_GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
+_LIMIT_OF = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
+}
+_RESET_WITH_MODE = (
+    "profile_velocity",
+    "profile_acceleration",
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+)
+
+
+class ControlTable:
+    """A servo's registers with their rules.
+
+    Args:
+        model: Whose registers.
+        firmware: Decides what it knows.
+        supply: The voltage it is supplied with [V].
+        ambient: How warm it is [°C].
+    """
+
+    __slots__ = (
+        "_model",
+        "_torque_on_by_goal_known",
+        "backup",
+        "enabled_by_goal",
+        "memory",
+        "supply",
+        "temperature",
+        "volts",
+    )
+
+    def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
+        """Every register at its default, not yet powered up."""
+        self._model = model
+        # Torque-on-by-goal-update came with the same firmware as fast sync read.
+        self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
+        self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
+        self.backup = Backup(self.memory, _RESET_WITH_MODE)
+        self.supply = supply
+        """Of the servo [V]; ``feed`` sets it"""
+        self.volts = round(supply * 10)
+        """Present Input Voltage [0.1 V]"""
+        self.temperature = ambient
+        """Inside [°C]"""
+        self.enabled_by_goal = False
+        """Torque was last switched on by writing a goal, not by Torque Enable"""
+
+    @property
+    def position_inverted(self) -> int:
+        """The sign between the shaft's position and Present Position."""
+        return -1 if self.reversed else 1
+
+    @property
+    def reversed(self) -> bool:
+        """Position counts the other way."""
+        return bool(self.memory.get("drive_mode") & _REVERSE)
+
+    @property
+    def inverts_current(self) -> bool:
+        """Reversed X540 and XW invert velocity, current and PWM too, says the manual, no others."""
+        return self._model.family in ("X540", "XW540", "XW430") and self.reversed
+
+    @property
+    def homing_offset(self) -> int:
+        """Homing Offset as it acts [counts].
+
+        Position mode stays within a turn and ignores offsets of more than a quarter of one.
+        """
+        memory = self.memory
+        offset = memory["homing_offset"]
+        if abs(offset) > _QUARTER_TURN and memory["operating_mode"] == _POSITION_MODE:
+            return 0
+        return offset
+
+    @property
+    def tripped(self) -> bool:
+        """The Bus Watchdog has tripped and was not cleared."""
+        return self.memory.get("bus_watchdog") == WATCHDOG_TRIPPED
+
+    @property
+    def shut_down(self) -> bool:
+        """A latched hardware error keeps torque off; only a reboot recovers."""
+        return bool(self.memory["hardware_error_status"] & self.memory["shutdown"])
+
+    @property
+    def current(self) -> int:
+        """Current that current mode asks of the motor [current units], within Current Limit."""
+        memory = self.memory
+        if not memory["torque_enable"] or memory.get("bus_watchdog") == WATCHDOG_TRIPPED:
+            return 0
+        limit = memory["current_limit"]
+        wanted = min(max(memory["goal_current"], -limit), limit)
+        return -wanted if self.inverts_current else wanted
+
+    def check(
+        self, address: int, data: bytes, *, ram_only: bool = False
+    ) -> list[tuple[Register, int]] | ErrorCode:
+        """Check a write: what it would store, or why it is refused, all of it or nothing.
+
+        Args:
+            address: Of the first byte.
+            data: The bytes.
+            ram_only: EEPROM is out of reach, as for instructions to the Secondary ID.
+        """
+        values = self.memory.split(address, data)
+        if isinstance(values, ErrorCode):
+            return values
+        for register, value in values:
+            if ram_only and register.eeprom:
+                return ErrorCode.ACCESS
+            error = self._refusal(register, value)
+            if error:
+                return error
+        return values
+
+    def write(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
+        """Store, with what it entails for other registers."""
+        values = self.check(address, data, ram_only=ram_only)
+        if isinstance(values, ErrorCode):
+            return values
+        for register, value in values:
+            self._store(register.name, value)
+        return ErrorCode.NONE
+
+    def trip(self) -> None:
+        """Set the registers as the Bus Watchdog does when it trips.
+
+        Open in the manual: in current mode Goal Current becomes 0, so that clearing the error does
+        not bring the old torque back.
+        """
+        self.memory["bus_watchdog"] = WATCHDOG_TRIPPED
+        if self.memory["operating_mode"] == CURRENT_MODE:
+            self.memory["goal_current"] = 0
+
+    def feed(self, volts: float) -> None:
+        """Supply it with this voltage [V]; outside its limits it errs."""
+        self.supply = volts
+        self.volts = round(volts * 10)
+        self.check_health()
+
+    def latch(self, bits: int) -> None:
+        """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""
+        self.memory["hardware_error_status"] |= bits
+        if self.shut_down:
+            self.memory["torque_enable"] = 0
+
+    def power_up(self) -> None:
+        """RAM at its defaults, goals at their limits, and torque on where so configured."""
+        memory = self.memory
+        for register in memory.registers.values():
+            if not register.eeprom:
+                memory[register.name] = register.default
+        self._reset_with_mode()
+        self.enabled_by_goal = False
+        startup = memory.get("startup_configuration")
+        self.backup.power_up(restore_ram=bool(startup & _RESTORE_RAM))
+        self.check_health()
+        if startup & _TORQUE_ON and not self.shut_down:
+            memory["torque_enable"] = 1
+
+    def _refusal(self, register: Register, value: int) -> ErrorCode:
+        """Why this value must not be stored now, beyond the register's own range.
+
+        Open in the manual: enabling torque while shut down is answered "result fail"; a tripped
+        watchdog takes nothing but 0; Indirect Data that would show other Indirect Data is out of
+        range.
+        """
+        memory, name = self.memory, register.name
+        if register.eeprom and memory["torque_enable"]:
+            return ErrorCode.ACCESS
+        if memory.chained(register, value):
+            return ErrorCode.DATA_RANGE
+        if (name in _GOALS or (name == "bus_watchdog" and value)) and self.tripped:
+            return ErrorCode.DATA_RANGE
+        if name == "operating_mode" and value not in self._model.modes:
+            return ErrorCode.DATA_RANGE
+        if name in _LIMIT_OF and abs(value) > memory[_LIMIT_OF[name]]:
+            return ErrorCode.DATA_LIMIT
+        if name == "goal_position" and memory["operating_mode"] == _POSITION_MODE:
+            low, high = memory["min_position_limit"], memory["max_position_limit"]
+            return ErrorCode.NONE if low <= value <= high else ErrorCode.DATA_LIMIT
+        if name == "goal_position" and memory["operating_mode"] in _MULTI_TURN_MODES:
+            return ErrorCode.NONE if abs(value) <= _FARTHEST else ErrorCode.DATA_RANGE
+        if name == "torque_enable" and value and self.shut_down:
+            return ErrorCode.RESULT_FAIL
+        return ErrorCode.NONE
+
+    def _store(self, name: str, value: int) -> None:
+        memory = self.memory
+        mode_changes = name == "operating_mode" and value != memory[name]
+        if name == "torque_enable":
+            self.enabled_by_goal = False
+        memory[name] = value
+        if mode_changes:
+            self._reset_with_mode()
+        elif name in ("max_voltage_limit", "min_voltage_limit", "temperature_limit"):
+            self.check_health()
+        elif (
+            name in _GOALS
+            and self._torque_on_by_goal_known
+            and memory.get("drive_mode") & _TORQUE_ON_BY_GOAL
+            and not self.shut_down
+            and not memory["torque_enable"]
+        ):
+            self.enabled_by_goal = True
+            memory["torque_enable"] = 1
+
+    def _reset_with_mode(self) -> None:
+        """What power-up and a change of the operating mode do: goals at their limits.
+
+        Goal Current becomes Current Limit, so torque that is enabled next in current mode is the
+        largest there is, unless 0 is written in between.
+        """
+        memory = self.memory
+        memory["goal_pwm"] = memory["pwm_limit"]
+        if "goal_current" in memory:
+            memory["goal_current"] = memory["current_limit"]
+        for name in _RESET_WITH_MODE:
+            memory[name] = memory.registers[name].default
+
+    def check_health(self) -> None:
+        """Latch the errors the present voltage and temperature amount to; shut down on them."""
+        memory = self.memory
+        bits = 0
+        if not memory["min_voltage_limit"] <= self.volts <= memory["max_voltage_limit"]:
+            bits |= _VOLTAGE_ERROR
+        if memory["temperature_limit"] < self.temperature:
+            bits |= _OVERHEATING_ERROR
+        if bits:
+            self.latch(bits)

@@ -1,0 +1,209 @@
+"""The emulated bus in real time, behind a pseudo-terminal that any serial client can open.
+
+One process, one thread: it sleeps until the next event of the bus, the next byte of the client or
+the next line on the console, spins over the last stretch where a reply must leave on time, and
+writes the record in between.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import select
+import struct
+import time
+import tty
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from haptic_wall.hw.emulated.bus import EmulatedBus
+from haptic_wall.hw.emulated.console import Console
+from haptic_wall.hw.emulated.witness import Witness
+
+_SPIN_NS = 60_000
+"""Sleeping ends this long before a reply is due: waking up takes about as long [ns]"""
+_NAP_NS = 10_000_000
+"""Longest sleep, after which a wish to stop is noticed [ns]"""
+_IDLE_NS = 300_000
+"""There is time to write a part of the record when nothing happens for this long [ns]"""
+_ROWS_AT_ONCE = 4
+"""Of the record, in one idle moment: about 15 µs, which a request may have to wait"""
+_MAX_WAITING = 200_000
+"""Rows kept in memory before they are written whether there is time or not"""
+_FLUSH_NS = 500_000_000
+"""How often the record is handed to the operating system [ns]"""
+_READ_SIZE = 4096
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("=4I20s2I")
+
+
+class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
+    """Both ends of a raw pseudo-terminal; clients may open ``path`` and leave as they like.
+
+    Args:
+        link: Where to put a symbolic link to it; one that lies there is replaced.
+
+    Raises:
+        FileExistsError: Something that is not a symbolic link is at ``link``.
+        OSError: The link cannot be made.
+    """
+
+    def __init__(self, link: Path | None = None) -> None:
+        self._wanted_link = link
+        self._link: Path | None = None
+        self._ends: tuple[int, ...] = ()
+        self._untouched_speed: int | None = None
+        self._open()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    @property
+    def connected(self) -> bool:
+        """It is there for clients."""
+        return bool(self._ends)
+
+    @property
+    def baud(self) -> int | None:
+        """The speed a client has set [bit/s]; None: none was set yet, or it cannot be known."""
+        speed = self._speed()
+        if speed is None or speed == self._untouched_speed:
+            return None
+        self._untouched_speed = None
+        return speed
+
+    def close(self) -> None:
+        """Remove the link, if it is still ours, and let go of both ends."""
+        if self._link is not None:
+            with suppress(OSError):
+                if str(self._link.readlink()) == self.path:
+                    self._link.unlink()
+            self._link = None
+        for end in self._ends:
+            with suppress(OSError):
+                os.close(end)
+        self._ends = ()
+
+    def replug(self) -> None:
+        """After ``close`` hung up on the clients: there it is again, perhaps at another path.
+
+        Raises:
+            OSError: There are no more terminals, or the link cannot be made.
+        """
+        self._open()
+
+    def _open(self) -> None:
+        self.master, slave = self._ends = os.openpty()
+        try:
+            # Held open, or the client's close would hang up the line.
+            tty.setraw(slave)
+            os.set_blocking(self.master, False)
+            self.path = os.ttyname(slave)
+            if self._wanted_link is not None:
+                self._make(self._wanted_link)
+        except BaseException:
+            self.close()
+            raise
+        self._untouched_speed = self._speed()
+
+    def _make(self, link: Path) -> None:
+        if os.path.lexists(link) and not link.is_symlink():
+            raise FileExistsError(f"{link} exists and is not a symbolic link")
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(self.path)
+        try:
+            fresh.replace(link)
+        except OSError:
+            fresh.unlink()
+            raise
+        self._link = link
+
+    def _speed(self) -> int | None:
+        """The line speed as the client set it, also where it is no standard one [bit/s].
+
+        None where this kernel numbers the request otherwise: then nothing is known.
+        """
+        try:
+            raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
+        except OSError:
+            return None
+        return int(_TERMIOS2.unpack(raw)[6])
+
+
+def serve(
+    bus: EmulatedBus,
+    terminal: PseudoTerminal,
+    stopped: Callable[[], bool],
+    witness: Witness | None = None,
+    console: Console | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> None:
+    """Run ``bus`` on the monotonic clock until ``stopped`` says so, noticed within 10 ms.
+
+    Args:
+        bus: Begun on the monotonic clock.
+        terminal: Where the client is.
+        stopped: Asked between events.
+        witness: The bus's; its rows are written here.
+        console: Where the bus is changed while it runs.
+        announce: Told the terminal's path when an unplugged adapter is back.
+    """
+    clock = time.monotonic_ns
+    baud = bus.host_baud
+    flush_ns = clock() + _FLUSH_NS
+    while not stopped():
+        now_ns = clock()
+        reply = bus.transmit(now_ns)
+        if bus.connected != terminal.connected:
+            _follow(bus, terminal, announce)
+        if reply:
+            with suppress(BlockingIOError):  # a client that never reads: lost, as on a wire
+                os.write(terminal.master, reply)
+        if not bus.busy:
+            for servo in bus.servos:
+                servo.keep_up(now_ns)
+        event_ns = bus.next_event_ns()
+        rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
+        if witness is not None and (rest_ns > _IDLE_NS or witness.waiting > _MAX_WAITING):
+            witness.write(_ROWS_AT_ONCE)
+            if now_ns > flush_ns:
+                witness.flush()
+                flush_ns = now_ns + _FLUSH_NS
+            rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
+        if bus.busy:
+            rest_ns -= _SPIN_NS
+        master = () if bus.full or not terminal.connected else (terminal.master,)
+        told = () if console is None else console.listens(now_ns)
+        ready = select.select(master + told, (), (), max(rest_ns, 0) * 1e-9)[0]
+        if not ready:
+            continue
+        now_ns = clock()
+        if master and terminal.master in ready:
+            data = os.read(terminal.master, _READ_SIZE)
+            bus.host_baud = terminal.baud or baud
+            bus.receive(data, now_ns)
+        if console is not None and told and told[0] in ready:
+            console.read(now_ns)
+
+
+def _follow(
+    bus: EmulatedBus, terminal: PseudoTerminal, announce: Callable[[str], None] | None
+) -> None:
+    """The adapter was unplugged or plugged in again: so is the terminal."""
+    if not bus.connected:
+        terminal.close()
+        return
+    terminal.replug()
+    if announce is not None:
+        announce(terminal.path)

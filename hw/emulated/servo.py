@@ -1,0 +1,327 @@
+"""One emulated servo: its control table in time, and the mechanism it drives.
+
+Every instruction acts at the instant it is given, and a read returns the state of that instant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
+from haptic_wall.hw.dynamixel.tables import (
+    BAUD_RATES,
+    COUNTS_PER_REV,
+    EEPROM_END,
+    RETURN_DELAY_UNIT_NS,
+    TICK_MODULUS,
+    WATCHDOG_UNIT_NS,
+    Model,
+)
+from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
+from haptic_wall.hw.emulated.drive import Drive
+from haptic_wall.hw.emulated.encoder import Encoder
+from haptic_wall.hw.emulated.measured import measured
+from haptic_wall.hw.emulated.motor import motor_of
+from haptic_wall.hw.emulated.restoring import factory_reset
+from haptic_wall.hw.emulated.rules import ControlTable
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
+
+BOOT_NS = 200_000_000
+"""A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""
+
+_NEVER_NS = 1 << 62
+"""Answers of a servo that is off the cable [ns]"""
+
+
+class State(NamedTuple):
+    """The truth, which no client can read."""
+
+    position: float
+    """[rad]"""
+    velocity: float
+    """[rad/s]"""
+    torque: float
+    """The motor torque that acts [N·m]"""
+
+
+class EmulatedServo:
+    """A servo at rest, powered up at ``start_ns``.
+
+    Args:
+        model: What it is.
+        id: Its id on the bus.
+        firmware: What it reports, and what decides what it knows.
+        true: What its mechanism is.
+        start_ns: When it is powered up [ns].
+        baud: The speed it listens at; one of ``BAUD_RATES``.
+        tick: Where its millisecond counter starts.
+        back_emf: In current mode too the supply limits the current at the present speed.
+
+    Raises:
+        ValueError: The baud rate, id or firmware is none it can have, the model needs a torque
+            constant, or the mechanism is impossible.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        id: int,  # noqa: A002
+        firmware: int,
+        true: TrueServo,
+        *,
+        start_ns: int,
+        baud: int,
+        tick: int = 0,
+        back_emf: bool = False,
+    ) -> None:
+        constant = true.torque_constant or model.torque_constant
+        if constant is None:
+            raise ValueError(
+                f"no torque constant is published for the {model.name}; give servo.torque_constant"
+            )
+        if baud not in BAUD_RATES:
+            raise ValueError(
+                f"{baud} baud is none a servo can be set to; use one of "
+                + ", ".join(map(str, BAUD_RATES))
+            )
+        self.model = model
+        self.firmware = firmware
+        self.true_supply = model.voltage if true.supply is None else true.supply
+        """What it is supplied with unless ``set_supply`` says otherwise [V]"""
+        self.true_ambient = true.ambient
+        """Where it stands unless ``set_ambient`` says otherwise [°C]"""
+        self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
+        self.memory = self.table.memory
+        self.mechanism = Mechanism(true, start_ns, hand_waits=True)
+        self._held = False
+        self.registered: tuple[int, bytes] | None = None
+        """What a reg write has put aside for the next action"""
+        self.answers_from_ns = start_ns
+        """It is still booting before [ns]"""
+        quantised = true.counts_per_rev == COUNTS_PER_REV
+        self.encoder = Encoder(self.mechanism, quantised=quantised)
+        self._tick = tick
+        self._boot_ns = self._heard_ns = start_ns
+        motor = motor_of(model, constant)
+        self.drive = Drive(
+            self.table,
+            motor,
+            self.mechanism,
+            self.encoder,
+            current_unit=model.current_unit_ma * 1e-3,
+            stall_current=model.voltage / motor.resistance,
+            now_ns=start_ns,
+            back_emf=back_emf,
+        )
+        self._preset("firmware_version", firmware)
+        self._preset("id", id)
+        self._preset("baud_rate", BAUD_RATES.index(baud))
+        self._power_up(start_ns)
+
+    @property
+    def id(self) -> int:
+        """Its present id."""
+        return self.memory["id"]
+
+    @property
+    def secondary_id(self) -> int | None:
+        """The id it obeys without an answer; None where it has none or it is its own id."""
+        value = self.memory["secondary_id"]
+        return None if value > MAX_ID or value == self.memory["id"] else value
+
+    @property
+    def baud(self) -> int:
+        """The speed it listens at [bit/s]."""
+        return BAUD_RATES[self.memory["baud_rate"]]
+
+    @property
+    def return_delay_ns(self) -> int:
+        """From an instruction's last byte to the reply's first [ns]."""
+        return self.memory["return_delay_time"] * RETURN_DELAY_UNIT_NS
+
+    @property
+    def alert(self) -> int:
+        """The alert bit of the error byte, if a hardware error is latched."""
+        return ALERT if self.memory["hardware_error_status"] else 0
+
+    @property
+    def knows_fast_sync_read(self) -> bool:
+        """Whether its firmware does."""
+        return self.model.knows_fast_reads(self.firmware)
+
+    @property
+    def watchdog_ns(self) -> int | None:
+        """When the Bus Watchdog will trip if nothing is heard [ns]; None: not at all."""
+        value = self.memory.get("bus_watchdog")
+        if not value or not self.memory["torque_enable"] or self.table.tripped:
+            return None
+        return self._heard_ns + value * WATCHDOG_UNIT_NS
+
+    def state(self, now_ns: int) -> State:
+        """The truth at ``now_ns`` [ns]."""
+        mechanism = self.mechanism
+        self.drive.advance(now_ns)
+        return State(mechanism.position, mechanism.velocity, mechanism.torque)
+
+    def heard(self, now_ns: int) -> None:
+        """An instruction reached it: for itself, for all, or for a list it is in.
+
+        Those restart the Bus Watchdog here. The manual counts "all the instruction packets";
+        whether packets for other servos do too is open, and here they do not.
+        """
+        self._heard_ns = now_ns
+        if now_ns >= self.drive.next_ns:
+            self.keep_up(now_ns)
+
+    def keep_up(self, now_ns: int) -> None:
+        """Do what its controllers have to do by ``now_ns`` [ns], so that it is not left for later.
+
+        But for faults and errors, nothing depends on it but how long the next instruction takes to
+        compute.
+        """
+        if now_ns >= self.drive.next_ns:
+            self.drive.advance(now_ns)
+
+    def set_supply(self, volts: float, now_ns: int) -> None:
+        """From ``now_ns`` [ns] it is supplied with this voltage [V]; outside its limits it errs."""
+        self.drive.advance(now_ns)
+        self.table.feed(volts)
+        self.drive.update(now_ns)
+
+    def set_ambient(self, celsius: float, now_ns: int) -> None:
+        """From ``now_ns`` [ns] it would idle at this temperature [°C], and is as much warmer."""
+        self.drive.advance(now_ns)
+        health = self.drive.health
+        health.settle(now_ns)
+        self.table.temperature += celsius - health.ambient
+        health.ambient = celsius
+        self.table.check_health()
+        self.drive.update(now_ns)
+
+    def trip_watchdog(self, now_ns: int) -> None:
+        """The Bus Watchdog trips: the register reads -1 and the servo stops.
+
+        The manual says no more than that; that it goes limp in current mode, and stays where it is
+        in the others, is our reading.
+        """
+        self.drive.advance(now_ns)
+        self.table.trip()
+        self.drive.stop(now_ns)
+
+    def read(self, address: int, size: int, now_ns: int) -> bytes | None:
+        """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
+        if self.memory.shows_measured(address, size):
+            self._refresh(now_ns)
+        return self.memory.read(address, size)
+
+    def write(self, address: int, data: bytes, now_ns: int, *, ram_only: bool = False) -> ErrorCode:
+        """Write, with every consequence, at ``now_ns`` [ns]."""
+        drive = self.drive
+        if now_ns >= drive.next_ns:
+            drive.advance(now_ns)
+        mode = self.memory["operating_mode"] if address < EEPROM_END else None
+        error = self.table.write(address, data, ram_only=ram_only)
+        if error == ErrorCode.NONE:
+            if mode is not None and mode != self.memory["operating_mode"]:
+                self._change_mode(now_ns)
+            if self.memory["torque_enable"] and not self._held:
+                # The scripted hand belongs to whoever tries the wall: it waits for the torque,
+                # and does not disturb a start-up that looks at the shaft.
+                self._held = True
+                self.mechanism.let_hand(now_ns)
+            drive.update(now_ns)
+        return error
+
+    def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
+        """Put a write aside for the next ``act``."""
+        checked = self.table.check(address, data, ram_only=ram_only)
+        if isinstance(checked, ErrorCode):
+            return checked
+        self.registered = (address, data)
+        self.memory["registered_instruction"] = 1
+        return ErrorCode.NONE
+
+    def act(self, now_ns: int) -> ErrorCode:
+        """Carry out the write put aside; "instruction error" when there is none."""
+        if self.registered is None:
+            return ErrorCode.INSTRUCTION
+        (address, data), self.registered = self.registered, None
+        self.memory["registered_instruction"] = 0
+        return self.write(address, data, now_ns)
+
+    def clear_turns(self, now_ns: int) -> ErrorCode:
+        """Present Position back within one turn; "result fail" while it moves."""
+        self._refresh(now_ns)
+        if self.memory["moving"]:
+            return ErrorCode.RESULT_FAIL
+        self.drive.clear_turns(now_ns)
+        return ErrorCode.NONE
+
+    def reset(self, option: int, now_ns: int) -> ErrorCode:
+        """The factory's settings, but for what the option keeps, and a reboot."""
+        error = factory_reset(self.memory, option)
+        if error == ErrorCode.NONE:
+            self.reboot(now_ns)
+        return error
+
+    def restore_backup(self, now_ns: int) -> ErrorCode:
+        """EEPROM from the backup, and a reboot."""
+        error = self.table.backup.restore_eeprom()
+        if error == ErrorCode.NONE:
+            self.reboot(now_ns)
+        return error
+
+    def reboot(self, now_ns: int) -> None:
+        """RAM back to its defaults, errors cleared, turns forgotten; silent until it is up."""
+        self.registered = None
+        self.drive.advance(now_ns)
+        self.drive.forget_turns()
+        self._power_up(now_ns)
+        self.answers_from_ns = now_ns + BOOT_NS
+
+    @property
+    def unplugged(self) -> bool:
+        """It is off the cable: no data, no power."""
+        return self.answers_from_ns == _NEVER_NS
+
+    def unplug(self, now_ns: int) -> None:
+        """Take it off the cable: limp and silent, and RAM is lost."""
+        self.reboot(now_ns)
+        self.memory["torque_enable"] = 0  # whatever Startup Configuration says
+        self.drive.update(now_ns)
+        self.answers_from_ns = _NEVER_NS
+
+    def latch_errors(self, bits: int, now_ns: int) -> None:
+        """Set bits of Hardware Error Status; those in Shutdown switch the torque off."""
+        self.drive.advance(now_ns)
+        self.table.latch(bits)
+        self.drive.update(now_ns)
+
+    def _change_mode(self, now_ns: int) -> None:
+        """The position modes begin within one turn."""
+        if self.memory["operating_mode"] in (POSITION_MODE, EXTENDED_MODE):
+            self.drive.advance(now_ns)
+            self.drive.forget_turns()
+
+    def _power_up(self, now_ns: int) -> None:
+        self._boot_ns = now_ns
+        self.drive.release(now_ns)
+        self.drive.health.settle(now_ns)
+        self.table.power_up()
+        self.drive.update(now_ns)
+
+    def _preset(self, name: str, value: int) -> None:
+        register = self.memory.registers[name]
+        if not register.minimum <= value <= register.maximum:
+            raise ValueError(
+                f"{name} {value} of the {self.model.name} is out of range; "
+                f"give {register.minimum} to {register.maximum}"
+            )
+        self.memory[name] = value
+
+    def _refresh(self, now_ns: int) -> None:
+        """Put what is measured at ``now_ns`` into the registers."""
+        self.drive.advance(now_ns)
+        tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
+        self.memory.overwrite(measured(self.drive, tick, now_ns))

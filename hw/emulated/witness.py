@@ -1,0 +1,115 @@
+"""The witness: a record of every frame and of the true motion, kept apart from any controller.
+
+CSV with the columns of ``COLUMNS``. Rows are kept in memory and written when the bus is idle, so
+that writing never delays a reply.
+
+- ``rx``: an instruction has fully arrived and has taken effect.
+- ``tx``: the last byte of a reply has left.
+- ``state``: every millisecond, for every servo.
+- ``fault``: something goes wrong on request; its name is in ``fault``. ``rx`` and ``tx`` are the
+  servos' side of it: a lost instruction has no ``rx``, a lost reply has its ``tx``.
+- ``time_s``: CLOCK_MONOTONIC where the bus runs in real time [s].
+- ``position_rad, velocity_rad_s, torque_nm``: the truth at that instant, behind everything that
+  happens at it; the torque is the motor's that acts. A broadcast's are those of the first servo it
+  is for.
+- ``error``: the error byte of a reply; 3 for an instruction whose CRC was wrong.
+- ``params``: the frame's parameters, un-stuffed, in hexadecimal.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import NamedTuple, Self, TextIO
+
+from haptic_wall.hw.emulated.servo import State
+
+COLUMNS = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm,error,params,fault"
+_SECOND_NS = 1_000_000_000
+
+
+class Row(NamedTuple):
+    """One event; ``instruction`` and ``error`` are None for a ``state``."""
+
+    time_ns: int
+    event: str
+    id: int
+    instruction: int | None
+    state: State
+    error: int | None
+    params: bytes
+    fault: str = ""
+
+
+class Witness:
+    """Writes what it is told into a text file; closes it with everything in it.
+
+    A file that takes no more (a full disk) ends the record, never the bus: see ``failure``.
+
+    Args:
+        file: Open for writing; becomes the witness's own.
+    """
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+        self._rows: deque[Row] = deque()
+        self.failure: OSError | None = None
+        """Why the record is incomplete; None: it is complete"""
+        self._try(lambda: file.write(COLUMNS + "\n"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def waiting(self) -> int:
+        """Rows that are not written yet."""
+        return len(self._rows)
+
+    def add(self, row: Row) -> None:
+        """Keep a row; in the order of time."""
+        if self.failure is None:
+            self._rows.append(row)
+
+    def write(self, rows: int) -> None:
+        """Hand at most so many rows to the file."""
+        count = min(rows, len(self._rows))
+        lines = "".join(_line(self._rows.popleft()) for _ in range(count))
+        self._try(lambda: self._file.write(lines))
+
+    def flush(self) -> None:
+        """Hand everything to the operating system, for others to read."""
+        self.write(len(self._rows))
+        self._try(self._file.flush)
+
+    def close(self) -> None:
+        """Write the rest and close the file."""
+        if not self._file.closed:
+            self.flush()
+            self._try(self._file.close)
+
+    def _try(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except OSError as error:
+            self.failure = self.failure or error
+            self._rows.clear()
+
+
+def _line(row: Row) -> str:
+    seconds, rest = divmod(row.time_ns, _SECOND_NS)
+    position, velocity, torque = row.state
+    instruction = "" if row.instruction is None else int(row.instruction)
+    error = "" if row.error is None else int(row.error)
+    return (
+        f"{seconds}.{rest:09d},{row.event},{row.id},{instruction},"
+        f"{position!r},{velocity!r},{torque!r},{error},{row.params.hex()},{row.fault}\n"
+    )

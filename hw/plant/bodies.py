@@ -1,0 +1,282 @@
+"""Exact motion of many one-axis servos at once under held torques; the array form of ``body``.
+
+The formulas and the order of their operations are those of ``haptic_wall.hw.plant.body.step``
+without a hand, so each body moves exactly, to the last bit, as it would alone. Where a velocity
+reaches zero within a step, only the few bodies concerned are looked at; the logarithm that gives
+the instant is taken one by one, because NumPy's may differ from ``math``'s in the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.hw.plant.response import response
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_CLEARLY = 1e-9
+"""A body that keeps more than this share of its speed cannot have stopped, whatever rounding did"""
+
+
+class Held(NamedTuple):
+    """The responses of many bodies over one step, as ``haptic_wall.hw.plant.response.Response``."""
+
+    h1: Floats
+    h: Floats
+    s: Floats
+    duration: Floats
+    """Length of the step [s]"""
+
+    def take(self, index: Indices) -> Held:
+        """Those of the bodies at ``index``."""
+        return Held(*(array[index] for array in self))
+
+
+class Turned(NamedTuple):
+    """Bodies whose velocity reached zero within a step, at most once each."""
+
+    bodies: Indices
+    position: Floats
+    """Where it did [rad]"""
+
+
+class Bodies:
+    """Many bodies with viscous and Coulomb friction, moved in place.
+
+    About a thousand to four thousand at once are quickest: the arrays then stay in the cache.
+
+    Attributes:
+        position: [rad], shape (n,).
+        velocity: [rad/s], shape (n,); the same array for good.
+    """
+
+    __slots__ = (
+        "_coulomb",
+        "_decay",
+        "_direction",
+        "_frictional",
+        "_inertia",
+        "_mask",
+        "_moved",
+        "_push",
+        "_stuck",
+        "_work",
+        "position",
+        "velocity",
+    )
+
+    def __init__(
+        self,
+        inertia: Floats,
+        damping: Floats,
+        coulomb: Floats,
+        position: Floats,
+        velocity: Floats,
+    ) -> None:
+        """Bodies as ``haptic_wall.hw.plant.body.PlantParameters`` describes one; arrays of (n,).
+
+        Raises:
+            ValueError: A value is out of range.
+        """
+        for name, array, good, wanted in (
+            ("inertia", inertia, inertia > 0.0, "above 0"),
+            ("damping", damping, damping >= 0.0, "from 0 up"),
+            ("coulomb", coulomb, coulomb >= 0.0, "from 0 up"),
+        ):
+            bad = ~(good & np.isfinite(array))
+            if bad.any():
+                raise ValueError(f"{name} is {array[bad][0]}; give finite values {wanted}")
+        self._inertia = inertia
+        self._decay = damping / inertia
+        self._coulomb = coulomb
+        self._frictional = coulomb > 0.0
+        self.position = position.copy()
+        self.velocity = velocity.copy()
+        self._push, self._work, self._moved, self._direction = np.empty((4, inertia.size))
+        self._mask, self._stuck = np.empty((2, inertia.size), dtype=np.bool_)
+
+    def held(self, duration: Floats) -> Held:
+        """The responses over steps of these lengths [s], >= 0, shape (n,)."""
+        pairs, place = np.unique(np.stack([self._decay, duration]), axis=1, return_inverse=True)
+        values = [response(decay, 0.0, time) for decay, time in pairs.T.tolist()]
+        table = np.array([(value.h1, value.h, value.s) for value in values]).T
+        h1, h, s = np.ascontiguousarray(table[:, place.ravel()])
+        return Held(h1, h, s, duration.copy())
+
+    def step(self, torque: Floats, over: Held, out: Floats | None = None) -> None:
+        """Move all bodies under torques [N·m] held for the step's length.
+
+        Args:
+            torque: Shape (n,).
+            over: From ``held``, for this length.
+            out: Where the new positions go, which becomes ``position``; None: in place.
+        """
+        out = self.position if out is None else out
+        if self._frictional.any():
+            self._slide_or_stick(torque, over, out)
+        else:
+            self._slide(torque, over, out)
+        self.position = out
+
+    def step_turning(self, torque: Floats, over: Held, out: Floats | None = None) -> Turned:
+        """``step`` that tells where velocities reached zero (as ``step`` with ``turns`` does)."""
+        out = self.position if out is None else out
+        position, velocity, turned = _through_rest(
+            self.position, self.velocity, torque, self._inertia, self._coulomb, self._decay, over
+        )
+        np.copyto(out, position)
+        np.copyto(self.velocity, velocity)
+        self.position = out
+        return turned
+
+    def _slide(self, torque: Floats, over: Held, out: Floats) -> None:
+        velocity, push, work = self.velocity, self._push, self._work
+        np.divide(torque, self._inertia, push)
+        np.multiply(velocity, over.h, work)
+        np.add(self.position, work, out)
+        np.multiply(push, over.s, work)
+        np.add(out, work, out)
+        np.multiply(velocity, over.h1, velocity)
+        np.multiply(push, over.h, push)
+        np.add(velocity, push, velocity)
+
+    def _slide_or_stick(self, torque: Floats, over: Held, out: Floats) -> None:
+        position, velocity, coulomb = self.position, self.velocity, self._coulomb
+        push, work, moved, direction = self._push, self._work, self._moved, self._direction
+        kept, stuck = self._mask, self._stuck
+        np.copyto(direction, velocity)
+        np.equal(velocity, 0.0, stuck)
+        np.copyto(direction, torque, where=stuck)
+        np.absolute(torque, work)
+        np.less_equal(work, coulomb, kept)
+        np.logical_and(stuck, kept, stuck)
+        np.copysign(coulomb, direction, push)
+        np.subtract(torque, push, push)
+        np.divide(push, self._inertia, push)
+        np.multiply(velocity, over.h, work)
+        np.add(position, work, moved)
+        np.multiply(push, over.s, work)
+        np.add(moved, work, moved)
+        np.multiply(velocity, over.h1, work)
+        np.multiply(push, over.h, push)
+        np.add(work, push, push)  # the velocity at the end, if it keeps its sign
+        np.multiply(push, direction, work)
+        # Without a spring the velocity is monotone: with its sign kept it was never zero.
+        np.greater(work, 0.0, kept)
+        np.logical_or(kept, stuck, kept)
+        np.copyto(moved, position, where=stuck)
+        np.copyto(push, 0.0, where=stuck)
+        if not kept.all():
+            few = np.flatnonzero(~kept & self._frictional)
+            moved[few], push[few], _ = _through_rest(
+                position[few],
+                velocity[few],
+                torque[few],
+                self._inertia[few],
+                coulomb[few],
+                self._decay[few],
+                over.take(few),
+            )
+        np.copyto(out, moved)
+        np.copyto(velocity, push)
+
+
+def _through_rest(
+    position: Floats,
+    velocity: Floats,
+    torque: Floats,
+    inertia: Floats,
+    coulomb: Floats,
+    decay: Floats,
+    over: Held,
+) -> tuple[Floats, Floats, Turned]:
+    """The general step of ``haptic_wall.hw.plant.body``: slide to rest, stay there or slide on.
+
+    Returns:
+        Position, velocity, and who came to rest on the way.
+    """
+    pull = torque / inertia
+    friction = coulomb / inertia
+    moves = (velocity != 0.0) | (np.abs(pull) > friction)
+    direction = np.copysign(1.0, np.where(velocity != 0.0, velocity, pull))
+    push = pull - direction * friction
+    end = velocity * over.h1 + push * over.h
+    distance = velocity * over.h + push * over.s
+    after = np.where(moves, position + distance, position)
+    # An end that rounding put on the other side of zero is at zero.
+    speed = np.where(moves & (end * direction > 0.0), end, 0.0)
+
+    may_rest = (velocity != 0.0) & (push != 0.0) & ((velocity > 0.0) != (push > 0.0))
+    may_rest &= end * direction <= _CLEARLY * np.abs(velocity)
+    index = np.flatnonzero(may_rest)
+    if index.size:
+        rest = _time_to_rest(velocity[index], push[index], decay[index])
+        in_time = rest < over.duration[index]
+        index, rest = index[in_time], rest[in_time]
+    if not index.size:
+        return after, speed, Turned(index, np.empty(0))
+    decay = decay[index]
+    both = _response(
+        np.concatenate([decay, decay]), np.concatenate([rest, over.duration[index] - rest])
+    )
+    (h, h_after), (s, s_after) = both.reshape(2, 2, index.size)
+    turn = position[index] + (velocity[index] * h + push[index] * s)
+    pull, friction = pull[index], friction[index]
+    direction = np.copysign(1.0, pull)
+    push = pull - direction * friction
+    leaves = np.abs(pull) > friction
+    end = push * h_after
+    after[index] = np.where(leaves, turn + push * s_after, turn)
+    speed[index] = np.where(leaves & (end * direction > 0.0), end, 0.0)
+    return after, speed, Turned(index, turn)
+
+
+def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
+    """When velocities that are pushed against reach zero [s].
+
+    See ``haptic_wall.hw.plant.response.time_to_rest``.
+    """
+    coasting = -velocity / push
+    y = decay * coasting
+    shorter = np.ones_like(y)
+    damped = np.flatnonzero(y > 1e-12)
+    if damped.size:
+        some = y[damped]
+        shorter[damped] = np.array([math.log1p(value) for value in some.tolist()]) / some
+    return coasting * shorter
+
+
+def _response(decay: Floats, time: Floats) -> Floats:
+    """``h`` and ``s`` of ``haptic_wall.hw.plant.response.response`` without a spring; shape (2, n).
+
+    Equal to them to the last bit.
+    """
+    a = decay * time
+    h, s = result = np.empty((2, a.size))
+    largest = float(a.max())
+    if largest > 1.0:  # bodies that forget their speed within a step are rare: one by one
+        for i, (rate, t) in enumerate(zip(decay.tolist(), time.tolist(), strict=True)):
+            whole = response(rate, 0.0, t)
+            h[i], s[i] = whole.h, whole.s
+        return result
+    h[:], s[:] = 1.0, 0.5
+    term, work = np.ones_like(a), np.empty_like(a)
+    n, bound = 1, 1.0
+    # The series ends for all together: terms below 1e-19 are too small to change the sums.
+    while bound > 1e-19:
+        n += 1
+        bound *= largest / n
+        np.multiply(a, term, term)
+        np.divide(term, -n, term)
+        np.add(h, term, h)
+        np.divide(term, n + 1, work)
+        np.add(s, work, s)
+    np.multiply(h, time, h)
+    np.multiply(time, time, work)
+    np.multiply(s, work, s)
+    return result

@@ -1,0 +1,237 @@
+"""What the benchmark makes of records and of what loops say; nothing is asserted about speed."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.bench import telemetry_row, torque_frames
+from haptic_wall.controller.bench.highest_rate import Search, holds, kept_up
+from haptic_wall.controller.bench.loops import LOOPS, Ran, emulated_bus
+from haptic_wall.controller.bench.lost_reply import request_to_torque_s, waits_ns
+from haptic_wall.controller.bench.report import measured
+from haptic_wall.controller.bench.stage_times import STAGES, WALL, StageTimes
+from haptic_wall.controller.bench.torque_frames import held_up, intervals_us
+from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
+from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.simulated import SimulatedServo
+
+READ, SYNC_WRITE = 2, 131
+
+
+def row(time_s, event, instruction=None, fault=""):
+    return BusRow(time_s, event, 1, instruction, 0.0, 0.0, 0.0, None, b"", fault)
+
+
+class TestTorqueFrames:
+    def test_a_late_frame_makes_one_interval_longer_and_the_next_one_shorter(self):
+        sent = 10.0 + 1e-3 * np.arange(2000)
+        sent[1000] += 30e-6
+        found = intervals_us(sent, 9.0, 13.0, 2.0, 1000.0)
+        assert np.sort(found)[[0, -1]] == pytest.approx([970.0, 1030.0], abs=1e-3)
+        assert np.sort(found)[1:-1] == pytest.approx(1000.0, abs=1e-3)
+        assert not held_up(found).any()
+
+    def test_frames_that_waited_for_the_bus_together_say_nothing_of_the_loop(self):
+        # 58 bytes take 145 µs at 4 Mbit/s: three frames came behind a stall of 3.4 ms.
+        found = np.array([1000.0, 3400.0, 145.0, 146.0, 309.0, 1000.0, 400.0, 1600.0])
+        assert held_up(found).tolist() == [*[False], *[True] * 4, *[False] * 3]
+        assert held_up(np.array([145.0, 1000.0, 1000.0])).tolist() == [True, True, False]
+
+    def test_only_the_loops_own_torques_count_and_not_those_of_its_start(self):
+        start = 5.0 + 0.013 * np.arange(20)
+        own = 6.0 + 1e-3 * np.arange(2000)
+        other = 9.0 + 1.7e-3 * np.arange(1000)
+        sent = np.concatenate([start, own, other])
+        found = intervals_us(sent, 4.9, 8.5, 2.0, 1000.0)
+        assert found == pytest.approx(1000.0, abs=1e-3)
+
+    def test_a_loop_that_hardly_ran_is_told_in_a_sentence(self):
+        with pytest.raises(PlatformError, match="wanted about 750"):
+            intervals_us(10.5 + 1e-3 * np.arange(60), 10.0, 11.0, 1.0, 1000.0)
+        with pytest.raises(PlatformError, match="found 0 torque frames"):
+            intervals_us(np.array([]), 10.0, 11.0, 1.0, 1000.0)
+
+    def test_a_torque_frame_is_a_sync_write_that_has_arrived(self):
+        rows = [
+            row(1.0, "rx", SYNC_WRITE),
+            row(1.1, "rx", READ),
+            row(1.2, "tx", 85),
+            row(1.3, "state"),
+            row(1.4, "rx", SYNC_WRITE),
+        ]
+        assert torque_frames.torque_frames(rows).tolist() == [1.0, 1.4]
+
+
+class TestHighestRate:
+    @pytest.mark.parametrize("capacity_hz", [520.0, 1234.0, 4700.0, 7990.0])
+    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz):
+        # The range 500 to 8000 Hz halved six times: 16^(1/64) = 1.044.
+        search = Search(500.0, 8000.0)
+        for _ in range(6):
+            search.tell(search.rate_hz <= capacity_hz)
+        found = search.held_hz or 500.0
+        assert found <= capacity_hz < found * 1.05
+
+    def test_a_loop_that_holds_no_rate_has_none(self):
+        search = Search(500.0, 8000.0)
+        for _ in range(6):
+            search.tell(False)
+        assert search.held_hz is None
+        assert search.rate_hz == pytest.approx(500.0, rel=0.03)
+
+    def test_periods_skipped_and_replies_lost_both_count(self):
+        assert kept_up(Ran(ticks=991, missed=5, lost=4))
+        assert not kept_up(Ran(ticks=990, missed=5, lost=5))
+        assert not kept_up(Ran(ticks=0, missed=1000, lost=0))
+
+    def test_a_machine_that_stalls_once_is_tried_again(self):
+        runs = [Ran(900, 100, 0), Ran(1000, 0, 0)]
+        assert holds(lambda *_: runs.pop(0), "", 1000.0)
+
+    def test_a_loop_that_cannot_start_does_not_hold_the_rate(self):
+        def none(*_):
+            raise ServoError("nobody answers")
+
+        assert not holds(none, "", 1000.0)
+
+
+class TestLostReply:
+    def test_the_time_runs_from_the_unanswered_request_to_the_next_torque(self):
+        rows = [
+            row(1.0, "rx", READ),
+            row(1.0001, "tx", 85),
+            row(1.0002, "rx", SYNC_WRITE),
+            row(1.001, "rx", READ),
+            row(1.0011, "fault", 85, "drop"),
+            row(1.0011, "tx", 85),
+            row(1.0018, "rx", SYNC_WRITE),
+            row(1.002, "rx", READ),
+            row(1.0022, "rx", SYNC_WRITE),
+        ]
+        assert request_to_torque_s(rows) == pytest.approx([0.0008])
+
+    def test_a_request_asked_again_before_any_torque_begins_anew(self):
+        rows = [
+            row(1.0, "rx", READ),
+            row(1.0, "fault", 85, "drop"),
+            row(1.1, "rx", READ),
+            row(1.2, "rx", SYNC_WRITE),
+        ]
+        assert request_to_torque_s(rows) == []
+
+    def test_clients_take_turns_until_each_has_lost_its_share(self):
+        reads = {"a": 0, "b": 0, "never loses": 0}
+        turns = []
+
+        def client(name, every):
+            def read():
+                reads[name] += 1
+                turns.append(name)
+                return not every or bool(reads[name] % every)
+
+            return read
+
+        waits = waits_ns(
+            {"a": client("a", 3), "b": client("b", 5), "never loses": client("never loses", 0)}, 2
+        )
+        assert [len(each) for each in waits.values()] == [16, 16, 0]
+        assert (reads["a"], reads["b"]) == (48, 80)
+        assert turns.index("b") < max(i for i, name in enumerate(turns) if name == "a")
+
+
+def test_a_row_of_ours_is_as_large_as_the_memory_says_and_files_hold_what_was_written(monkeypatch):
+    monkeypatch.setattr(telemetry_row, "_HOT", 5)
+    monkeypatch.setattr(telemetry_row, "_ROUNDS", 2)
+    monkeypatch.setattr(telemetry_row, "_COLD_TURNS", 2)
+    monkeypatch.setattr(telemetry_row, "_COLD", 7)
+    rows = {each.name: each for each in telemetry_row.measure().rows}
+    sizes = {name: each.value for name, each in rows.items() if each.unit == "B"}
+    assert sizes["haptic-wall, shared memory, size of a row"] == ROW.itemsize
+    line = ",".join(str(value) for value in telemetry_row._VALUES) + "\r\n"
+    assert sizes["csv.writer to a file, size of a row"] == len(line)
+    assert all(each.value > 0 for each in rows.values())
+
+
+class TestStages:
+    """On the simulated clock: the same tick, and no process is needed."""
+
+    CONFIG = load_config("simulated", ("loop.clock=simulated",)).config
+
+    def listened(self):
+        times = StageTimes()
+        with times.listening(SimulatedServo):
+            result = run_session(self.CONFIG, SimulatedClock(), Telemetry.create(), 0.3)
+        return times, result.ticks
+
+    def test_every_stage_is_found_in_every_tick_and_all_is_as_before_afterwards(self):
+        before = [Tick.run, Wall.torque, SimulatedServo.collect]
+        times, ticks = self.listened()
+        assert [Tick.run, Wall.torque, SimulatedServo.collect] == before
+        found = times.times_us(0)
+        assert set(found) == set(STAGES)
+        assert {each.size for each in found.values()} == {ticks}
+        work = [name for name in STAGES if not name.startswith("from waking")]
+        assert all(np.median(found[name]) > 0.0 for name in work if name != WALL)
+
+    def test_what_a_stage_takes_falls_on_that_stage(self, monkeypatch):
+        torque = Wall.torque
+
+        def slow(*values):
+            until = time.monotonic_ns() + 300_000
+            while time.monotonic_ns() < until:
+                pass
+            return torque(*values)
+
+        monkeypatch.setattr(Wall, "torque", slow)
+        times, _ = self.listened()
+        medians = {name: float(np.median(each)) for name, each in times.times_us(0).items()}
+        timing = 1e-3 * max(np.median(times.inside_ns), np.median(times.around_ns))
+        assert medians[WALL] > 300.0 - timing
+        assert all(
+            each < medians[WALL]
+            for name, each in medians.items()
+            if name != WALL and "waking" not in name
+        )
+
+
+@pytest.mark.realtime
+def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(monkeypatch):
+    monkeypatch.setattr(torque_frames, "_ROUNDS", 1)
+    monkeypatch.setattr(torque_frames, "_SECONDS", 0.5)
+    monkeypatch.setattr(torque_frames, "_RATE_HZ", 500.0)  # a busy machine holds this too
+    section = torque_frames.measure()
+    (drawn,) = section.histograms
+    assert set(drawn.series) == set(LOOPS)
+    assert all(len(series) >= 60 for series in drawn.series.values())  # of 125 in 0.25 s
+    (compared,) = [each for each in section.rows if "p99: over" in each.name]
+    ours, bare = (
+        next(e.value for e in section.rows if e.name.startswith(name) and e.name.endswith("p99"))
+        for name in ("haptic-wall", "bare loop")
+    )
+    assert compared.value == pytest.approx(ours / bare)
+    with pytest.raises(KeyboardInterrupt), emulated_bus() as path:
+        raise KeyboardInterrupt
+    assert not Path(path).exists()
+
+
+def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch):
+    def none(*_options):
+        raise PlatformError("the emulated bus did not start: it ended with 4")
+
+    monkeypatch.setattr(torque_frames, "emulated_bus", none)
+    report = measured(
+        {"torque_frames": "haptic_wall.controller.bench.torque_frames"}, lambda _name: None
+    )
+    section = report["sections"]["torque_frames"]
+    assert section["rows"] == []
+    (note,) = section["notes"]
+    assert note.startswith("not measured: the emulated bus did not start")

@@ -1,0 +1,55 @@
+"""Velocity estimates: what they are, and what lost readings do to them."""
+
+import pytest
+
+from haptic_wall.controller.laws.velocity import (
+    BackwardDifference,
+    SampleDifference,
+    velocity_estimator,
+)
+
+T = 0.001
+
+
+def test_the_first_value_is_zero_whatever_the_position():
+    assert BackwardDifference(T).update(123.0, 1) == 0.0
+    assert SampleDifference(T, 4).update(123.0, 1) == 0.0
+
+
+def test_backward_difference():
+    estimator = BackwardDifference(T)
+    estimator.update(1.0, 1)
+    assert estimator.update(1.002, 1) == pytest.approx(2.0)
+
+
+def test_after_losses_the_difference_is_divided_by_the_periods_that_passed():
+    estimator = BackwardDifference(T)
+    estimator.update(1.0, 1)
+    assert estimator.update(1.006, 3) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("samples", [2, 3, 8])
+def test_sample_difference_spans_n_periods(samples):
+    estimator = SampleDifference(T, samples)
+    positions = [0.5 * (k * T) ** 2 * 100 for k in range(30)]
+    for k, position in enumerate(positions):
+        velocity = estimator.update(position, 1)
+        if k >= samples:
+            expected = (position - positions[k - samples]) / (samples * T)
+            assert velocity == pytest.approx(expected)
+
+
+def test_sample_difference_counts_lost_periods():
+    estimator = SampleDifference(T, 3)
+    x = 0.0
+    for periods in (1, 1, 1, 2, 1, 4, 1, 1, 1):
+        x += 5.0 * periods * T
+        velocity = estimator.update(x, periods)
+    assert velocity == pytest.approx(5.0)
+
+
+def test_one_sample_is_the_backward_difference():
+    assert isinstance(velocity_estimator(T, 1), BackwardDifference)
+    one, many = velocity_estimator(T, 1), SampleDifference(T, 1)
+    for position in (0.1, 0.4, 0.3, 0.9):
+        assert one.update(position, 1) == pytest.approx(many.update(position, 1))

@@ -1,0 +1,412 @@
+"""Right checksums say that a block is what was written, not that a run wrote it."""
+
+import json
+import os
+import re
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.logs.blocks import MAGIC, MOST_BYTES, encoded
+from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
+from haptic_wall.controller.logs.reader import FORMAT, LogReader, Misplaced
+from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.system.printable import printable
+
+CONFIG = load_config("simulated").config.model_dump(mode="json")
+METADATA = {**FORMAT, "program": "haptic-wall 0.1.0", "name": "simulated", "config": CONFIG}
+
+
+def rows(start, end, **columns):
+    made = np.zeros(end - start, ROW)
+    made["seq"] = np.arange(start, end)
+    made["deadline_ns"] = 5_000_000_000 + 1_000_000 * made["seq"]
+    made["position"] = 0.01 * np.sin(0.03 * made["seq"])
+    made["torque"] = -made["position"]
+    for name, values in columns.items():
+        made[name] = values
+    return made
+
+
+def block(content):
+    if not isinstance(content, np.ndarray):
+        content = np.frombuffer(json.dumps(content).encode(), np.uint8)
+    head, data = encoded(content)
+    return head + bytes(data)
+
+
+def log_of(path, *contents, metadata=METADATA):
+    path.write_bytes(b"".join(map(block, (metadata, *contents))))
+    return path
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "a.hwlog"
+
+
+def told(capsys, *arguments):
+    """What a command says, and its exit status; never a traceback, or what a terminal obeys."""
+    status = main(list(map(str, arguments)))
+    captured = capsys.readouterr()
+    assert captured.out + captured.err == printable(captured.out + captured.err)
+    return status, captured.out + captured.err
+
+
+def summary(capsys, path, *arguments):
+    status, text = told(capsys, "log", path, "--json", *arguments)
+    assert status == 0, text
+    return json.loads(text)
+
+
+# In order, once each
+
+
+def orders(*blocks):
+    return [rows(50 * k, 50 * k + 50) for k in blocks]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "read", "late", "twice", "missing"),
+    [
+        ((0, 1, 2, 3), (0, 1, 2, 3), 0, 0, 0),
+        ((0, 1, 1, 2, 3), (0, 1, 2, 3), 0, 50, 0),
+        ((0, 1, 2, 0, 1, 3), (0, 1, 2, 3), 0, 100, 0),
+        ((0, 2, 1, 3), (0, 2, 3), 50, 0, 0),
+        ((3, 2, 1, 0), (3,), 150, 0, 0),
+        ((0, 3, 1), (0, 3), 50, 0, 50),
+    ],
+)
+def test_blocks_out_of_order_or_twice_are_told(log, capsys, blocks, read, late, twice, missing):
+    """A summary counted -1687 s, and detect ended with a traceback."""
+    log_of(log, *orders(*blocks))
+    found = summary(capsys, log)
+    assert found["rows"] == 50 * len(read)
+    assert found["misplaced_rows"] == {"late": late, "twice": twice}
+    assert found["unrecorded_rows"] == missing
+    assert found["duration_s"] == pytest.approx(0.05 * (read[-1] - read[0] + 1) - 0.001)
+    np.testing.assert_array_equal(read_log(log)[1]["seq"], np.concatenate(orders(*read))["seq"])
+    detected = json.loads(told(capsys, "detect", log, "--json")[1])
+    assert detected["samples"] == found["rows"], "log and detect agree"
+    text = told(capsys, "log", log)[1]
+    assert (f"{late} rows stand behind later ones: they are left out" in text) == bool(late)
+    assert (f"{twice} rows stand there twice: they are read once" in text) == bool(twice)
+    said = " ".join(detected["notes"])
+    assert ("stand behind later ones" in said, "stand there twice" in said) == (
+        bool(late),
+        bool(twice),
+    )
+
+
+def test_a_block_that_is_new_in_part_gives_that_part(log):
+    log_of(log, rows(0, 50), rows(30, 80))
+    first, old, new = LogReader(log).pieces()
+    assert (len(first), old, new["seq"].tolist()) == (50, Misplaced(20, 20), list(range(50, 80)))
+
+
+# Two logs in one file
+
+
+@pytest.fixture
+def joined(log):
+    other = {**METADATA, "name": "other", "config": load_config("simulated", ["wall.side=both"])}
+    other["config"] = other["config"].config.model_dump(mode="json")
+    log_of(log, rows(0, 200), {"stop_reason": "duration", "rows": 200})
+    first = log.read_bytes()
+    log_of(log, rows(0, 100), rows(100, 300), metadata=other)
+    append_end(log, {"stop_reason": "trip:overspeed", "message": "fast", "rows": 301})
+    log.write_bytes(first + log.read_bytes())
+    return log
+
+
+def test_two_logs_in_one_file_are_two_parts(joined, capsys):
+    found = summary(capsys, joined)
+    assert (found["rows"], found["unrecorded_rows"]) == (500, 1)
+    assert found["duration_s"] == pytest.approx(0.199 + 0.299)
+    assert found["rate_hz"] == pytest.approx(1000.0)
+    first, second = found["parts"]
+    assert (first["name"], first["rows"], first["stop_reason"]) == ("simulated", 200, "duration")
+    assert (second["name"], second["rows"]) == ("other", 300)
+    assert (second["from_s"], second["to_s"]) == pytest.approx((1.199, 1.498))
+    text = told(capsys, "log", joined)[1]
+    assert "joined      2 logs in one file" in text
+    assert "other (haptic-wall 0.1.0): 300 rows from 1.199 to 1.498 s; ended BY A SAFETY" in text
+    detected = json.loads(told(capsys, "detect", joined, "--json")[1])
+    assert (detected["samples"], detected["parts"]) == (500, 2)
+    assert "part 2 is another log, other, joined to the one before" in detected["notes"]
+    assert [each.known.side for each in read_recordings(joined)] == [1, 0]
+    with pytest.raises(LogFormatError, match="another log is joined to it"):
+        read_log(joined)
+
+
+def test_of_joined_logs_each_is_cut_and_drawn_by_itself(joined, tmp_path, capsys):
+    cut, csv = tmp_path / "cut.hwlog", tmp_path / "a.csv"
+    for option in ("--cut", "--plot", "--mcap"):
+        status, text = told(capsys, "log", joined, "--from", 0.1, option, cut.with_suffix(".png"))
+        assert status == 2
+        assert "choose one of them by --from and --to: 0.1 to 0.199 s, 1.199 to 1.498 s" in text
+    assert summary(capsys, joined, "--from", 1.3, "--cut", cut, "--csv", csv)["name"] == "other"
+    metadata, kept = read_log(cut)
+    assert (metadata["name"], metadata["config"]["wall"]["side"]) == ("other", "both")
+    assert kept["seq"].tolist() == list(range(101, 300))
+    assert len(csv.read_text().splitlines()) == 200
+    told(capsys, "log", joined, "--csv", csv)
+    assert json.loads(told(capsys, "detect", csv, "--json")[1])["parts"] == 2
+
+
+def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(log, capsys):
+    log_of(log, rows(0, 100))
+    today = log.read_bytes()
+    old = {name: value for name, value in METADATA.items() if name != "checksum"}
+    log_of(log, rows(0, 100), metadata=old)
+    before = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
+    for content in (today + before, before + today):
+        log.write_bytes(content)
+        assert [part["rows"] for part in summary(capsys, log)["parts"]] == [100, 100]
+
+
+def test_a_hundred_logs_in_one_file_are_enough(log, capsys):
+    log_of(log, rows(0, 10))
+    log.write_bytes(log.read_bytes() * 101)
+    assert "more than 100 logs joined in one file" in told(capsys, "log", log)[1]
+
+
+# What no run writes
+
+
+@pytest.mark.parametrize(
+    "config", [None, [], "text", 5, {}, {"wall": None}, {"servo": [1], "wall": "x", "loop": 3}]
+)
+def test_whatever_stands_for_the_configuration_a_log_is_summarised(log, capsys, tmp_path, config):
+    log_of(log, rows(0, 50), metadata={**METADATA, "config": config})
+    assert summary(capsys, log)["rows"] == 50
+    status, text = told(capsys, "log", log)
+    assert (status, "config      unknown servo, wall unknown" in text) == (0, True)
+    for command in (["detect", log], ["log", log, "--plot", tmp_path / "a.png"]):
+        status, text = told(capsys, *command)
+        assert (status, text.count("\n")) == (2, 1)
+        assert "configuration is not one this program knows" in text
+
+
+@pytest.mark.parametrize(
+    ("ended", "why"),
+    [
+        ({"rows": "abc"}, "rows is no count in it"),
+        ({"rows": -1}, "rows is no count in it"),
+        ({"rows": 10**300}, "rows is no count in it"),
+        ({"stop_reason": 5}, "stop_reason is no text in it"),
+        ({"stop_reason": ["trip:x"]}, "stop_reason is no text in it"),
+        ({"message": {}}, "message is no text in it"),
+    ],
+)
+def test_an_end_that_no_run_writes_is_told_as_damage(log, capsys, ended, why):
+    log_of(log, rows(0, 50), ended)
+    found = summary(capsys, log)
+    assert found["rows"] == 50
+    assert found["stop_reason"] is None
+    assert found["damaged"]["why"] == f"how the run ended: {why}"
+
+
+@pytest.mark.parametrize(
+    "text", [b'{"rows": 1e400}', b'{"rows": NaN}', b"[" * 9000, b'{"a": ' * 99]
+)
+def test_what_is_no_json_is_damage(log, capsys, text):
+    log_of(log, rows(0, 50), np.frombuffer(text, np.uint8))
+    assert summary(capsys, log)["damaged"]["places"] == 1
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "why"),
+    [
+        ("oscillation", 99, "oscillation is 99 in it, wanted 0 to 3"),
+        ("outcome", -1, "outcome is -1 in it, wanted 0 to"),
+        ("flags", -(2**63), "flags is -9223372036854775808 in it"),
+        ("deadline_ns", 2**63 - 1, "deadline_ns is 9223372036854775807 in it"),
+        ("deadline_ns", 5, "deadline_ns does not increase in it"),
+        ("seq", 7, "seq does not increase in it"),
+        ("lateness_ns", 2**62, "lateness_ns is"),
+        ("missed", 2**50, "missed is"),
+        ("phase", -3, "phase is -3 in it"),
+        ("torque", 1e300, "torque is 1e+300 in it, which is too large"),
+    ],
+)
+def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(log, capsys, column, value, why):
+    log_of(log, rows(0, 50), rows(50, 100, **{column: value}), rows(100, 150))
+    found = summary(capsys, log)
+    assert (found["rows"], found["damaged"]["rows"]) == (100, 50)
+    assert why in found["damaged"]["why"]
+    assert f"of the first: {why}" in told(capsys, "log", log)[1]
+    status, text = told(capsys, "detect", log, "--json")
+    assert (status, json.loads(text)["samples"]) == (0, 100)
+    assert any(why in note for note in json.loads(text)["notes"])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_of_a_loop_that_went_wrong_are_read(log, capsys, value):
+    log_of(log, rows(0, 50), rows(50, 100, position=value, torque=value, velocity=value))
+    found = summary(capsys, log)
+    assert (found["rows"], found["damaged"]["places"]) == (100, 0)
+    assert told(capsys, "detect", log)[0] == 0
+
+
+NARROW = np.dtype([(name, "<f4" if name == "position" else ROW[name]) for name in ROW.names])
+TEXT = np.dtype([(name, "<U8" if name == "seq" else ROW[name]) for name in ROW.names])
+SEVERAL = np.dtype([(name, ("<f8", (2,)) if name == "torque" else ROW[name]) for name in ROW.names])
+OTHER = np.dtype([*((name, ROW[name]) for name in ROW.names), ("\x1b[31m", "<f8")])
+
+
+@pytest.mark.parametrize(
+    ("dtype", "said"),
+    [
+        (NARROW, "its column position is of type 'float32', wanted '<f8'"),
+        (ROW.newbyteorder(">"), "its column seq is of type '>i8', wanted '<i8'"),
+        (TEXT, "its column seq is of type '<U8', wanted '<i8'"),
+        (SEVERAL, "its column torque is of type \"('<f8', (2,))\", wanted '<f8'"),
+        (OTHER, r"its rows have a column '\x1b[31m' that this program does not know"),
+        (np.dtype([("seq", "<i8"), ("position", "<f8")]), "its rows have no column deadline_ns"),
+    ],
+)
+@pytest.mark.parametrize("size", [0, 20])
+def test_rows_of_other_columns_are_refused_in_a_sentence(log, capsys, dtype, said, size):
+    made = np.zeros(size, dtype)
+    if dtype["seq"].kind == "i":
+        made["seq"] = np.arange(size)
+    log_of(log, made)
+    for command in ("log", "detect"):
+        status, text = told(capsys, command, log)
+        if size or said.startswith("its column"):
+            assert (status, text.count("\n")) == (2, 1)
+            assert said in text or (command, status) == ("detect", 2)
+
+
+@pytest.mark.parametrize("field", ["name", "program", "cut", "phases", "version", "wrong"])
+@pytest.mark.parametrize(
+    "value", ["\x1b]0;x\x07\x9b31m\n\u202e\ud800", None, [], {"log": 5}, 10**400, {"from_s": "x"}]
+)
+def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(log, capsys, field, value):
+    metadata = {**METADATA, field: value}
+    log_of(log, rows(0, 50), {"stop_reason": "trip:\x1b[2J", "message": "\x07"}, metadata=metadata)
+    for command in (["log", log], ["log", log, "--json"], ["detect", log]):
+        status, text = told(capsys, *command)
+        assert status == (2 if field == "version" else 0), text
+
+
+def test_what_was_cut_out_keeps_whatever_the_metadata_hold(log, tmp_path, capsys):
+    for name in ("\ud800", r"$\frac{$", "\x00"):
+        log_of(log, rows(0, 50), metadata={**METADATA, "name": name})
+        paths = {option: tmp_path / f"a.{option}" for option in ("cut", "mcap")}
+        options = [word for option, path in paths.items() for word in (f"--{option}", path)]
+        assert told(capsys, "log", log, "--from", 0.01, *options)[0] == 0
+        assert LogReader(paths["cut"]).metadata["name"] == name
+
+
+def test_a_name_is_no_formula(log, tmp_path, capsys):
+    log_of(log, rows(0, 50), metadata={**METADATA, "name": r"$\frac{$ 中"})
+    assert told(capsys, "log", log, "--plot", tmp_path / "a.png") == (
+        0,
+        told(capsys, "log", log)[1],
+    )
+
+
+# Bounds
+
+
+def test_a_length_larger_than_any_block_is_not_read(log, capsys):
+    """A sparse file, whose first header names all of it."""
+    head = bytes(encoded(np.zeros(0, np.uint8))[0])
+    head = head.replace(b"(0,)", b"(1099511627776,)").replace(b"  # crc32", b"# was  ")
+    with log.open("wb") as file:
+        file.write(head)
+        file.truncate(1 << 41)
+    status, text = told(capsys, "log", log)
+    assert (status, "is not a log of haptic-wall" in text) == (2, True)
+    log_of(log, rows(0, 50))
+    size = log.stat().st_size
+    with log.open("r+b") as file:
+        file.truncate(1 << 41)
+    found = summary(capsys, log)
+    assert (found["rows"], found["damaged"]["bytes"]) == (50, (1 << 41) - size)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [MAGIC, MAGIC + b"\x10\x00{'descr': ", bytes(encoded(np.zeros(2**20, np.uint8))[0])],
+    ids=["magic", "begin", "head"],
+)
+def test_what_only_looks_like_blocks_is_passed_over(log, capsys, piece):
+    """20 MB of magic behind an intact block took more than 100 s."""
+    log_of(log, rows(0, 50))
+    with log.open("ab") as file:
+        file.write(piece * (20_000_000 // len(piece)))
+    found = summary(capsys, log)
+    assert (found["rows"], found["damaged"]["cut_off"]) == (50, True)
+
+
+def test_more_rows_than_a_block_takes_are_written_in_several(log):
+    many = rows(0, MOST_BYTES // ROW.itemsize + 1)
+    with LogWriter(log, METADATA, ROW) as writer:
+        writer.append(many)
+    sizes = [len(piece) for piece in LogReader(log).pieces()]
+    assert sizes == [len(many) - 1, 1]
+
+
+def test_more_metadata_than_anyone_writes_are_damage(log, capsys):
+    log_of(log, rows(0, 50), metadata={**METADATA, "wrong": "x" * (1 << 22)})
+    found = summary(capsys, log)
+    assert (found["rows"], found["name"]) == (50, None)
+
+
+def test_deadlines_of_one_moment_fill_no_memory(log):
+    """Windows take again what lies within ten seconds, which may be everything."""
+    with LogWriter(log, METADATA, ROW) as writer:
+        for start in range(0, 600_000, 100_000):
+            made = rows(start, start + 100_000)
+            made["deadline_ns"] = made["seq"]
+            writer.append(made)
+    most = max(each.parts[0].times.size for each in read_recordings(log))
+    assert most < 400_000
+
+
+@pytest.mark.parametrize("command", ["log", "detect"])
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
+def test_what_may_never_end_is_refused_at_once(tmp_path, monkeypatch, capsys, command, kind):
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as listening:
+        if kind == "pipe":
+            os.mkfifo("a.hwlog")
+        elif kind == "socket":
+            listening.bind("a.hwlog")
+        elif kind == "device":
+            Path("a.hwlog").symlink_to("/dev/zero")
+        else:
+            (tmp_path / "a.hwlog").mkdir()
+        status, text = told(capsys, command, "a.hwlog")
+    assert status == 2
+    assert f"it is a {kind}, not a file" in text or "Is a directory" in text
+
+
+# By content, not by name
+
+
+def test_a_log_is_known_whatever_its_name(log, tmp_path, capsys):
+    """Its bytes went to the terminal: found no column time_s, but these."""
+    log_of(log, rows(0, 50))
+    other = tmp_path / "run.csv"
+    content = log.read_bytes()
+    for damaged in (content, b"\x00" * 100 + content[100:]):
+        other.write_bytes(damaged)
+        status, text = told(capsys, "detect", other, "--json")
+        if damaged is content:
+            assert (status, json.loads(text)["samples"]) == (0, 50)
+        else:
+            assert (status, "configuration is not one" in text) == (2, True)
+    with pytest.raises(UserError, match="is not a log of haptic-wall"):
+        other.rename(log)
+        log.write_text("time_s,position_rad\n")
+        list(read_recordings(log))

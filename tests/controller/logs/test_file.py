@@ -1,0 +1,496 @@
+"""A log keeps what was written, byte for byte, whatever becomes of the disk or the writer."""
+
+import errno
+import fcntl
+import io
+import logging
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
+from haptic_wall.controller.logs.reader import Damage, End, Head, LogReader, Misplaced
+from haptic_wall.controller.system.file_kinds import LOG
+from haptic_wall.controller.system.whole_file import Beside
+
+ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
+METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}
+
+
+def rows(count, start=0):
+    block = np.zeros(count, ROW)
+    block["seq"] = np.arange(start, start + count)
+    block["position"] = 0.1 * block["seq"]
+    return block
+
+
+def write(path, *blocks):
+    with LogWriter(path, METADATA, ROW) as log:
+        for block in blocks:
+            log.append(block)
+    return path
+
+
+def test_what_was_written_is_read(tmp_path):
+    metadata, read = read_log(write(tmp_path / "a.hwlog", rows(3), rows(0), rows(4, 3)))
+    assert {**METADATA, **metadata} == metadata
+    np.testing.assert_array_equal(read, rows(7))
+
+
+def test_the_same_rows_give_the_same_bytes(tmp_path):
+    first = write(tmp_path / "a.hwlog", rows(5), rows(6, 5)).read_bytes()
+    assert write(tmp_path / "b.hwlog", rows(5), rows(6, 5)).read_bytes() == first
+
+
+def test_numpy_alone_can_read_it(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3), rows(2, 3))
+    with path.open("rb") as file:
+        assert np.load(file).tobytes().startswith(b'{"format": "haptic-wall log"')
+        np.testing.assert_array_equal(np.load(file), rows(3))
+        np.testing.assert_array_equal(np.load(file), rows(2, 3))
+
+
+def test_blocks_are_readable_before_the_log_is_closed(tmp_path):
+    log = LogWriter(tmp_path / "a.hwlog", METADATA, ROW)
+    log.append(rows(3))
+    np.testing.assert_array_equal(read_log(tmp_path / "a.hwlog")[1], rows(3))
+    log.close()
+    log.close()
+
+
+def test_a_log_without_rows_is_empty(tmp_path):
+    metadata, read = read_log(write(tmp_path / "a.hwlog"))
+    assert metadata["name"] == "simulated"
+    assert read.size == 0
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(tmp_path_factory, data):
+    path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
+    ends = [path.stat().st_size]
+    blocks = [rows(3), rows(4, 3), rows(2, 7)]
+    for count in (1, 2, 3):
+        ends.append(write(path, *blocks[:count]).stat().st_size)
+    cut = data.draw(st.integers(ends[0], ends[-1]))
+    path.write_bytes(path.read_bytes()[:cut])
+    whole = sum(len(block) for block, end in zip(blocks, ends[1:], strict=True) if end <= cut)
+    assert len(read_log(path)[1]) == whole
+
+
+def test_a_cut_off_end_is_warned_about(tmp_path, caplog):
+    path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
+    path.write_bytes(path.read_bytes()[:-1])
+    with caplog.at_level(logging.WARNING):
+        assert len(read_log(path)[1]) == 3
+    assert "not a complete block" in caplog.text
+    caplog.clear()
+    read_log(write(path, rows(3)))
+    assert not caplog.records
+
+
+def pieces(path):
+    """The rows' numbers, the damage, and the ends that a log gives."""
+    numbers, damage, ends = [], [], []
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Damage):
+            damage.append(piece)
+        elif isinstance(piece, End):
+            ends.append(piece.ended)
+        else:
+            np.testing.assert_array_equal(piece["position"], 0.1 * piece["seq"])
+            numbers += piece["seq"].tolist()
+    return numbers, damage, ends
+
+
+@pytest.fixture(scope="module")
+def blocks(tmp_path_factory):
+    """A log's bytes, and for each of its blocks the row numbers, the first byte and the end."""
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    table, start = [], 0
+    with LogWriter(path, METADATA, ROW) as log:
+        begin = path.stat().st_size
+        for count in (40, 3, 300, 1, 90, 256, 17):
+            log.append(rows(count, start))
+            end = path.stat().st_size
+            table.append((range(start, start + count), begin, end))
+            start, begin = start + count, end
+    return path.read_bytes(), table
+
+
+def damaged(data, content):
+    """The content as a failing disk or a power cut may leave it, and the bytes that were hit."""
+    size = len(content)
+    kind = data.draw(st.sampled_from(["bytes", "zeros", "page", "noise", "cut", "tail"]))
+    start = data.draw(st.integers(0, size - 1))
+    if kind == "cut":
+        return content[:start], [(start, size)]
+    if kind == "tail":  # the file's length was kept, not what is in it
+        return content[:start] + bytes(size - start), [(start, size)]
+    if kind == "page":
+        start -= start % 4096
+    length = {"bytes": 1, "page": 4096}.get(kind) or data.draw(st.integers(1, 6000))
+    end = min(size, start + length)
+    hit = np.frombuffer(content[start:end], np.uint8)
+    if kind in ("zeros", "page"):
+        other = np.zeros_like(hit)
+    else:
+        other = hit ^ np.random.default_rng(data.draw(st.integers(0, 9))).integers(1, 256, hit.size)
+    changed = np.flatnonzero(other != hit) + start
+    spans = [(int(changed[0]), int(changed[-1]) + 1)] if changed.size else []
+    return content[:start] + other.astype(np.uint8).tobytes() + content[end:], spans
+
+
+def touched(begin, end, content, now):
+    return content[begin:end] != now[begin:end]
+
+
+def test_every_intact_block_is_given_back_and_nothing_false(blocks, tmp_path, thorough):
+    content, table = blocks
+    path = tmp_path / "a.hwlog"
+    metadata_end = table[0][1]
+
+    @settings(deadline=None, max_examples=10_000 if thorough else 100)
+    @given(st.data())
+    def check(data):
+        now, hits = content, []
+        for _ in range(data.draw(st.integers(1, 3))):
+            if len(now) > 1:
+                now, spans = damaged(data, now)
+                hits += spans
+        path.write_bytes(now)
+        intact = [numbers for numbers, begin, end in table if not touched(begin, end, content, now)]
+        if not intact and touched(0, metadata_end, content, now):
+            with pytest.raises(LogFormatError):
+                LogReader(path)
+            return
+        numbers, damage, _ = pieces(path)
+        assert numbers == [n for block in intact for n in block]
+        skipped = sum(piece.size for piece in damage)
+        lost = sum(end - begin for n, begin, end in table if n not in intact)
+        lost -= len(content) - len(now)
+        if not touched(0, metadata_end, content, now):
+            assert LogReader(path).metadata["unit"] == "N·m"
+            assert skipped == max(0, lost)
+        else:
+            assert LogReader(path).metadata == {}
+
+    check()
+
+
+@settings(deadline=None)
+@given(order=st.lists(st.integers(0, 6), max_size=12))
+def test_blocks_in_any_order_give_each_row_at_most_once(blocks, tmp_path_factory, order):
+    content, table = blocks
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    places = [table[k] for k in order]
+    path.write_bytes(content[: table[0][1]] + b"".join(content[b:e] for _, b, e in places))
+    expected, late, twice = [], 0, 0
+    for numbers, _, _ in places:
+        if not expected or numbers[0] > expected[-1]:
+            expected += numbers
+        elif numbers[0] in expected:
+            twice += len(numbers)
+        else:
+            late += len(numbers)
+    read, left_out = [], []
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Misplaced):
+            left_out.append(piece)
+        else:
+            read += piece["seq"].tolist()
+    assert read == expected
+    # Of a block that is late, and then comes again, nothing is there before.
+    assert sum(each.rows for each in left_out) == late + twice
+    assert sum(each.twice for each in left_out) == twice
+
+
+@settings(deadline=None)
+@given(data=st.data())
+def test_joined_logs_are_read_one_after_the_other(blocks, tmp_path_factory, data):
+    content, table = blocks
+    path = tmp_path_factory.mktemp("log") / "a.hwlog"
+    ends = data.draw(st.lists(st.integers(0, len(table)), min_size=1, max_size=4))
+    path.write_bytes(b"".join(content[: table[end - 1][2] if end else table[0][1]] for end in ends))
+    read = [[]]
+    for piece in LogReader(path).pieces():
+        if isinstance(piece, Head):
+            assert piece.metadata["unit"] == "N·m"
+            read.append([])
+        else:
+            read[-1] += piece["seq"].tolist()
+    assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
+
+
+def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path):
+    content, _ = blocks
+    path = tmp_path / "a.hwlog"
+    path.write_bytes(bytes(4096) + content[4096:])
+    assert LogReader(path).metadata == {}
+    numbers, damage, _ = pieces(path)
+    assert damage[0].start == 0
+    assert numbers[-1] == 706
+
+
+def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path):
+    path = tmp_path / "old.hwlog"
+    head = b'{"format": "haptic-wall log", "version": 1, "name": "old"}'
+    with path.open("wb") as file:
+        np.save(file, np.frombuffer(head, np.uint8))
+        ends = []
+        for start in (0, 50, 100):
+            np.save(file, rows(50, start))
+            ends.append(file.tell())
+    assert pieces(path) == (list(range(150)), [], [])
+    content = path.read_bytes()
+    path.write_bytes(content[: ends[0]] + bytes(20) + content[ends[0] + 20 :])
+    numbers, (hole,), _ = pieces(path)
+    assert numbers == [*range(50), *range(100, 150)]
+    assert (hole.start, hole.start + hole.size) == tuple(ends[:2])
+    assert read_log(path)[0]["name"] == "old"
+
+
+def test_a_log_ends_with_how_the_run_ended(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3))
+    append_end(path, {"stop_reason": "trip:overspeed"})
+    assert pieces(path) == ([0, 1, 2], [], [{"stop_reason": "trip:overspeed"}])
+    assert len(read_log(path)[1]) == 3
+    append_end(tmp_path / "none.hwlog", {"stop_reason": "duration"})
+    assert not (tmp_path / "none.hwlog").exists()
+
+
+def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
+    path.write_bytes(path.read_bytes()[:-10])
+    append_end(path, {"stop_reason": "duration"})
+    numbers, damage, ends = pieces(path)
+    assert (numbers, ends) == ([0, 1, 2], [{"stop_reason": "duration"}])
+    assert [piece.last for piece in damage] == [False]
+
+
+def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(os, "fdatasync", lambda _: asked.append("rows"))
+    monkeypatch.setattr(os, "fsync", lambda _: asked.append("folder"))
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+        log.sync()
+        assert asked == ["rows", "folder"]
+        log.append(rows(3, 3))
+        log.sync()
+    assert asked == ["rows", "folder", "rows"]
+
+
+def test_a_log_is_synced_without_harm_to_a_device(tmp_path):
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+        log.sync()
+    with LogWriter(Path("/dev/null"), METADATA, ROW) as log:
+        log.append(rows(3))
+        log.sync()
+
+
+def test_what_the_disk_has_lost_is_an_error_once(tmp_path, monkeypatch):
+    def lose(_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        with monkeypatch.context() as once:
+            once.setattr(os, "fdatasync", lose)
+            with pytest.raises(OSError, match="Input/output"):
+                log.sync()
+        log.append(rows(3))
+        log.sync()
+
+
+@pytest.mark.parametrize("tell", [LogWriter.sync, LogWriter.close])
+@pytest.mark.parametrize("left", [0, 1000])
+def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(tmp_path, tell, left):
+    path = tmp_path / "run.hwlog"
+    log = LogWriter(path, METADATA, ROW)
+    log.append(rows(1000))
+    os.truncate(path, left)
+    log.append(rows(100, 1000))
+    with pytest.raises(OSError, match="another program has cut off its end"):
+        tell(log)
+    log.close()
+    assert path.stat().st_size < len(rows(300).tobytes()), "it has no hole"
+    np.testing.assert_array_equal(read_log(path)[1], rows(100, 1000))
+
+
+def test_a_disk_that_cannot_be_asked_has_lost_nothing(tmp_path, monkeypatch):
+    def cannot(_):
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    def may_not(*_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
+        with monkeypatch.context() as folder:
+            folder.setattr(os, "open", may_not)  # written to by all, read by one
+            log.sync()
+        log.append(rows(3))
+        monkeypatch.setattr(os, "fdatasync", cannot)
+        log.sync()
+
+
+class _FullDisk(io.FileIO):
+    """A disk that takes ``room`` more bytes, a few at a time."""
+
+    room = 0
+
+    def write(self, data):
+        taken = min(len(data), self.room, 100)
+        if taken == 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self.room -= taken
+        return super().write(bytes(data[:taken]))
+
+
+def test_a_full_disk_costs_only_what_did_not_fit(tmp_path):
+    path = tmp_path / "a.hwlog"
+    log = LogWriter(path, METADATA, ROW)
+    log._file.close()
+    log._file = disk = _FullDisk(path, "r+")
+    disk.seek(0, io.SEEK_END)
+    disk.room = 700
+    log.append(rows(10))
+    with pytest.raises(OSError, match="No space left") as full:
+        log.append(rows(100, 10))
+    assert full.value.errno == errno.ENOSPC
+    np.testing.assert_array_equal(read_log(path)[1], rows(10))
+    disk.room = 10_000
+    log.append(rows(100, 10))
+    log.close()
+    np.testing.assert_array_equal(read_log(path)[1], rows(110))
+
+
+def test_metadata_is_json(tmp_path):
+    with pytest.raises(ValueError, match="JSON compliant"):
+        LogWriter(tmp_path / "a.hwlog", {"delay": float("nan")}, ROW)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"time_s,position_rad\n0,0\n", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + b"x" * 118],
+)
+def test_another_file_is_not_a_log(tmp_path, content):
+    path = tmp_path / "other.hwlog"
+    path.write_bytes(content)
+    with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
+        read_log(path)
+
+
+def test_a_plain_array_is_not_a_log(tmp_path):
+    path = tmp_path / "other.npy"
+    np.save(path, np.arange(5))
+    with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
+        read_log(path)
+
+
+def test_pickled_objects_are_never_loaded(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(2))
+    with path.open("ab") as file:
+        np.save(file, np.array([{}], dtype=object))
+    assert len(read_log(path)[1]) == 2
+
+
+def test_a_log_of_a_later_version_is_refused(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(2))
+    content = np.frombuffer(b'{"format": "haptic-wall log", "version": 9}', np.uint8)
+    with path.open("wb") as file:
+        np.save(file, content)
+    with pytest.raises(LogFormatError, match="version 9"):
+        read_log(path)
+
+
+@settings(deadline=None)
+@given(st.data())
+def test_another_writer_goes_on_where_one_was_killed(tmp_path_factory, data):
+    path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
+    begun = path.stat().st_size
+    write(path, rows(3), rows(4, 3))
+    path.write_bytes(path.read_bytes()[: data.draw(st.integers(begun, path.stat().st_size))])
+    with LogWriter.resume(path, ROW) as log:
+        there = 0 if log.found is None else int(log.found["seq"][-1]) + 1
+        assert there in (0, 3, 7)
+        log.append(rows(9 - there, there))
+    np.testing.assert_array_equal(read_log(path)[1], rows(9))
+
+
+def test_a_log_of_days_is_gone_on_with_as_quickly_as_one_of_minutes(tmp_path):
+    # Rows of days: their beginning is a hole in the file, of which nothing may be read.
+    path = write(tmp_path / "a.hwlog", rows(3))
+    whole = path.read_bytes()
+    last = whole.rindex(b"\x93NUMPY")
+    with path.open("r+b") as file:
+        file.truncate(1 << 40)
+        file.seek(1 << 40)
+        file.write(whole[last:] + b"\x93NUMPY\x01\x00half a block")
+    with LogWriter.resume(path, ROW) as log:
+        np.testing.assert_array_equal(log.found, rows(3))
+    assert path.stat().st_size == (1 << 40) + len(whole) - last
+
+
+def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(3))
+    with pytest.raises(LogFormatError, match="other rows"):
+        LogWriter.resume(path, np.dtype([("seq", "<i8")]))
+    assert len(read_log(path)[1]) == 3, "and it is left as it was"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(LogFormatError, match="metadata"):
+        LogWriter.resume(path, ROW)
+
+
+def test_a_device_that_logs_go_to_stays_everybodys():
+    """/dev/null, say; a terminal here, that nobody else has."""
+    ends = os.openpty()
+    try:
+        device = Path(os.ttyname(ends[1]))
+        with LogWriter(device, {}, ROW), device.open("rb") as other:
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        for end in ends:
+            os.close(end)
+
+
+def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path):
+    log = tmp_path / "run.hwlog"
+    log.touch()
+    append_end(log, {"stop_reason": "interrupted"})
+    assert log.read_bytes() == b""
+
+
+def test_a_log_takes_its_place_with_its_first_rows(tmp_path):
+    path = write(tmp_path / "a.hwlog", rows(9))
+    before = path.read_bytes()
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)):
+        assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["a.hwlog"]
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)) as log:
+        log.append(rows(0))
+        assert path.read_bytes() == before
+        log.append(rows(3))
+        np.testing.assert_array_equal(read_log(path)[1], rows(3))
+        log.append(rows(2, 3))
+    np.testing.assert_array_equal(read_log(path)[1], rows(5))
+
+
+def test_rows_that_could_not_take_their_place_are_written_when_they_can(tmp_path):
+    path = tmp_path / "a.hwlog"
+    path.write_text("mine")
+    with LogWriter(path, METADATA, ROW, Beside(path, LOG)) as log:
+        for _ in range(2):
+            with pytest.raises(FileExistsError, match="not a log of haptic-wall"):
+                log.append(rows(3))
+        assert path.read_text() == "mine"
+        path.unlink()
+        log.append(rows(3))
+    np.testing.assert_array_equal(read_log(path)[1], rows(3))

@@ -1,0 +1,157 @@
+"""A log of hours takes no more memory than one of minutes, and says what the whole would say."""
+
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.logs import detected as seen
+from haptic_wall.controller.logs import recordings as log_recording
+from haptic_wall.controller.logs import windows as log_windows
+from haptic_wall.controller.logs.csv_export import write_csv
+from haptic_wall.controller.logs.cut import cut_log
+from haptic_wall.controller.logs.file import LogWriter
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.summary import summarised
+from haptic_wall.controller.report import sketch
+from haptic_wall.controller.report.dense_picture import MOST, outline
+from haptic_wall.controller.report.sketch import sketched
+from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
+from haptic_wall.controller.settings.load import load_config
+
+CONFIG = load_config("simulated").config
+SERVO = CONFIG.servo
+METADATA = {"name": "a", "config": CONFIG.model_dump(mode="json")}
+NOTHING = {"inertia": None, "damping": None, "coulomb": None, "lag": None}
+STEP = math.tau / 4096
+
+
+def rows(start, count):
+    """A drift into the wall at zero; from 10 to 14 s it feeds a shaking at 12 Hz."""
+    block = np.zeros(count, ROW)
+    block["seq"] = np.arange(start, start + count)
+    time = block["seq"] * 1e-3
+    block["deadline_ns"] = 1_000_000 * block["seq"] + 7
+    shakes = (time >= 10.0) & (time < 14.0)
+    speed = -0.05 * math.tau * 12.0 * np.sin(math.tau * 12.0 * time)
+    position = 0.002 * time + np.where(shakes, 0.05 * np.cos(math.tau * 12.0 * time), 0.0)
+    block["position"] = np.round(position / STEP) * STEP
+    # A spring that holds this inertia at 12 Hz, and what its friction takes put back.
+    spring = SERVO.inertia * (math.tau * 12.0) ** 2
+    block["stiffness"] = spring
+    given = SERVO.damping * speed + SERVO.coulomb * np.sign(speed)
+    block["torque"] = -spring * position + np.where(shakes, given, 0.0)
+    block["flags"] = np.where(block["position"] > 0, FLAG_CONTACT, 0)
+    block["flags"][block["seq"] < 200] = FLAG_WARM_UP
+    block["lateness_ns"] = 1000 + block["seq"] % 700
+    block["measured_torque"] = np.nan
+    return block
+
+
+def written(path, count):
+    with LogWriter(path, METADATA, ROW) as log:
+        for start in range(0, count, 250):
+            log.append(rows(start, min(250, count - start)))
+    return path
+
+
+def peak(work):
+    """Memory taken by some work at its worst [MB]."""
+    tracemalloc.start()
+    work()
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return most / 1e6
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    return [written(folder / f"{count}.hwlog", count) for count in (2_000, 10_000, 30_000)]
+
+
+@pytest.mark.parametrize("work", ["summary", "csv", "cut"])
+def test_memory_does_not_grow_with_the_log(logs, tmp_path, work):
+    def do(path):
+        log = LogRows.of(LogReader(path))
+        match work:
+            case "summary":
+                assert summarised(log).rows
+            case "csv":
+                write_csv(tmp_path / "a.csv", log)
+            case "cut":
+                cut_log(tmp_path / "a.hwlog", log, "a", 0.0, 1.0)
+
+    some = logs[:2] if work == "csv" else logs[1:]
+    do(some[0])  # what is loaded and compiled on first use
+    short, long = (peak(lambda path=path: do(path)) for path in some)
+    # The rows grow by 1.3 MB or more; what is held are a few blocks, and 1.3 MB for a summary.
+    assert long < short + 0.3
+
+
+def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch):
+    count, block = 100_000, 2000
+    monkeypatch.setattr(sketch, "SLICES", 200)
+    monkeypatch.setattr(sketch, "WHOLE", 800)
+
+    def blocks():
+        for start in range(0, count, block):
+            some = rows(start, block)
+            some["torque"][some["seq"] == 23_457] = 3.0
+            some["missed"][some["seq"] == 62_222] = 5
+            yield some
+
+    made = []
+    assert peak(lambda: made.append(sketched(blocks(), count, 7))) < 3.5  # of 16 MB
+    (drawn,) = made
+    assert drawn.rows["torque"].max() == 3.0
+    assert drawn.missed == (5, 0)
+    assert 62_222 in drawn.rows["seq"]
+    assert (drawn.rows["seq"][0], drawn.rows["seq"][-1]) == (0, count - 1)
+    assert np.all(np.diff(drawn.rows["seq"].astype(np.int64)) > 0)
+    assert len(drawn.rows) < 25 * 200
+    assert drawn.time[-1] == pytest.approx(99.999)
+    assert drawn.mean_velocity.size == 200
+    assert drawn.medians_us["lateness_ns"] == pytest.approx(1.35, rel=0.02)
+
+
+def test_a_short_run_is_drawn_row_by_row():
+    whole = sketch.WHOLE
+    drawn = sketched([rows(0, 3), rows(3, whole - 3)], whole, 7)
+    np.testing.assert_array_equal(drawn.rows["seq"], np.arange(whole))
+    assert drawn.mean_time.size == 0
+
+
+def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
+    path = logs[2]
+    monkeypatch.setattr(seen, "_WHOLE", 2000)
+    whole = seen.detect_all(log_recording.read_recordings(path), NOTHING)
+    for module in (log_windows, log_recording):
+        monkeypatch.setattr(module, "WINDOW", 6_000)
+    found = list(log_recording.read_recordings(path))
+    assert [r.of for r in found] == [5] * 5
+    assert max(r.samples for r in found) <= 6_000 + 250 + 10_000
+    parted = seen.detect_all(found, NOTHING)
+    assert (parted.samples, parted.parts) == (whole.samples, whole.parts)
+    assert parted.state == whole.state >= seen.State.SUSTAINED
+    assert parted.first_alarm_s == pytest.approx(whole.first_alarm_s, abs=0.3)
+    assert parted.frequency_hz == pytest.approx(whole.frequency_hz, rel=0.1)
+    assert parted.amplitude == pytest.approx(whole.amplitude, rel=0.1)
+    drawn = sum(part.times.size for part, _ in parted.drawn)
+    assert drawn < 8 * (seen.SLICES + 5)
+    times = np.concatenate([part.times for part, _ in parted.drawn])
+    assert np.all(np.diff(times) > 0)
+
+
+def test_shade_stays_simple_and_where_it_was():
+    time = np.arange(100_000) * 1e-3
+    few = (time >= 20.0) & (time < 30.0)
+    corners, heights = outline(time, few)
+    assert corners.tolist() == [20.0, 20.0, 30.0, 30.0]
+    assert heights.tolist() == [0.0, 1.0, 1.0, 0.0]
+    corners, heights = outline(time, few & (np.arange(time.size) % 3 > 0))
+    assert corners.size == heights.size <= 4 * MOST
+    assert 20.0 <= corners.min() < corners.max() <= 30.5
+    assert outline(time, np.zeros_like(few))[0].size == 0

@@ -1,0 +1,64 @@
+"""A log of each format there ever was, as its own program wrote it, is read like one of today."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.runtime.telemetry import ROW
+
+PAST = sorted((Path(__file__).parent / "past").glob("*.hwlog"))
+"""40 ticks of a simulated wall, begun inside it: before there were phases, checksums, an end; with
+losses counted in a row; and of today."""
+
+
+def answer(capsys, *arguments):
+    assert main(list(map(str, arguments))) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return captured.out
+
+
+@pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
+def test_every_command_reads_it(log, tmp_path, capsys):
+    summary = json.loads(answer(capsys, "log", log, "--json"))
+    assert (summary["rows"], summary["unrecorded_rows"], summary["phases"]) == (40, 0, 1)
+    assert summary["damaged"]["places"] == summary["missed_ticks"] == 0
+    assert summary["position_rad"] == pytest.approx([0.0322, 0.0506], abs=1e-4)
+    watched = log != PAST[0]
+    assert summary["oscillation"]["state"] == ("quiet" if watched else None)
+    assert summary["stop_reason"] == (None if log in PAST[:3] else "duration")
+    assert f"oscillation {'quiet' if watched else 'not watched'}" in answer(capsys, "log", log)
+    csv, mcap = tmp_path / "a.csv", tmp_path / "a.mcap"
+    answer(capsys, "log", log, "--csv", csv, "--mcap", mcap)
+    assert len(csv.read_text().splitlines()) == 41
+    assert mcap.stat().st_size
+    assert json.loads(answer(capsys, "detect", log, "--json"))["samples"] == 40
+
+
+def test_the_first_format_is_drawn(tmp_path, capsys):
+    answer(capsys, "log", PAST[0], "--plot", tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
+def test_its_rows_are_those_that_were_written(log, tmp_path, capsys):
+    metadata, raw = read_log(log)
+    rows = np.concatenate(list(LogRows.of(LogReader(log)).blocks()))
+    assert rows.dtype == ROW
+    assert rows["seq"].tolist() == list(range(40))
+    for name in raw.dtype.names:
+        np.testing.assert_array_equal(rows[name], raw[name])
+    assert np.isnan(rows["measured_torque"]).all()
+    (recording,) = read_recordings(log)
+    assert recording.parts[0].positions.tolist() == raw["position"].tolist()
+    answer(capsys, "log", log, "--from", "0", "--cut", tmp_path / "cut.hwlog")
+    kept, cut = read_log(tmp_path / "cut.hwlog")
+    assert kept["config"] == metadata["config"]
+    assert cut.tobytes() == rows.tobytes()

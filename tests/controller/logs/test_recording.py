@@ -1,0 +1,290 @@
+import contextlib
+import math
+import os
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs import csv_table
+from haptic_wall.controller.logs.recordings import read_recordings
+from haptic_wall.controller.logs.windows import WINDOW
+
+STEP = math.tau / 4096
+RNG = np.random.default_rng(1)
+
+
+def read_recording(path):
+    (found,) = read_recordings(path)
+    return found
+
+
+def swing(times):
+    return 0.05 * np.cos(math.tau * 5.0 * times)
+
+
+def write(path, **columns):
+    names = list(columns)
+    lines = [",".join(names)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(",".join("" if math.isnan(value) else repr(float(value)) for value in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_an_even_record_is_taken_as_it_is(tmp_path):
+    times = np.arange(2000) * 1e-3
+    counted = np.round(swing(times) / STEP) * STEP
+    path = write(tmp_path / "a.csv", time_s=times, position_rad=counted, torque_nm=-counted)
+    found = read_recording(path)
+    assert found.period == pytest.approx(1e-3)
+    assert found.notes == ()
+    (part,) = found.parts
+    assert np.array_equal(part.positions, counted)
+    assert np.array_equal(part.torques, -counted)
+    assert found.known.position_step == pytest.approx(STEP, rel=1e-9)
+
+
+def test_columns_may_come_in_any_order_with_others_beside(tmp_path):
+    times = np.arange(100) * 1e-3
+    path = write(tmp_path / "a.csv", extra=times, position_rad=swing(times), time_s=times)
+    found = read_recording(path)
+    assert np.allclose(found.parts[0].positions, swing(times))
+    assert any("no column torque_nm" in note for note in found.notes)
+    assert found.known.position_step == 0.0
+
+
+def test_a_gap_parts_the_record_and_is_told(tmp_path):
+    times = np.arange(3000) * 1e-3
+    times = times[(times < 1.0) | (times >= 1.5)]
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert [part.times[0] for part in found.parts] == pytest.approx([0.0, 1.5])
+    assert any("from 0.999 to 1.5 s" in note for note in found.notes)
+
+
+def test_missing_positions_stay_missing(tmp_path):
+    times = np.arange(1000) * 1e-3
+    positions = swing(times)
+    positions[[10, 500, 501]] = math.nan
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=positions))
+    (part,) = found.parts
+    assert np.count_nonzero(np.isnan(part.positions)) == 3
+    assert any("3 rows have no position, first at 0.01 s" in note for note in found.notes)
+
+
+def test_missing_torques_are_held_and_told(tmp_path):
+    times = np.arange(100) * 1e-3
+    torques = np.full(100, 2.0)
+    torques[[0, 50]] = math.nan
+    path = write(tmp_path / "a.csv", time_s=times, position_rad=times, torque_nm=torques)
+    found = read_recording(path)
+    assert found.parts[0].torques[0] == 0.0
+    assert found.parts[0].torques[50] == 2.0
+    assert any("2 rows have no torque" in note for note in found.notes)
+
+
+def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path):
+    times = np.arange(3000) * 1e-3 + RNG.uniform(-4e-4, 4e-4, 3000)
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    (part,) = found.parts
+    assert found.period == pytest.approx(1e-3, rel=0.01)
+    assert np.allclose(np.diff(part.times), found.period)
+    # Interpolated over at most 1.8 ms: off by (w h)²/8 of the amplitude.
+    assert (
+        np.abs(part.positions - swing(part.times)).max() < 0.05 * (math.tau * 5 * 1.8e-3) ** 2 / 8
+    )
+    assert any("uneven" in note for note in found.notes)
+
+
+def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path):
+    times = np.concatenate([[0.0], np.cumsum(np.tile([0.3e-3, 1.7e-3], 1500))])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert found.period == pytest.approx(1e-3, rel=0.01)
+    assert any("uneven" in note for note in found.notes)
+
+
+def test_times_that_go_back_are_left_out_and_told(tmp_path):
+    times = np.arange(200) * 1e-3
+    times[100] = 0.05
+    times[150] = times[149]
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert found.samples == 198
+    assert any("2 rows are left out" in note and "0.05 s" in note for note in found.notes)
+
+
+def recording(start, samples, period=1e-3, jitter=0.0):
+    times = start + np.arange(samples) * period
+    return times + RNG.uniform(-jitter, jitter, samples) * period
+
+
+@pytest.mark.parametrize("apart", [86_400.0, 30 * 86_400.0, 1000 * 86_400.0])
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_recordings_days_apart_are_parts_of_their_own(tmp_path, apart, jitter):
+    """By the system's clock; one grid over all of a day took 4 GB."""
+    first = recording(1.7e9, 900, jitter=jitter)
+    second = recording(1.7e9 + apart, 700, jitter=jitter)
+    times = np.concatenate([first, second])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    assert [part.times[0] for part in found.parts] == pytest.approx([0.0, second[0] - first[0]])
+    for part, alone in zip(found.parts, (first, second), strict=True):
+        assert part.times.size == pytest.approx(alone.size, rel=0.01)
+        assert np.ptp(part.times) == pytest.approx(np.ptp(alone), abs=2e-3)
+        assert np.abs(part.positions - swing(part.times + first[0])).max() < 1e-3
+    assert any("times count from the first row's, 17000000" in note for note in found.notes)
+    assert any("nothing is known from" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("rates", [(1000, 50), (50, 1000), (1000, 10, 200)])
+def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path, rates):
+    times = np.concatenate([recording(1000.0 * k, 300, 1.0 / rate) for k, rate in enumerate(rates)])
+    path = write(tmp_path / "a.csv", time_s=times, position_rad=swing(times))
+    found = list(read_recordings(path))
+    assert [each.period for each in found] == pytest.approx([1.0 / rate for rate in rates])
+    assert [each.samples for each in found] == [300] * len(rates)
+    notes = [note for each in found for note in each.notes]
+    for k, rate in list(enumerate(rates))[1:]:
+        assert f"from {1000 * k} s on there is a sample each {1000 / rate:.4g} ms" in notes
+
+
+def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path):
+    once = recording(0.0, 500)
+    times = np.concatenate([once, recording(0.0, 800), recording(0.2, 100)])
+    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
+    starts, sizes = zip(*((part.times[0], part.times.size) for part in found.parts), strict=True)
+    assert sizes == (500, 800, 100)
+    assert starts == pytest.approx([0.0, 1.499, 3.298])
+    assert any("time goes back from 0.499 to 0 s" in note for note in found.notes)
+
+
+def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path):
+    times = recording(0.0, WINDOW + 50_000)
+    found = list(read_recordings(write(tmp_path / "a.csv", time_s=times, position_rad=times)))
+    assert [each.samples for each in found] == [WINDOW, 60_000]
+    assert found[1].since_s == pytest.approx(1e-3 * WINDOW)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"time_s,position_rad" + b",1" * 100_000, "line 1 has more than 65536 characters"),
+        (b"time_s,position_rad\n0,0\n0," + b" " * 70_000, "line 3 has more than 65536"),
+        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "is a quote left open?"),
+        (b"time_s,position_rad\n0,\x1b[31m\n", r"line 2 holds the control character '\x1b'"),
+        (b"\x89PNG\r\n\x1a\n", "its first line has no column time_s and no position_rad"),
+        ("time_s,position_rad\n".encode("utf-16"), r"the control character '\x00'"),
+        (b"time_s,position_rad\n1_0,1\n", "column time_s: found '1_0', wanted a number"),
+        ("t\u202e,x\n".encode(), r"found t\u202e, x;"),
+    ],
+)
+def test_what_is_no_text_is_refused_in_words(tmp_path, content, said):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(UserError) as error:
+        list(read_recordings(path))
+    assert said in str(error.value)
+    assert str(error.value).isprintable()
+
+
+def test_a_csv_larger_than_what_fits_is_refused_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(UserError, match=f"found {1 << 40} bytes, wanted a CSV of at most"):
+        read_recording(path)
+    monkeypatch.setattr(csv_table, "MOST_ROWS", 99)
+    times = np.arange(100.0)
+    with pytest.raises(UserError, match="found more than 99 rows"):
+        read_recording(write(path, time_s=times, position_rad=times))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
+def test_what_may_never_end_is_not_looked_into(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    path = Path("a.csv")
+    with contextlib.ExitStack() as stack:
+        if kind == "pipe":
+            os.mkfifo(path)
+        elif kind == "socket":
+            stack.enter_context(socket.socket(socket.AF_UNIX)).bind("a.csv")
+        elif kind == "device":
+            path.symlink_to("/dev/zero")
+        else:
+            path.mkdir()
+        with pytest.raises(OSError, match=f"a {kind}, not a file|Is a directory"):
+            read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "found nothing"),
+        ("t,x\n0,1\n", "found t, x"),
+        ("time_s,position_rad\n0,1\n0.001,one\n", "line 3, column position_rad: found 'one'"),
+        ("time_s,position_rad\n0,1\n0.001,1\n", "found 2 rows"),
+        ("time_s,position_rad\n" + "".join(f"{k},\n" for k in range(20)), "0 rows with a position"),
+        ("time_s,position_rad\n" + "nan,1\n" * 20, "found 0 rows"),
+        ('time_s,position_rad\n0,"' + 200_000 * "1", "is a quote left open?"),
+    ],
+)
+def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, message):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
+        read_recording(path)
+    assert message in str(error.value)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(
+        st.sampled_from(
+            [
+                "0.001",
+                "5",
+                "-1",
+                "1e9",
+                "1.7e9",
+                "nan",
+                "inf",
+                "",
+                " ",
+                ",",
+                "\n",
+                "\r\n",
+                '"',
+                "x",
+                "\x1b",
+                "1e300",
+                "1_0",
+                "time_s",
+                "position_rad",
+            ]
+        ),
+        max_size=80,
+    ),
+    st.integers(0, 3),
+)
+def test_any_cells_are_refused_or_read(tmp_path_factory, cells, even):
+    path = tmp_path_factory.mktemp("csv") / "a.csv"
+    rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))
+    path.write_text(f"time_s,position_rad\n{rows}{''.join(cells)}", newline="")
+    try:
+        found = list(read_recordings(path))
+    except UserError as error:
+        assert str(error).isprintable()
+    else:
+        for part in (part for each in found for part in each.parts):
+            assert np.all(np.diff(part.times) > 0.0)
+            assert part.times.size < 1000
+
+
+def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path):
+    path = tmp_path / "a.csv"
+    for size in (1, 10, 1000):
+        path.write_bytes(b"time_s,position_rad\n" + RNG.bytes(size))
+        with pytest.raises(UserError):
+            read_recording(path)

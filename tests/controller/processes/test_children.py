@@ -1,0 +1,73 @@
+"""Child processes are this program's, wherever the user stands; who waits for one may give up."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.controller.system.signals import on_signals
+
+
+@pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
+def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch, path):
+    monkeypatch.setenv("PYTHONPATH", path.format(tmp_path, tmp_path))
+    (tmp_path / "controller").mkdir()
+    (tmp_path / "controller" / "__init__.py").write_text("raise SystemExit('not ours')")
+    if not path:
+        (tmp_path / "json.py").write_text("raise SystemExit('not ours')")
+    monkeypatch.chdir(tmp_path)
+    child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
+    try:
+        assert "haptic-wall" in (first_line(child, 30.0) or "")
+    finally:
+        child.dismiss(2.0)
+
+
+def test_who_asks_to_stop_does_not_wait_for_a_first_line_that_never_comes(monkeypatch):
+    monkeypatch.setattr(Child, "ended", lambda _: False)
+    child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
+    try:
+        first_line(child, 30.0)  # the only one it says
+        began = time.monotonic()
+        assert first_line(child, 30.0, lambda: time.monotonic() > began + 0.05) is None
+        assert time.monotonic() - began < 1.0
+    finally:
+        child.dismiss(2.0)
+
+
+def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch):
+    """The child is in the terminal's group for a moment yet, and would die of it."""
+    heard = []
+    started = subprocess.Popen
+
+    def interrupted(*arguments, **options):
+        os.kill(os.getpid(), signal.SIGINT)
+        process = started(*arguments, **options)
+        os.kill(process.pid, signal.SIGINT)
+        return process
+
+    monkeypatch.setattr(subprocess, "Popen", interrupted)
+    with on_signals(lambda *_: heard.append("once"), (signal.SIGINT,)):
+        child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
+    try:
+        assert "haptic-wall" in (first_line(child, 30.0) or "")
+    finally:
+        child.dismiss(2.0)
+    assert heard == ["once"]
+
+
+@pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
+@pytest.mark.parametrize("told", ["", '{"par'])
+def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told):
+    done = subprocess.run(
+        [sys.executable, "-m", f"haptic_wall.controller.processes.{module}"],
+        input=told,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

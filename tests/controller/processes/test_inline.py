@@ -1,0 +1,65 @@
+"""A run in one process says how many rows its log lacks, and what the disk told last."""
+
+import errno
+
+import pytest
+
+from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.settings.load import load_config
+
+
+@pytest.fixture
+def ended(tmp_path):
+    """Runs six seconds, and returns how it ended and how many rows there were."""
+
+    def run(log=tmp_path / "run.hwlog"):
+        telemetry = Telemetry.create()
+        config = load_config("simulated", ["loop.clock=simulated"]).config
+        return run_inline(Plan(config, 6.0, log, {}, None), telemetry), telemetry.words[Word.HEAD]
+
+    return run
+
+
+def test_a_whole_log_lacks_nothing(ended, tmp_path):
+    whole, rows = ended()
+    assert (whole.lacking, whole.warnings) == (0, [])
+    assert len(read_log(tmp_path / "run.hwlog")[1]) == rows
+
+
+def test_a_full_disk_leaves_out_what_it_did_not_take(ended, tmp_path, monkeypatch):
+    append, blocks = LogWriter.append, []
+
+    def fill(log, rows):
+        blocks.append(rows)
+        if len(blocks) > 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        append(log, rows)
+
+    monkeypatch.setattr(LogWriter, "append", fill)
+    cut, rows = ended()
+    assert cut.lacking == rows - len(read_log(tmp_path / "run.hwlog")[1]) > 0
+    (warning,) = cut.warnings
+    assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
+
+
+def test_a_log_that_cannot_be_begun_lacks_all(ended, tmp_path):
+    none, rows = ended(tmp_path / "nowhere" / "run.hwlog")
+    assert none.lacking == rows >= 6000
+    assert "No such file" in none.warnings[0]
+
+
+def test_a_loss_that_only_closing_tells_is_told(ended, tmp_path, monkeypatch):
+    close = LogWriter.close
+
+    def lose(log):
+        close(log)
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(LogWriter, "close", lose)
+    lost, _ = ended()
+    assert lost.lacking is None
+    (warning,) = lost.warnings
+    assert f"{tmp_path / 'run.hwlog'} is incomplete: Input/output error" in warning

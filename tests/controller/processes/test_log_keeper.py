@@ -1,0 +1,393 @@
+"""Whatever becomes of a recorder, another goes on: each row is in the log once, and it is told."""
+
+import errno
+import itertools
+import json
+import os
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.logs.file import LogWriter, read_log
+from haptic_wall.controller.processes import log_keeper, recorder
+from haptic_wall.controller.processes.log_keeper import STUCK_S, LogKeeper
+from haptic_wall.controller.processes.recorder import Recorder, _Attempts, may_stand_back
+from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemetry, Word
+
+TICKS = itertools.count()
+
+
+def row():
+    """A row of the next period."""
+    return Row(deadline_ns=next(TICKS) * 1_000_000)
+
+
+class Child:
+    """A recorder without a process: it writes when it is let, and ends as it is told."""
+
+    def __init__(self, telemetry, path, resume):
+        log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
+        self._recorder = Recorder(telemetry, log)
+        self._words = telemetry.words
+        self._said = []
+        self.writes = True
+        self.mortal = True
+        self.code = None
+
+    def turn(self):
+        if self.code is None and self.writes:
+            self._recorder.drain()
+            if self._words[Word.FINISHED]:
+                self.end(0)
+
+    def say(self, trouble):
+        self._said.append(json.dumps({"trouble": trouble}))
+
+    def lose(self, lost):
+        self._said.append(json.dumps({"lost": lost}))
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            self._recorder.close()
+
+    def lines(self):
+        said, self._said = self._said, []
+        return said
+
+    def ended(self):
+        return self.code is not None
+
+    def well(self):
+        return self.code == 0
+
+    def exit_text(self):
+        return {None: "is running", 0: "ended with 0"}.get(self.code, "was killed by SIGKILL")
+
+    def wait(self, timeout_s):
+        if timeout_s > 0.0:
+            self.turn()
+        return self.ended()
+
+    def send(self, _number):
+        if self.mortal:
+            self.end(-9)
+
+    def dismiss(self, _timeout_s):
+        self.end(-9)
+
+
+class TalkingChild(Child):
+    """What a recorder's process does and says, in this process."""
+
+    def __init__(self, telemetry, path, resume, capfd):
+        self._attempts = _Attempts(telemetry, {"log": str(path), "metadata": {}, "resume": resume})
+        self._words = telemetry.words
+        self._capfd = capfd
+        self.mortal = True
+        self.code = None
+
+    def turn(self):
+        if self.code is None:
+            self._attempts.write()
+            if self._words[Word.FINISHED]:
+                self.end(0)
+
+    def lines(self):
+        return self._capfd.readouterr().out.splitlines()
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            self._attempts.close()
+
+
+class Run:
+    """A loop that writes a row each millisecond, a keeper that looks, on one simulated time."""
+
+    def __init__(self, folder, child=Child):
+        self._child = child
+        self.telemetry = Telemetry.create()
+        self.words = self.telemetry.words
+        self.path = folder / "run.hwlog"
+        self.told = []
+        self.recorders = []
+        self.refused = None
+        self.now = 0.0
+        self.keeper = LogKeeper(self.start, self.words, self.told.append, self.now)
+
+    def start(self, resume):
+        if self.refused is not None:
+            raise self.refused
+        self.recorders.append(self._child(self.telemetry, self.path, resume))
+        return self.recorders[-1]
+
+    def go(self, seconds, rows_per_s=1000, step=0.25):
+        for _ in range(round(seconds / step)):
+            self.now += step
+            for _ in range(round(rows_per_s * step)):
+                self.telemetry.write(row())
+            self.recorders[-1].turn()
+            self.keeper.look(self.now)
+
+    def end(self):
+        """The notes, and the rows that the log holds."""
+        notes = self.keeper.end()
+        self.keeper.close()
+        return notes, read_log(self.path)[1]["seq"]
+
+
+@pytest.fixture
+def run(tmp_path):
+    run = Run(tmp_path)
+    yield run
+    run.recorders[-1].end(-9)
+
+
+def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
+    run.go(5.0)
+    notes, rows = run.end()
+    assert notes == run.told == []
+    assert run.keeper.lacking == 0
+    np.testing.assert_array_equal(rows, np.arange(5000))
+
+
+def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].end(-9)
+    run.go(0.25)
+    assert run.told == [
+        "the recorder was killed by SIGKILL; another one goes on with the log",
+    ]
+    assert len(run.recorders) == 2
+    run.go(2.0)
+    notes, rows = run.end()
+    assert notes == [
+        "the recorder was killed by SIGKILL; another one went on, and no row is missing from the"
+        " log"
+    ]
+    np.testing.assert_array_equal(rows, np.arange(4250))
+
+
+def test_a_recorder_that_never_lives_is_not_started_all_the_time(run):
+    for _ in range(20):
+        run.recorders[-1].end(-9)
+        run.go(0.5)
+    assert len(run.recorders) <= 1 + 4, "within 10 s, at 1, 2, 3 and 4 s after the one before"
+    notes, rows = run.end()
+    assert "times); another one went on, and no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(10_000))
+
+
+def test_a_recorder_that_cannot_be_started_is_tried_again(run):
+    run.go(2.0)
+    run.refused = OSError(errno.ENOMEM, "Cannot allocate memory")
+    run.recorders[-1].end(-9)
+    run.go(5.0)
+    assert any("could not be started (Cannot allocate memory)" in text for text in run.told)
+    run.refused = None
+    run.go(2.0)
+    _, rows = run.end()
+    np.testing.assert_array_equal(rows, np.arange(9000))
+
+
+def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].writes = False
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 2
+    assert any("had written nothing" in text for text in run.told)
+    notes, rows = run.end()
+    assert len(notes) == 1
+    np.testing.assert_array_equal(rows, np.arange(len(rows)))
+    assert len(rows) == run.words[Word.HEAD]
+
+
+def test_nobody_writes_beside_a_recorder_that_does_not_die(run):
+    run.go(2.0)
+    stuck = run.recorders[-1]
+    stuck.writes = stuck.mortal = False  # it waits for a disk in the kernel
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(3.0 * STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 1
+    stuck.end(-9)  # the disk answers again
+    run.go(1.0, rows_per_s=4)
+    assert len(run.recorders) == 2
+    notes, rows = run.end()
+    assert "no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
+
+
+def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run):
+    def crawl(self):
+        """A block of a few rows, then the processor is somebody else's."""
+        recorder = self._recorder
+        block, _ = recorder._telemetry.read(recorder._tail, 9)
+        recorder._log.append(block)
+        recorder._count(block)
+
+    run.recorders[-1].turn = crawl.__get__(run.recorders[-1])
+    run.go(2.25, rows_per_s=CAPACITY // 4)
+    run.go(STUCK_S + 0.5, rows_per_s=4)
+    assert run.told == ["the recorder did not keep up for 10 s; another one goes on with the log"]
+    (note,), rows = run.end()
+    assert "no row is missing" in note
+    np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
+
+
+def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run):
+    run.go(2.0)
+    told = run.words[Word.TAIL]
+    run.telemetry.write(row())
+    run.recorders[-1].turn()
+    run.words[Word.TAIL] = told  # the block is in the log, but nobody knows
+    run.recorders[-1].end(-9)
+    (note,), rows = run.end()
+    assert "no row is missing" in note
+    np.testing.assert_array_equal(rows, np.arange(2001))
+
+
+def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run):
+    run.go(2.0)
+    run.recorders[-1].writes = False
+    run.recorders[-1].say("run.hwlog: No space left on device")
+    run.go(1.0, rows_per_s=CAPACITY // 2 + 8)
+    run.go(2.0 * STUCK_S, rows_per_s=4)
+    assert len(run.recorders) == 1, "one that waits for room is left alone"
+    (told,) = run.told
+    assert "the log cannot be written (run.hwlog: No space left on device)" in told
+    run.go(1.0, rows_per_s=CAPACITY // 2)
+    assert "rows are being lost" in run.told[1]
+    run.recorders[-1].writes = True
+    run.recorders[-1].say(None)
+    run.go(1.0)
+    assert run.told[2:] == ["the log is written again"]
+    (note,), rows = run.end()
+    missing = run.words[Word.HEAD] - len(rows)
+    assert missing > 0
+    assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
+    assert run.keeper.lacking == missing
+    assert np.all(np.diff(rows) > 0)
+
+
+@pytest.fixture
+def talking(tmp_path, monkeypatch, capfd):
+    """A run whose recorder syncs at each turn."""
+    monkeypatch.setattr(recorder, "SYNC_S", 0.0)
+    return Run(tmp_path, lambda *of: TalkingChild(*of, capfd))
+
+
+def failing(*_):
+    raise OSError(errno.EIO, "Input/output error")
+
+
+LOST = "run.hwlog: Input/output error), and nobody knows which rows; the run was not disturbed"
+
+
+def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talking, monkeypatch):
+    talking.go(1.0)
+    with monkeypatch.context() as once:
+        once.setattr(os, "fdatasync", failing)
+        talking.go(0.25)
+    (told,) = talking.told
+    assert "part of the log is lost" in told
+    assert "run.hwlog: Input/output error" in told
+    talking.go(1.0)
+    notes, rows = talking.end()
+    assert talking.told == [told], "it is not well again"
+    (note,) = notes
+    assert note.endswith(LOST)
+    assert str(talking.path) in note
+    assert talking.keeper.lacking is None
+    np.testing.assert_array_equal(rows, np.arange(2250), "and all else is kept")
+
+
+@pytest.mark.parametrize("when", ["sync", "close"])
+def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when):
+    talking.go(1.0)
+    if when == "sync":
+        talking.telemetry.write(row())
+        monkeypatch.setattr(os, "fdatasync", failing)
+    else:
+        close = LogWriter.close
+        monkeypatch.setattr(LogWriter, "close", lambda log: failing(close(log)))
+    (note,), _ = talking.end()
+    assert note.endswith(LOST)
+    assert talking.keeper.lacking is None
+
+
+def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run):
+    run.go(1.0)
+    run.recorders[-1].lose("run.hwlog: Input/output error")
+    run.recorders[-1].end(-9)
+    run.go(3.0)
+    notes, _ = run.end()
+    assert notes[0] == "the recorder was killed by SIGKILL"
+    assert notes[1].endswith(LOST)
+
+
+@pytest.mark.parametrize("how", ["killed", "stopped"])
+def test_the_last_rows_are_written_by_another_recorder(run, how):
+    run.go(2.0)
+    if how == "killed":
+        run.recorders[-1].end(-9)
+    else:
+        run.recorders[-1].writes = False
+    run.telemetry.write(row())
+    notes, rows = run.end()
+    assert len(run.recorders) == 2
+    assert "no row is missing" in notes[0]
+    np.testing.assert_array_equal(rows, np.arange(2001))
+
+
+def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run):
+    run.go(2.0)
+    run.recorders[-1].end(-9)
+    run.telemetry.write(row())
+    run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
+    notes, rows = run.end()
+    assert any("lacks 1 of 2001 rows" in note for note in notes)
+    assert run.keeper.lacking == 1
+    assert len(rows) == 2000
+    assert len(run.recorders) == 1 <= log_keeper.LAST_ATTEMPTS
+
+
+def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
+    run.go(5.0)
+    assert may_stand_back(run.words)
+    run.recorders[-1].writes = False  # it does not come to run
+    run.go(10.0)
+    assert not may_stand_back(run.words)
+    run.recorders[-1].writes = True
+    run.go(1.0)
+    assert may_stand_back(run.words)
+    run.words[Word.FINISHED] = 1
+    assert not may_stand_back(run.words)
+
+
+def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking):
+    with LogWriter(talking.path, {}, ROW) as old:
+        old.append(np.zeros(7, ROW))
+    before = talking.path.read_bytes()
+    talking.recorders[-1].end(-9)
+    talking.now = 2.0
+    talking.keeper.look(talking.now)
+    assert len(talking.recorders) == 2
+    talking.recorders[-1].turn()
+    assert talking.path.read_bytes() == before, "there is nothing yet to replace it with"
+    talking.go(1.0)
+    _, rows = talking.end()
+    np.testing.assert_array_equal(rows, np.arange(1000))
+    assert [path.name for path in talking.path.parent.iterdir()] == ["run.hwlog"]
+
+
+def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking):
+    talking.go(1.0)
+    moved = talking.path.rename(talking.path.with_name("moved"))
+    talking.go(1.0)
+    talking.recorders[-1].end(-9)
+    talking.go(1.0)
+    _, rows = talking.end()
+    np.testing.assert_array_equal(rows, np.arange(3000), "memory still had them")
+    np.testing.assert_array_equal(read_log(moved)[1]["seq"], np.arange(2000))

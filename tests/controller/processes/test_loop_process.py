@@ -1,0 +1,48 @@
+"""The loop's process says what went wrong in one sentence, whatever it was."""
+
+import json
+import os
+import subprocess
+import sys
+
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
+
+BROKEN = """
+from haptic_wall.controller.processes import loop_process
+
+def run_session(*_, **__):
+    raise ZeroDivisionError("boom")
+
+loop_process.run_session = run_session
+loop_process.main()
+"""
+
+
+def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect():
+    telemetry = Telemetry.create()
+    orders = {
+        "config": load_config("simulated", []).config.model_dump_json(),
+        "telemetry": telemetry.descriptor,
+        "port": None,
+        "parent": os.getpid(),
+        "core": min(os.sched_getaffinity(0)),
+        "duration_s": 1.0,
+        "program": [],
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", BROKEN],
+        input=json.dumps(orders) + "\n",
+        capture_output=True,
+        text=True,
+        pass_fds=[telemetry.descriptor],
+        timeout=60,
+        check=False,
+    )
+    assert done.stderr == ""
+    (line,) = done.stdout.splitlines()
+    told = json.loads(line)
+    assert told["event"] == "refused"
+    assert "ZeroDivisionError: boom" in told["message"]
+    assert "in run_session, <string> line 5" in told["message"]
+    assert "defect" in told["message"]

@@ -1,0 +1,90 @@
+"""Who watches the loop ends one that hangs, and never a healthy one because he slept himself."""
+
+import pytest
+
+from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, START_S, LoopWatch
+from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+
+LOOK_S = 0.02
+HEARTBEAT_S = 0.1
+
+
+class Loop:
+    """A loop that beats until it is told not to, watched on a clock of its own."""
+
+    def __init__(self, state):
+        self.words = Telemetry.create().words
+        self.words[Word.STATE] = state
+        self.now = 100.0
+        self.beats = True
+        self.beat()
+        self.watch = LoopWatch(self.words, HEARTBEAT_S, self.now)
+
+    def beat(self):
+        if self.beats:
+            self.words[Word.HEARTBEAT_NS] = round(self.now * 1e9)
+
+    def after(self, seconds, step=LOOK_S):
+        """Look every ``step`` for so long; when it was found overdue, and of what."""
+        end = self.now + seconds
+        while self.now < end - 1e-9:
+            self.now += step
+            self.beat()
+            if overdue := self.watch.overdue(self.now):
+                return overdue
+        return None
+
+
+def test_a_silent_loop_is_overdue_after_its_heartbeat():
+    loop = Loop(State.RUNNING)
+    assert loop.after(10.0) is None
+    loop.beats = False
+    assert loop.after(HEARTBEAT_S) is None
+    assert "no sign of life for 0.1" in loop.after(2 * LOOK_S)
+
+
+def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time():
+    loop = Loop(State.RUNNING)
+    loop.now += 5.0  # both were stopped, and it looks before the loop could beat
+    assert loop.watch.overdue(loop.now) is None
+    assert loop.after(10.0) is None
+    loop.beats = False
+    loop.now += 5.0
+    assert loop.after(HEARTBEAT_S) is None, "one that does not come back has no more than that"
+    assert "no sign of life" in loop.after(2 * LOOK_S)
+
+
+@pytest.mark.parametrize("ask", ["stop", "bus"])
+def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask):
+    loop = Loop(State.RUNNING)
+    loop.after(1.0)
+    if ask == "stop":
+        loop.words[Word.STOP] = 1
+    else:
+        loop.watch.asked()
+    assert loop.after(END_S) is None
+    assert "did not end within 2 s of being asked" in loop.after(3 * LOOK_S)
+
+
+def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more():
+    loop = Loop(State.STOPPING)
+    loop.beats = False
+    assert loop.after(END_S - LOOK_S) is None
+    assert "of its last period" in loop.after(3 * LOOK_S)
+
+
+@pytest.mark.parametrize("stop", [0, 1])
+def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop):
+    """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
+    loop = Loop(State.TORQUE_OFF)
+    loop.words[Word.STOP] = stop
+    loop.beats = False
+    assert loop.after(REPORT_S - LOOK_S) is None
+    assert "did not end within 15 s" in loop.after(3 * LOOK_S)
+
+
+def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end():
+    loop = Loop(State.STARTING)
+    loop.beats = False
+    assert loop.after(START_S - LOOK_S) is None
+    assert "did not start" in loop.after(3 * LOOK_S)

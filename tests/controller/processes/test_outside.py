@@ -1,0 +1,104 @@
+"""What comes from outside ends the run by its own name, and explains trips that look like it."""
+
+import pytest
+
+from haptic_wall.controller.processes.outside import Outside
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.hw.clock import SimulatedClock
+
+SECOND_NS = 1_000_000_000
+
+
+class Users:
+    def __init__(self):
+        self.now = self.everywhere = ""
+        self.brief = False
+
+    def look(self):
+        return self.now
+
+    def look_everywhere(self):
+        return self.everywhere
+
+
+class Stage:
+    def __init__(self, real=True):
+        self.clock = SimulatedClock(SECOND_NS)
+        self.outside = Outside(self.clock, real)
+        self.outside.users = self.users = Users()
+
+
+@pytest.fixture
+def stage():
+    return Stage()
+
+
+def test_while_nothing_happens_reasons_stay_as_they_are(stage):
+    assert not stage.outside.look()
+    for reason in ("duration", "interrupted", *Trip):
+        assert stage.outside.verdict(reason) == (reason, "")
+    assert stage.outside.notes() == []
+
+
+def test_a_suspended_computer_ends_the_run(stage):
+    stage.clock.suspended_ns += 3 * SECOND_NS
+    assert stage.outside.look()
+    words = "the computer was suspended for 3 s"
+    assert stage.outside.verdict("interrupted") == ("trip:suspended", words)
+
+
+@pytest.mark.parametrize("noticed", [True, False])
+@pytest.mark.parametrize(
+    "trip", ["torque_lost", "servo_lost", "loop_hung", "losses_in_row", "loss_rate", "overspeed"]
+)
+def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed):
+    stage.users.now = stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
+    stage.clock.suspended_ns += 3 * SECOND_NS
+    if noticed:
+        assert stage.outside.look()
+    reason, text = stage.outside.verdict(f"trip:{trip}")
+    assert reason == "trip:suspended"
+    assert text == f"the computer was suspended for 3 s; the run had ended by {trip}"
+
+
+def test_another_program_ends_the_run_by_name(stage):
+    stage.users.now = "minicom (pid 7) has opened /dev/ttyUSB0"
+    assert stage.outside.look()
+    stage.users.now = ""  # gone by the time the run is over
+    assert stage.outside.verdict("interrupted") == (
+        "trip:port_shared",
+        "minicom (pid 7) has opened /dev/ttyUSB0",
+    )
+
+
+def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage):
+    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
+    reason, text = stage.outside.verdict("trip:torque_lost")
+    assert reason == "trip:port_shared"
+    assert "minicom (pid 7)" in text
+    assert "torque_lost" in text
+
+
+@pytest.mark.parametrize("reason", ["trip:oscillation", "trip:not_a_number", "duration"])
+def test_what_it_cannot_have_caused_keeps_its_name(stage, reason):
+    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
+    stage.clock.suspended_ns += SECOND_NS
+    assert stage.outside.verdict(reason) == (reason, "")
+
+
+def test_a_start_that_is_refused_is_explained_too(stage):
+    stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
+    assert stage.outside.verdict("refused") == ("refused", stage.users.everywhere)
+
+
+def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells():
+    stage = Stage(real=False)
+    stage.clock.suspended_ns += 3 * SECOND_NS
+    assert not stage.outside.look()
+    assert stage.outside.verdict("trip:losses_in_row") == ("trip:losses_in_row", "")
+    assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]
+
+
+def test_a_brief_opening_is_a_note(stage):
+    stage.users.brief = True
+    assert stage.outside.notes() == ["a program opened the port during the run and closed it again"]

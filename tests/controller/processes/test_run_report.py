@@ -1,0 +1,34 @@
+"""What the report says of a trip, where the reason depends on what is at the port."""
+
+import os
+
+import pytest
+
+from haptic_wall.controller.processes.plan import Ended
+from haptic_wall.controller.processes.run_report import explanation
+from haptic_wall.controller.settings.load import load_config
+
+
+def ended_by(trip, port, preset="emulated-port"):
+    """What is said of a trip on a port."""
+    servo = load_config(preset, [f"servo.port={port}"]).config.servo
+    return explanation(Ended(f"trip:{trip}", None, ticks=0, missed=0), servo)
+
+
+@pytest.mark.parametrize(
+    ("trip", "setting"),
+    [("loss_rate", "safety.max_loss"), ("losses_in_row", "safety.max_silence_s")],
+)
+def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(tmp_path, trip, setting):
+    leader, follower = os.openpty()
+    link = tmp_path / "bus"
+    link.symlink_to(os.ttyname(follower))
+    for port in (link, os.ttyname(follower), "emulated"):
+        preset = "emulated-xm430" if port == "emulated" else "emulated-port"
+        said = ended_by(trip, port, preset)
+        assert "the emulator was not run in time" in said
+        assert setting in said
+        assert "cable" not in said
+    os.close(leader)
+    os.close(follower)
+    assert "check cable, power" in ended_by(trip, "/dev/ttyUSB0")

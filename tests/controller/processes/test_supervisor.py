@@ -1,0 +1,348 @@
+"""However a loop ends, its torque is switched off after it can speak no more, and it is said how.
+
+The children are played; the whole tree of real processes is in tests/test_runs.py.
+"""
+
+import json
+import os
+import signal
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+
+from haptic_wall.controller.processes import supervisor
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
+from haptic_wall.controller.processes.supervisor import Supervisor
+from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import ServoError
+
+RESULT = {
+    "stop_reason": "trip:overspeed",
+    "message": "",
+    "ticks": 7,
+    "missed": 0,
+    "elapsed_s": 0.007,
+    "torque_off": True,
+}
+
+
+class Child:
+    """A process that does as it is told by ``acts``; the recorder has nothing to do."""
+
+    def __init__(self, name, _arguments, _orders, _descriptors=(), _cores=None):
+        self.name = name
+        self.pidfd, self._end = os.pipe()
+        self.output, self._voice = os.pipe()
+        os.set_blocking(self.output, False)
+        self.code = None
+        self.sent = []
+        CHILDREN[name] = self
+
+    def say(self, event, **content):
+        os.write(self._voice, (json.dumps({"event": event, **content}) + "\n").encode())
+
+    def end(self, code):
+        if self.code is None:
+            self.code = code
+            os.close(self._end)
+
+    def lines(self):
+        try:
+            return os.read(self.output, 65536).decode().splitlines()
+        except BlockingIOError:
+            return []
+
+    def ended(self):
+        if self.name == "recorder":
+            self.end(0)
+        return self.code is not None
+
+    def well(self):
+        return self.code == 0
+
+    def doing(self):
+        return "was busy"
+
+    def exit_text(self):
+        return f"ended with {self.code}"
+
+    def wait(self, _timeout_s):
+        return self.ended()
+
+    def send(self, number):
+        self.sent.append(number)
+        if number == signal.SIGKILL:
+            self.end(-9)
+
+    def dismiss(self, _timeout_s):
+        self.end(-9)
+        for descriptor in (self.pidfd, self.output, self._voice):
+            os.close(descriptor)
+
+
+CHILDREN = {}
+
+
+class Stage:
+    """A supervisor with played children on a servo whose torque it can switch off, or not."""
+
+    def __init__(self, monkeypatch, folder):
+        config = load_config("xm430-w350", ["servo.port=/dev/null", "model.delay=0"]).config
+        self.telemetry = Telemetry.create()
+        self.words = self.telemetry.words
+        self.plan = Plan(config, None, folder / "run.hwlog", {}, None)
+        self.told = []
+        self.cuts = []
+        self.confirmed = True
+        self.loop_acts = lambda loop: loop
+        CHILDREN.clear()
+        monkeypatch.setattr(supervisor, "Child", self.child)
+        monkeypatch.setattr(supervisor, "cut_torque", self.cut)
+        monkeypatch.setattr(
+            supervisor, "open_port", lambda _settings: os.open("/dev/null", os.O_RDWR)
+        )
+
+    def child(self, *arguments):
+        child = Child(*arguments)
+        if child.name == "loop":
+            self.words[Word.STATE] = State.RUNNING
+            self.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
+            self.loop_acts(child)
+        return child
+
+    def cut(self, *_):
+        loop = CHILDREN["loop"]
+        self.cuts.append((loop.ended(), self.words[Word.CUT]))
+        return self.confirmed
+
+    def run(self):
+        ended = Supervisor(self.plan, self.telemetry, self.told.append).run()
+        return ended, run_report(self.plan.config, ended, None, None)
+
+
+@pytest.fixture
+def stage(monkeypatch, tmp_path):
+    return Stage(monkeypatch, tmp_path)
+
+
+SILENT_AND_MARKED = [(True, 1)]
+"""When the torque was cut the loop was dead, and the memory said that the bus is not its own"""
+
+
+def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage):
+    stage.loop_acts = lambda loop: loop.end(1)
+    ended, report = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert exit_status(ended.stop_reason) == 3
+    assert ended.stop_reason == "trip:loop_died"
+    assert "the loop's process ended with 1; the supervisor switched the torque off" in explanation(
+        ended, stage.plan.config.servo
+    )
+    assert report["torque_off"] is True
+
+
+def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage):
+    ended, _ = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert ended.stop_reason == "trip:loop_hung"
+    assert "no sign of life for 0.1" in explanation(ended, stage.plan.config.servo)
+    assert "it was busy" in explanation(ended, stage.plan.config.servo)
+
+
+def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
+    stage.confirmed = False
+    stage.loop_acts = lambda loop: loop.end(1)
+    ended, report = stage.run()
+    assert report["torque_off"] is False
+    assert "switch the servo's power off" in explanation(ended, stage.plan.config.servo)
+    assert "switched the torque off" not in explanation(ended, stage.plan.config.servo)
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, confirmed):
+    def trip(loop):
+        loop.say("ended", result={**RESULT, "torque_off": False})
+        loop.end(0)
+
+    stage.loop_acts, stage.confirmed = trip, confirmed
+    ended, report = stage.run()
+    assert ended.stop_reason == "trip:overspeed"
+    assert report["torque_off"] is confirmed
+    assert len(stage.cuts) == 1
+
+
+def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage):
+    stage.loop_acts = lambda loop: loop.say("ended", result=RESULT)
+    ended, _ = stage.run()
+    assert ended.stop_reason == "trip:overspeed"
+    assert any("no sign of life" in note for note in ended.warnings)
+
+
+def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
+    monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
+    stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
+    stage.loop_acts = lambda _: stage.words.__setitem__(
+        Word.HEARTBEAT_NS, time.monotonic_ns() + 10**10
+    )
+    ended, _ = stage.run()
+    assert ended.stop_reason == "trip:loop_hung"
+    assert "being asked to" in explanation(ended, stage.plan.config.servo)
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.RUNNING, State.STOPPING])
+def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
+    stage, state, monkeypatch
+):
+    monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
+    stage.words[Word.STOP] = 1
+
+    def start(_loop):
+        stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns() + 10**10
+        stage.words[Word.STATE] = state
+
+    stage.loop_acts = start
+    ended, report = stage.run()
+    assert ended.stop_reason == "interrupted"
+    assert stage.cuts == SILENT_AND_MARKED
+    assert report["torque_off"] is True
+    assert "being asked to" in "".join(ended.warnings)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The supervisor's, for all but its heartbeats: it can be suspended."""
+    clock = SimulatedClock()
+    monkeypatch.setattr(supervisor, "MonotonicClock", lambda: clock)
+    return clock
+
+
+def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock):
+    """The loop is asked to end, and does."""
+
+    def suspend(loop):
+        def end():
+            while not stage.words[Word.STOP]:
+                time.sleep(0.001)
+                stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
+            loop.say("ended", result={**RESULT, "stop_reason": "interrupted"})
+            loop.end(0)
+
+        clock.suspended_ns += 3_000_000_000
+        threading.Thread(target=end, daemon=True).start()
+
+    stage.loop_acts = suspend
+    ended, report = stage.run()
+    assert ended.stop_reason == report["stop_reason"] == "trip:suspended"
+    assert exit_status(ended.stop_reason) == 3
+    assert report["explanation"].startswith("the computer was suspended for 3 s; ")
+    assert report["torque_off"] is True
+    assert stage.cuts == []
+
+
+def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock):
+    stage.words[Word.HEAD] = 1
+    stage.loop_acts = lambda _: setattr(clock, "suspended_ns", 3_000_000_000)
+    ended, report = stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+    assert ended.stop_reason == "trip:suspended"
+    assert "suspended for 3 s; the run had ended by loop_hung; the loop's" in report["explanation"]
+    assert "the supervisor switched the torque off and read it back" in report["explanation"]
+
+
+def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(Supervisor, "_hear", broken)
+    stage.loop_acts = lambda loop: loop.say("tell", text="something to hear")
+    with pytest.raises(ZeroDivisionError):
+        stage.run()
+    assert stage.words[Word.STOP] == 1, "it was asked first"
+    assert stage.cuts == SILENT_AND_MARKED
+
+
+def refused(stage, state):
+    """What a person is told when the loop refuses the run in that state."""
+
+    def refuse(loop):
+        stage.words[Word.STATE] = state
+        loop.say("refused", message="The servo answers no more: check the cable.")
+        loop.end(0)
+
+    stage.loop_acts = refuse
+    with pytest.raises(ServoError) as raised:
+        stage.run()
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("state", [State.TORQUE_UNKNOWN, State.STOPPING, State.RUNNING])
+@pytest.mark.parametrize(
+    ("confirmed", "words"),
+    [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
+)
+def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(stage, state, confirmed, words):
+    stage.confirmed = confirmed
+    message = refused(stage, state)
+    assert [dead for dead, _ in stage.cuts] == [True]
+    assert message.startswith("The servo answers no more: check the cable.")
+    assert words in message
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.TORQUE_OFF])
+def test_a_refused_start_without_torque_is_left_alone(stage, state):
+    assert refused(stage, state) == "The servo answers no more: check the cable."
+    assert stage.cuts == []
+
+
+def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
+    config = load_config("emulated-xm430", []).config
+    stage.plan = replace(stage.plan, config=config)
+    monkeypatch.setattr(supervisor, "first_line", lambda *_: "/dev/null")
+    start = stage.child
+
+    def child(name, *arguments):
+        if name == "loop":
+            CHILDREN["emulator"].end(-9)
+        return start(name, *arguments)
+
+    monkeypatch.setattr(supervisor, "Child", child)
+    message = refused(stage, State.STARTING)
+    assert "check the cable" in message
+    assert "the emulated bus ended with -9; start it again" in message
+
+
+def test_a_refused_start_tells_what_became_of_the_log(stage, monkeypatch):
+    monkeypatch.setattr(supervisor.LogKeeper, "end", lambda _: ["the log is incomplete"])
+    assert "the log is incomplete" in refused(stage, State.STARTING)
+
+
+def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monkeypatch):
+    monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
+
+    def refuse(loop):
+        stage.words[Word.STATE] = State.TORQUE_UNKNOWN
+        loop.say("refused", message="The servo answers no more: check the cable.")
+
+    stage.loop_acts = refuse
+    with pytest.raises(ServoError, match=r"check the cable.*was killed; the supervisor switched"):
+        stage.run()
+    assert stage.cuts == SILENT_AND_MARKED
+
+
+def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(stage):
+    """Ctrl-C; a bus that is stuck does not even heed a polite end."""
+    stage.plan = replace(stage.plan, config=load_config("emulated-xm430", []).config)
+    threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()
+    began = time.monotonic()
+    ended, report = stage.run()
+    assert time.monotonic() - began < 1.0
+    assert ended.stop_reason == "interrupted"
+    assert exit_status(ended.stop_reason) == 130
+    assert signal.SIGKILL in CHILDREN["emulator"].sent
+    assert "loop" not in CHILDREN and stage.cuts == []
+    assert report["torque_off"] is True and report["ticks"] == 0

@@ -1,0 +1,40 @@
+"""Lines drawn in pieces look like lines drawn whole."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from haptic_wall.controller.report.dense_picture import PIECE, line
+
+
+def pixels(draw):
+    """What is drawn on an empty square, as grey levels."""
+    figure = Figure(figsize=(4, 4), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0, 0, 1, 1))
+    ax.axis("off")
+    draw(ax)
+    ax.set(xlim=(-100, 3 * PIECE), ylim=(-0.1, 1.1))
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, 0]
+
+
+@pytest.mark.parametrize("at", [*range(PIECE - 3, PIECE + 3), 2 * PIECE])
+@pytest.mark.parametrize("drawstyle", ["default", "steps-post"])
+def test_a_steep_line_is_whole_at_the_joints(at, drawstyle):
+    x = np.arange(2.5 * PIECE)
+    y = (x >= at).astype(float)
+    drawn = pixels(lambda ax: line(ax, x, y, color="k", linewidth=2, drawstyle=drawstyle))
+    assert np.all(drawn.min(axis=1)[40:360] < 200)  # something in every row
+    whole = pixels(lambda ax: ax.plot(x, y, color="k", linewidth=2, drawstyle=drawstyle))
+    assert np.count_nonzero((whole < 100) & (drawn > 200)) == 0
+
+
+def test_a_line_of_one_point_and_of_none_is_drawn_with_its_name():
+    for count in (0, 1, PIECE, PIECE + 1):
+        ax = Figure().subplots()
+        line(ax, np.arange(float(count)), np.zeros(count), label="position", color="k")
+        assert [each.get_label() for each in ax.lines] == ["position"]
+    line(ax, np.arange(3.0 * PIECE), np.zeros(3 * PIECE), label="torque", color="k")
+    assert ax.get_legend_handles_labels()[1] == ["position", "torque"]

@@ -1,0 +1,67 @@
+"""The picture of a map shows the theory beside every point, also where there is only one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from haptic_wall.controller.experiments.maps import Setting, critical_map
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.report import maps as map_plot
+from haptic_wall.controller.settings.load import load_config
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
+    """The axes over the damping, of a servo without friction at one delay."""
+    figure = Figure()
+
+    @contextmanager
+    def picture(*_: object) -> Iterator[Figure]:
+        yield figure
+
+    setting = Setting.of(load_config("paper-table2", ()).config)
+    with ThreadPoolExecutor(1) as pool:
+        found = critical_map(setting, dampings, [1], [0.01], executor=pool, tolerance=0.1)
+    monkeypatch.setattr(map_plot, "picture", picture)
+    map_plot.plot_map(found, "test", Path("unused"))
+    return figure.axes[0]
+
+
+def test_the_theory_reaches_from_the_first_damping_to_the_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dampings = [0.1, 200.0]
+    assert np.square(np.sqrt(200.0)) > 200.0  # as the axis computes it
+    linear, exact, *_ = drawn(monkeypatch, dampings).lines
+    for line in (linear, exact):
+        assert np.asarray(line.get_xdata())[[0, -1]].tolist() == dampings
+
+
+def test_over_one_damping_the_theory_is_a_level_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    linear, exact, *_ = drawn(monkeypatch, [0.1]).lines
+    for line in (linear, exact):
+        np.testing.assert_allclose(line.get_ydata(), 133.3, rtol=1e-3)
+        assert np.asarray(line.get_xdata()).tolist() == [0, 1]  # of the picture's width
+
+
+def test_few_dampings_stand_on_an_even_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = drawn(monkeypatch, [0.0, 100.0])
+    assert few.get_xscale() == "linear"
+    assert "scale" not in few.get_xlabel()
+    many = drawn(monkeypatch, [0.0, 1.0, 4.0, 9.0, 16.0, 25.0])
+    assert many.get_xlabel().endswith("square-root scale")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(1.45e-7, "0 ms"), (0.0, "0 ms"), (2.5e-4, "0.25 ms"), (0.0012, "1.2 ms"), (0.01, "10 ms")],
+)
+def test_a_delay_that_is_none_is_labelled_none(seconds: float, said: str) -> None:
+    assert ms(seconds) == said

@@ -1,0 +1,174 @@
+"""The picture is drawn for every kind of run, and shows what is there."""
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.report import run as plot
+from haptic_wall.controller.report.sketch import sketched
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    ROW,
+)
+from haptic_wall.controller.settings.load import load_config
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def run_rows(count=600, side=1):
+    """A slow push in and out of a wall at zero, after a warm-up."""
+    rows = np.zeros(count, ROW)
+    rows["seq"] = np.arange(count)
+    rows["deadline_ns"] = 5_000_000_000 + 1_000_000 * rows["seq"]
+    rows["position"] = side * 0.1 * np.sin(rows["seq"] / 50)
+    rows["velocity"] = side * 2.0 * np.cos(rows["seq"] / 50)
+    rows["stiffness"], rows["damping"], rows["delay_s"] = 8.0, 0.02, 0.0003
+    rows["lateness_ns"], rows["work_ns"], rows["bus_ns"] = 500, 25_000, 90_000
+    contact = side * rows["position"] > 0
+    rows["flags"] = np.where(contact, FLAG_CONTACT, 0)
+    rows["wall_torque"] = np.where(contact, -8.0 * rows["position"], 0.0)
+    rows["torque"] = rows["wall_torque"]
+    rows["flags"][:100] |= FLAG_WARM_UP
+    return rows
+
+
+def metadata(preset="simulated", *sets):
+    config = load_config(preset, sets).config
+    return {"name": preset, "config": config.model_dump(mode="json")}
+
+
+def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True):
+    """The figure that was drawn; the file is checked to be a PNG, where that is waited for."""
+    from matplotlib.figure import Figure
+
+    figures = []
+    save = Figure.savefig
+
+    def keep(figure, path, **how):
+        figures.append(figure)
+        if saved:
+            save(figure, path, **how)
+        else:
+            path.write_bytes(PNG)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    sketch = sketched([rows[:70], rows[70:]], len(rows), int(rows["deadline_ns"][0]))
+    plot.plot_run(sketch, facts, tmp_path / "run.png", stop_reason)
+    assert (tmp_path / "run.png").read_bytes().startswith(PNG)
+    (figure,) = figures
+    return figure
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_a_wall_that_was_let_go_is_not_drawn_as_on(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["flags"][400:] |= FLAG_OFF
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
+    assert "the wall is off: let go, or loaded" in legend(figure.axes[0])
+
+
+def test_one_look_tells_wall_torque_and_timing(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["missed"][300] = 2
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
+    assert figure.get_suptitle() == (
+        "emulated-xm430: XM430-W350, emulated\n"
+        "K 8 N·m/rad (as requested)   B 0.02 N·m·s/rad (as requested)   delay 0.30 ms   1000 Hz"
+    )
+    position, torque, velocity, timing = figure.axes
+    assert legend(position) == [
+        "position",
+        "wall's surface",
+        "wall (fills above)",
+        "in contact",
+        "warm-up: the wall is off",
+    ]
+    assert "(limit ±4.1 N·m: off the scale)" in legend(torque)
+    assert velocity.get_ylabel() == "velocity [rad/s]"
+    assert "missed: 2 ticks" in legend(timing)
+    assert any(text.startswith("work (median 25") for text in legend(timing))
+    assert timing.get_xlim() == (0.0, pytest.approx(0.599))
+
+
+def test_a_clamped_stiffness_is_in_the_title_and_drawn(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["stiffness"][400:] = 5.0
+    facts = metadata("simulated", "wall.stiffness=1e6")
+    figure = draw(monkeypatch, tmp_path, rows, facts, saved=False)
+    assert "K 5 N·m/rad (of 1e+06 requested)" in figure.get_suptitle()
+    assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
+
+
+def test_a_wall_below_is_drawn_below(monkeypatch, tmp_path):
+    rows = run_rows(side=-1)
+    rows["position"] += 0.2  # never touched: the wall must be in the picture all the same
+    figure = draw(
+        monkeypatch, tmp_path, rows, metadata("simulated", "wall.side=below"), saved=False
+    )
+    assert figure.axes[0].get_ylim()[0] < 0.0
+    assert "wall (fills below)" in legend(figure.axes[0])
+
+
+def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
+    rows = run_rows()
+    for field in ("lateness_ns", "work_ns", "bus_ns", "flags"):
+        rows[field] = 0
+    figure = draw(monkeypatch, tmp_path, rows, metadata("paper-table2"), saved=False)
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "position [rad]",
+        "torque [N·m]",
+        "velocity [rad/s]",
+    ]
+    assert figure.get_suptitle().endswith("simulated clock")
+
+
+def test_the_title_tells_a_trip_and_a_guard_that_is_off(tmp_path, monkeypatch):
+    facts = metadata("simulated", "guard.mode=off")
+    figure = draw(monkeypatch, tmp_path, run_rows(), facts, "trip:overspeed", saved=False)
+    first, second = figure.get_suptitle().splitlines()
+    assert first.endswith("ENDED BY A SAFETY TRIP: overspeed")
+    assert second.endswith("guard off")
+
+
+def test_saturation_shows_the_limit(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["torque"] = np.clip(rows["wall_torque"], -0.4, 0.4)
+    rows["flags"][rows["torque"] != rows["wall_torque"]] |= FLAG_SATURATED
+    figure = draw(monkeypatch, tmp_path, rows, metadata("xm430-w350"), saved=False)
+    assert "limit ±0.4 N·m" in legend(figure.axes[1])
+    assert "cut by the limit" in legend(figure.axes[1])
+
+
+@pytest.mark.parametrize("count", [1, 2, 101])
+def test_the_shortest_runs_can_be_drawn(monkeypatch, tmp_path, count):
+    draw(monkeypatch, tmp_path, run_rows(count), metadata())
+
+
+def test_failed_readings_leave_gaps(monkeypatch, tmp_path):
+    rows = run_rows()
+    rows["position"][:50] = np.nan
+    rows["velocity"][:50] = np.nan
+    draw(monkeypatch, tmp_path, rows, metadata())
+
+
+def test_a_long_run_is_drawn_as_its_envelope(monkeypatch, tmp_path):
+    rows = run_rows(50_000)
+    rows["position"][31_234] = 0.7
+    figure = draw(monkeypatch, tmp_path, rows, metadata(), saved=False)
+    lines = figure.axes[0].get_lines()
+    pieces = [line for line in lines if line.get_color() == lines[0].get_color()]
+    drawn = np.concatenate([line.get_ydata() for line in pieces])
+    assert len(drawn) < 10_000
+    assert max(drawn) == 0.7
+
+
+def test_a_log_of_another_program_is_refused(tmp_path):
+    with pytest.raises(LogFormatError, match="not one this program knows"):
+        rows = run_rows()
+        plot.plot_run(sketched([rows], 600, 0), {"config": {"wall": 3}}, tmp_path / "run.png")

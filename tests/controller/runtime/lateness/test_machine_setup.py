@@ -1,0 +1,77 @@
+"""What is told at the start: wanted against got, and what of the machine could be better."""
+
+import pytest
+
+from haptic_wall.controller.runtime.lateness.machine_setup import (
+    Found,
+    is_virtual,
+    machine_setup,
+    start_table,
+)
+from haptic_wall.controller.runtime.realtime import Setting
+
+CORE = Setting("core", "core 1", "core 1", True, "")
+FIFO = Setting("scheduler", "SCHED_FIFO 80", "SCHED_FIFO 80, reset on fork", True, "")
+REFUSED = Setting("memory", "all memory locked", "refused: no rights", False, "sudo prlimit")
+SHARED = Found("core isolation", "core 1 is shared", "a core of its own", "isolcpus=1")
+WELL = Found("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
+
+
+def put(root, **files):
+    for path, text in files.items():
+        place = root / path.replace("__", "/")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+
+
+def by_name(root, core=1):
+    return {row.name: row for row in machine_setup(core, root)}
+
+
+def test_all_granted_is_one_line():
+    assert start_table([CORE, FIFO], [WELL]) == (
+        "real time: 2 of 2 granted (core 1, SCHED_FIFO 80, reset on fork)"
+    )
+
+
+def test_a_refusal_makes_a_table_with_its_remedy():
+    lines = start_table([CORE, REFUSED], [WELL, SHARED]).splitlines()
+    assert lines[0] == "real time: 1 of 2 granted"
+    assert [line.split() for line in lines[1:3]] == [
+        ["wanted", "got"],
+        ["core", "core", "1", "core", "1"],
+    ]
+    assert lines[3].index("refused") == lines[2].rindex("core 1") == lines[1].index("got")
+    assert lines[4].strip() == "to grant it: sudo prlimit"
+    assert lines[5].strip() == "could be better: core 1 is shared"
+
+
+def test_what_a_system_does_not_tell_is_left_out(tmp_path):
+    assert set(by_name(tmp_path)) == {"kernel", "core isolation"}
+    assert not is_virtual(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("runtime", "found", "well"),
+    [("950000", "after 95 % of 1 s", True), ("-1", "never", True), ("100000", "10 %", False)],
+)
+def test_throttling_matters_where_it_leaves_little(tmp_path, runtime, found, well):
+    kernel = "proc__sys__kernel__sched_rt"
+    put(tmp_path, **{f"{kernel}_runtime_us": runtime, f"{kernel}_period_us": "1000000"})
+    row = by_name(tmp_path)["throttling"]
+    assert found in row.found
+    assert (row.remedy == "") is well
+
+
+def test_pages_siblings_and_host_are_told(tmp_path):
+    put(
+        tmp_path,
+        sys__kernel__mm__transparent_hugepage__enabled="[always] madvise never\n",
+        sys__devices__system__cpu__cpu1__topology__thread_siblings_list="1,5\n",
+        proc__cpuinfo="processor : 0\nflags\t\t: fpu vme hypervisor\n",
+    )
+    rows = by_name(tmp_path)
+    assert (rows["huge pages"].found, bool(rows["huge pages"].remedy)) == ("always", True)
+    assert "with core 5" in rows["core's other half"].found
+    assert rows["host"].remedy
+    assert is_virtual(tmp_path)

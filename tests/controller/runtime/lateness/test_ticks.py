@@ -1,0 +1,399 @@
+"""Late ticks are noticed, the worst kept, and those that were provoked called by their name."""
+
+import gc
+import json
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from haptic_wall.controller.runtime.deadlines import SpinWaiter, next_deadline
+from haptic_wall.controller.runtime.lateness import thread_counters
+from haptic_wall.controller.runtime.lateness.causes import Cause, Machine
+from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader, Counters
+from haptic_wall.controller.runtime.lateness.ticks import WORST, LateTicks
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.errors import TorqueLostError
+
+PERIOD = 1_000_000
+MS = 1_000_000
+PLAIN = Machine(virtual=False, real_time=True, shared=False, knows_run_delay=True)
+
+
+class Readings:
+    """Counters that a test sets; the loop is on the core for a tenth of the time."""
+
+    knows_run_delay = True
+
+    def __init__(self):
+        self.now = 0
+        self.delay = 0
+        self.reads = 0
+
+    def read(self):
+        self.reads += 1
+        return Counters(self.now, self.now // 10, self.delay, 0, 0, self.now // PERIOD, 0)
+
+    def steal_ns(self):
+        return None
+
+    def close(self):
+        pass
+
+
+def slept_until(instant_ns):
+    return SimpleNamespace(margin_ns=0, slept_ns=instant_ns)
+
+
+@pytest.fixture
+def readings():
+    return Readings()
+
+
+@pytest.fixture
+def ticks(readings):
+    with LateTicks(PLAIN, readings, PERIOD) as late:
+        late.begin(0)
+        yield late
+
+
+def serve(ticks, readings, deadline, overdue, delay=0, **more):
+    """A tick that woke ``overdue`` late, of which it waited ``delay`` for the core."""
+    woke = deadline + overdue
+    facts = {"waiter": slept_until(woke), "bus_ns": 0, "replies_lost": 0, "missed": 0} | more
+    readings.now = woke + 20_000 + facts["bus_ns"]
+    readings.delay += delay
+    ticks.late(deadline, woke, readings.now, **facts)
+
+
+def test_the_worst_are_kept_and_all_are_counted(ticks, readings):
+    for k in range(1, 31):
+        serve(ticks, readings, 100 * k * PERIOD, k * MS, delay=k * MS, missed=k - 1)
+    report = ticks.report()
+    assert report["late_ticks"] == 30
+    assert report["causes"] == {Cause.OTHER: 30}
+    assert [tick["lateness_us"] for tick in report["worst"]] == [
+        1000.0 * k for k in range(30, 30 - WORST, -1)
+    ]
+    worst = report["worst"][0]
+    assert (worst["time_s"], worst["missed"], worst["work_us"]) == (3.0, 29, 20.0)
+
+
+def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings):
+    serve(ticks, readings, 10 * PERIOD, 5_900_000)  # over 0.92 ms after the next one is due
+    due = 15 * PERIOD
+    woke = due + 920_000
+    ticks.late(due, woke, woke + 30_000, SimpleNamespace(margin_ns=0, slept_ns=0), 0, 0, 0)
+    assert ticks.report()["late_ticks"] == 1
+
+
+def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings):
+    def wait(deadline, bus, lost):
+        ended = deadline + bus + 20_000
+        readings.now = ended
+        ticks.late(deadline, deadline, ended, slept_until(deadline), bus, lost, 0)
+
+    wait(10 * PERIOD, 700_000, 0)
+    assert ticks.report()["late_ticks"] == 0
+    wait(20 * PERIOD, 900_000, 0)
+    wait(30 * PERIOD, 810_000, 1)
+    wait(40 * PERIOD, 1_900_000, 1)
+    assert ticks.report()["causes"] == {Cause.LOST: 1, Cause.BUS: 2}
+
+
+def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks, readings):
+    """However much longer it is than what made the tick late."""
+    serve(ticks, readings, 10 * PERIOD, 300_000, delay=300_000, bus_ns=650_000)
+    serve(ticks, readings, 20 * PERIOD, 300_000, delay=300_000, bus_ns=650_000, replies_lost=1)
+    assert ticks.report()["causes"] == {Cause.OTHER: 2}
+
+
+def test_what_is_usual_is_no_cause(ticks, readings):
+    """Waiting 30 µs in each tick for the core adds up between two readings."""
+    for k in range(1, 50):
+        readings.now = 20 * k * PERIOD
+        readings.delay = 20 * k * 30_000
+        ticks.rest(20 * k * PERIOD, slept_until(20 * k * PERIOD), PERIOD, 0)
+    serve(ticks, readings, 995 * PERIOD, 700_000, delay=15 * 30_000)
+    assert ticks.report()["causes"] == {Cause.WOKEN_LATE: 1}
+
+
+def test_no_reading_where_there_is_no_time_for_it(ticks, readings):
+    before = readings.reads
+    ticks.rest(PERIOD, slept_until(PERIOD), -1, 0)
+    assert readings.reads == before
+
+
+def test_what_happened_long_before_is_no_cause(ticks, readings):
+    """Where there is no time for a reading either."""
+    ticks.continued()
+    gc.collect()
+    ticks.rest(10 * PERIOD, slept_until(10 * PERIOD), -1, 1)
+    serve(ticks, readings, 20 * PERIOD, 0, bus_ns=900_000, replies_lost=1)
+    assert ticks.report()["causes"] == {Cause.BUS: 1}
+
+
+def test_an_explanation_is_not_explained(ticks, readings):
+    """It takes so long that the next tick is woken late: that is not late once more."""
+    explained = 11 * PERIOD + 400_000
+    readings.now = explained
+    waiter = slept_until(10 * PERIOD + 600_000)
+    ticks.late(10 * PERIOD, 10 * PERIOD + 600_000, 10 * PERIOD + 620_000, waiter, 0, 0, 0)
+    woke = explained + 10_000
+    no_sleep = SimpleNamespace(margin_ns=0, slept_ns=0)
+    ticks.late(11 * PERIOD, woke, woke + 30_000, no_sleep, 0, 0, 0)
+    assert ticks.report()["late_ticks"] == 1
+
+
+def test_ticks_whose_replies_are_lost_count_as_late():
+    """They wait for 0.8 of a period, less what they took to ask."""
+    sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
+    config = load_config("emulated-xm430", sets).config
+    with LateTicks(PLAIN, Readings(), config.period_ns) as late:
+        result = run_session(
+            config,
+            SimulatedClock(),
+            Telemetry.create(),
+            1.0,
+            surroundings=Surroundings(take_real_time=lambda: late),
+        )
+    assert result.timing["causes"] == {Cause.LOST: result.timing["late_ticks"]}
+    assert result.timing["late_ticks"] >= 5
+
+
+@pytest.mark.parametrize("accounts", [b"", b"0 0 0\n"], ids=["empty", "switched off"])
+def test_a_kernel_that_does_not_account_for_waiting_is_found_out(accounts, monkeypatch, tmp_path):
+    kept = tmp_path / "schedstat"
+    kept.write_bytes(accounts)
+    monkeypatch.setattr(thread_counters, "_opened", lambda _path: os.open(kept, os.O_RDONLY))
+    reader = CounterReader(0)
+    assert not reader.knows_run_delay
+    assert reader.steal_ns() is None
+    before = reader.read()
+    compute()
+    grown = reader.read().less(before)
+    reader.close()
+    assert grown.on_core_ns >= 0.9e9 * STALL_S, "counted all the same"
+    assert grown.run_delay_ns == 0
+
+
+def test_sleeps_are_told_as_long_as_they_were(ticks):
+    for k in range(100):
+        deadline = k * 20 * PERIOD
+        waiter = SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000)
+        ticks.rest(deadline, waiter, PERIOD, 0)
+    overshoot = ticks.report()["sleep_overshoot_us"]
+    assert overshoot["p50"] == pytest.approx(10.0, rel=0.07)
+    assert overshoot["max"] == 10.0
+
+
+class Stall:
+    """A simulated clock that stands still for nobody: the given tick takes 7 ms longer."""
+
+    def __init__(self, monkeypatch, clock, at, error=None):
+        from haptic_wall.controller.runtime import tick
+
+        plain, seen = tick.Tick._follow_guard, []
+
+        def stalling(*args, **kwargs):
+            seen.append(0)
+            if len(seen) == at:
+                clock.wait_until(clock.now_ns() + 7 * MS)
+                if error is not None:
+                    raise error
+            return plain(*args, **kwargs)
+
+        monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
+
+
+@pytest.mark.parametrize("error", [None, TorqueLostError("the watchdog came first")])
+def test_a_run_tells_when_and_how_long(error, monkeypatch):
+    """The tick that ends a run is explained like any other: its delay may be why it ended."""
+    clock = SimulatedClock()
+    Stall(monkeypatch, clock, 700, error)
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    with LateTicks(PLAIN, Readings(), config.period_ns) as late:
+        result = run_session(
+            config,
+            clock,
+            Telemetry.create(),
+            2.0,
+            surroundings=Surroundings(take_real_time=lambda: late),
+        )
+    assert result.stop_reason == ("duration" if error is None else "trip:torque_lost")
+    (worst,) = result.timing["worst"]
+    assert worst["time_s"] == pytest.approx(0.699)
+    assert worst["work_us"] == pytest.approx(7000.0)
+    assert worst["missed"] == (6 if error is None else 0)
+
+
+STALL_S = 0.0015
+"""Short enough to be undisturbed now and then on a machine where all cores are busy"""
+DISTURBED = {Cause.OTHER, Cause.KERNEL, Cause.WORK, Cause.UNKNOWN}
+"""What a stall is rightly called when something else made most of it"""
+
+
+def collect():
+    end = time.thread_time() + STALL_S
+    while time.thread_time() < end:
+        gc.collect()
+
+
+def touch_pages():
+    end = time.thread_time() + STALL_S
+    while time.thread_time() < end:
+        with mmap.mmap(-1, 1 << 20) as pages:
+            pages.madvise(mmap.MADV_NOHUGEPAGE)
+            for place in range(0, 1 << 20, mmap.PAGESIZE):
+                pages[place] = 1
+
+
+def compute():
+    end = time.thread_time() + STALL_S
+    while time.thread_time() < end:
+        pass
+
+
+def block():
+    time.sleep(STALL_S)
+
+
+def provoked(act):
+    """What a loop in this thread calls the ticks in which it does something now and then."""
+    causes = set()
+    with LateTicks(PLAIN, CounterReader(max(os.sched_getaffinity(0))), PERIOD) as late:
+        waiter = SpinWaiter(50_000)
+        deadline = time.monotonic_ns() + PERIOD
+        for k in range(100):
+            late.begin(deadline)
+            woke = waiter.wait(deadline)
+            if k % 20 == 19:
+                act()
+            ended = time.monotonic_ns()
+            served = deadline
+            deadline, missed = next_deadline(served, ended, PERIOD)
+            if ended - served > late.limits[0]:
+                late.late(served, woke, ended, waiter, 0, 0, missed)
+            else:
+                late.rest(served, waiter, deadline - ended, 0)
+            if k % 20 == 19:
+                causes |= set(late.report()["causes"])
+    return causes
+
+
+def provoked_until(cause, act):
+    """Tried until a stall was called what it was; what any was called."""
+    causes = set()
+    for _ in range(20):
+        causes |= provoked(act)
+        if cause in causes:
+            break
+    return causes
+
+
+@contextmanager
+def undisturbed():
+    """As far as it is granted: a real-time scheduler, so that a busy machine does not matter."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def stay():
+    end = time.monotonic() + STALL_S
+    while time.monotonic() < end:
+        pass
+
+
+def crowded_out(causes):
+    """In a thread of its own: share a core with a busy process, and give way to it."""
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {core})
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
+    script = f"import os; os.sched_setaffinity(0, {{{core}}}); print(flush=True)\nwhile True: pass"
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as hog:
+        try:
+            hog.stdout.readline()
+            causes |= provoked_until(Cause.OTHER, stay)
+        finally:
+            hog.kill()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("act", "cause"),
+    [
+        (collect, Cause.COLLECTION),
+        (touch_pages, Cause.FAULTS),
+        (compute, Cause.WORK),
+        (block, Cause.BLOCKED),
+    ],
+)
+def test_a_provoked_stall_is_called_by_its_name(act, cause):
+    with undisturbed():
+        causes = provoked_until(cause, act)
+    assert cause in causes
+    assert causes <= {cause, *DISTURBED}
+
+
+@pytest.mark.realtime
+def test_another_process_on_the_core_is_called_so():
+    causes = set()
+    thread = threading.Thread(target=crowded_out, args=[causes])
+    thread.start()
+    thread.join()
+    assert Cause.OTHER in causes
+
+
+@pytest.mark.realtime
+def test_a_run_that_was_stopped_and_continued_says_so(tmp_path):
+    """The whole program: the loop's process is stopped for longer than a period, and resumed."""
+    words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--plot=run.png"]
+    words += ["--set=safety.heartbeat_s=5", "--set=loop.warm_up_s=0.5"]
+    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", *words]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        loop = loop_of(run.pid)
+        told = list(iter(run.stderr.readline, "simulated servo: torque is on\n"))
+        time.sleep(0.8)  # past the warm-up: a stop in it is no tick of the wall
+        os.kill(loop, signal.SIGSTOP)
+        time.sleep(0.05)
+        os.kill(loop, signal.SIGCONT)
+        time.sleep(0.05)  # a tick or more
+        run.send_signal(signal.SIGINT)
+        output, _ = run.communicate(timeout=60)
+    assert any("of 5 granted" in line for line in told), "wanted against got, at the start"
+    timing = json.loads(output)["timing"]
+    assert timing["stops"] == 1
+    assert Cause.STOPPED in {tick["cause"] for tick in timing["worst"]}
+
+
+def loop_of(pid):
+    """The process of the loop that a run has started."""
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        for child in children:
+            with suppress(OSError):
+                if (
+                    "haptic_wall.controller.processes.loop_process"
+                    in Path(f"/proc/{child}/cmdline").read_text()
+                ):
+                    return int(child)
+        time.sleep(0.02)
+    raise AssertionError("the loop's process did not start")

@@ -1,0 +1,98 @@
+"""The grid never drifts, never bursts, and is served on time."""
+
+import time
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from haptic_wall.controller.runtime.deadlines import (
+    PLACE_SHARE,
+    SPIN_MAX_NS,
+    SPIN_MIN_NS,
+    ClockWaiter,
+    SpinWaiter,
+    first_deadline,
+    measured_spin_margin_ns,
+    next_deadline,
+    waiter_for,
+)
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+
+PERIOD = 1_000_000
+
+
+@given(period=st.integers(100_000, 20_000_000))
+@example(period=5_000_000)
+@example(period=20_000_000)
+def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period):
+    before = time.monotonic_ns()
+    first = first_deadline(MonotonicClock(), period)
+    assert before + period <= first <= time.monotonic_ns() + 2 * period
+    assert first % period == round(PLACE_SHARE * min(period, 1_000_000))
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 500, 1000, 2000])
+def test_no_deadline_of_a_usual_rate_is_near_a_whole_millisecond(rate_hz):
+    period = 1_000_000_000 // rate_hz
+    first = first_deadline(MonotonicClock(), period)
+    places = {(first + k * period) % 1_000_000 for k in range(20)}
+    assert all(100_000 <= place <= 900_000 for place in places)
+
+
+def test_simulated_time_has_nothing_to_keep_away_from():
+    assert first_deadline(SimulatedClock(7), PERIOD) == 7 + PERIOD
+
+
+def test_a_tick_in_time_is_followed_by_the_next_point():
+    assert next_deadline(5 * PERIOD, 5 * PERIOD + 300_000, PERIOD) == (6 * PERIOD, 0)
+
+
+def test_less_than_a_period_late_runs_at_once_and_keeps_its_place():
+    assert next_deadline(5 * PERIOD, 6 * PERIOD + 900_000, PERIOD) == (6 * PERIOD, 0)
+
+
+def test_a_stall_skips_whole_periods_and_counts_them():
+    assert next_deadline(5 * PERIOD, 9 * PERIOD + 100, PERIOD) == (9 * PERIOD, 3)
+
+
+@given(st.integers(0, 10**18), st.integers(0, 10**12), st.integers(500_000, 20_000_000))
+def test_grid_properties(deadline, late, period):
+    now = deadline + late
+    following, missed = next_deadline(deadline, now, period)
+    assert (following - deadline) % period == 0, "the grid never shifts"
+    assert following - deadline == (missed + 1) * period, "what is skipped is counted"
+    assert following > deadline, "a deadline is served once"
+    assert following > now - period, "no burst: at most one deadline is due"
+
+
+def test_a_simulated_clock_arrives_exactly():
+    clock = SimulatedClock(7)
+    assert ClockWaiter(clock).wait(10**9) == 10**9
+    assert ClockWaiter(clock).wait(5) == 10**9, "time does not go back"
+
+
+def test_the_spinning_waiter_is_never_early():
+    waiter = SpinWaiter(200_000)
+    for _ in range(20):
+        deadline = time.monotonic_ns() + 1_000_000
+        assert waiter.wait(deadline) >= deadline
+    past = time.monotonic_ns() - 1
+    assert waiter.wait(past) > past
+
+
+def test_the_margin_is_measured_within_its_bounds():
+    assert SPIN_MIN_NS <= measured_spin_margin_ns(naps=20) <= SPIN_MAX_NS
+
+
+def test_the_waiter_suits_the_clock():
+    assert isinstance(waiter_for(SimulatedClock(), None, 1_000_000), ClockWaiter)
+    waiter = waiter_for(MonotonicClock(), 70_000, 1_000_000)
+    assert isinstance(waiter, SpinWaiter)
+    assert waiter.margin_ns == 70_000
+
+
+def test_a_measured_margin_leaves_most_of_a_short_period_to_sleep():
+    waiter = waiter_for(MonotonicClock(), None, 50_000)
+    assert isinstance(waiter, SpinWaiter)
+    assert waiter.margin_ns == 30_000

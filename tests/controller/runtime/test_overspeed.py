@@ -1,0 +1,109 @@
+"""A motion that the wall drives trips near the no-load speed; a hand's does not."""
+
+import math
+
+import pytest
+
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
+from haptic_wall.hw.servo import Facts
+
+COUNT = math.tau / 4096
+LIMIT = 3.85
+"""0.8 of an XM430-W350's no-load speed [rad/s]"""
+SERVO = DrivenLimits(LIMIT, COUNT, torque_limit=4.1, inertia=0.006, damping=0.004, coulomb=0.03)
+
+
+def fed(driven, speeds, torque, wall, start=0.0, period=1e-3):
+    """Instant of the trip [s], from mean speeds over each period; None: it does not."""
+    x, t = start, 0.0
+    driven.too_fast(x, 0, 0.0, wall.in_contact(x), wall)
+    for speed in speeds:
+        x, t = x + speed * period, t + period
+        counted = round(x / COUNT) * COUNT
+        if driven.too_fast(
+            counted, round(t * 1e9), torque(x, speed), wall.in_contact(counted), wall
+        ):
+            return t
+    return None
+
+
+def two_sided(stiffness=0.0, clip=math.inf):
+    return Wall(stiffness, 0.0, 0.0, "both", clip)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("period", [1e-3, 2e-3, 0.02, 1e-4])
+def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign, period):
+    """No spring holds this energy."""
+    speeds = [sign * 4.4] * round(0.2 / period)
+    tripped = fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: sign * 2.0, two_sided(), period=period)
+    assert tripped == pytest.approx(max(0.01, period), abs=0.002)
+
+
+def test_the_slack_is_two_counts_over_the_whole_window():
+    for speed, trips in ((LIMIT, False), (LIMIT + 0.2, False), (LIMIT + 0.5, True)):
+        tripped = fed(DrivenSpeed(SERVO), [speed] * 200, lambda _x, _v: 2.0, two_sided())
+        assert (tripped is not None) is trips
+
+
+@pytest.mark.parametrize("torque", [0.0, -2.0])
+def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque):
+    assert fed(DrivenSpeed(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
+
+
+def test_what_a_hand_did_before_is_not_part_of_the_window():
+    """Driven slowly, then moved fast by a hand without torque, then driven slowly again."""
+    wall = two_sided()
+    wall.guarded = False  # an experiment's program: no spring is counted
+    speeds = [0.5] * 20 + [9.0] * 300 + [0.5] * 200
+    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, v: 2.0 if v < 1.0 else 0.0, wall) is None
+    assert fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: 2.0, wall) is not None
+
+
+def test_a_spring_may_give_back_what_it_has_taken():
+    """Pushed in slowly by a hand, then let go: all of the speed is the hand's energy."""
+    wall = Wall(8.0, 0.0, 0.0, "above")
+    way_in = [0.5] * 600
+    way_out = [-min(0.04 * k, 6.0) for k in range(300)]
+    driven = DrivenSpeed(SERVO)
+    assert fed(driven, way_in + way_out, lambda x, _v: -8.0 * max(x, 0.0), wall) is None
+
+
+def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken():
+    """Unless it is a kick that was meant."""
+    speeds = [-min(0.2 * k, 6.0) for k in range(120)]
+    wall = two_sided(8.0)
+    for kicked in (False, True):
+        limits = DrivenLimits(LIMIT, COUNT, 4.1, 0.006, kicked=kicked)
+        tripped = fed(DrivenSpeed(limits), speeds, lambda x, _v: -8.0 * x, wall, start=0.5)
+        assert (tripped is None) is kicked
+
+
+@pytest.mark.parametrize(("start", "own"), [(0.4, 0.05), (1.2, 0.05)])
+def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own):
+    """Up to the torque limit of 2 N·m at 0.25 rad it is K x²/2; beyond, each further rad adds 2 J.
+
+    The shaft is driven by 2 N·m. It trips once it was given more than the spring held by ``own``.
+    """
+    limits = DrivenLimits(LIMIT, 0.0, torque_limit=2.0, inertia=4 * own / LIMIT**2, kicked=True)
+    driven, wall = DrivenSpeed(limits), two_sided(8.0)
+    held = 0.5 * 8.0 * 0.25**2 + 2.0 * (start - 0.25)
+    tripped = fed(driven, [-LIMIT - 0.01] * 800, lambda _x, _v: -2.0, wall, start=start)
+    assert tripped * LIMIT * 2.0 == pytest.approx(held + own, rel=0.03)
+
+
+def test_a_clip_lowers_what_a_spring_can_have_taken():
+    speeds = [1.0] * 500 + [-min(0.4 * k, 6.0) for k in range(100)]
+    for clip, trips in ((math.inf, False), (0.3, True)):
+        tripped = fed(DrivenSpeed(SERVO), speeds, lambda x, _v: -8.0 * x, two_sided(8.0, clip))
+        assert (tripped is not None) is trips
+
+
+def test_the_limits_come_from_the_no_load_speed_or_from_the_number():
+    xm430 = Facts("XM430", 4096, 4.1, 0.005, True, no_load_speed=4.817)
+    assert speed_limits(None, xm430, real=True) == pytest.approx((14.45, 3.854), rel=1e-3)
+    assert speed_limits(None, xm430, real=False) == pytest.approx((30.0, 3.854), rel=1e-3)
+    assert speed_limits(7.0, xm430, real=True) == (7.0, 7.0)
+    unknown = Facts("simulated", 4096, 4.1, 0.005, False)
+    assert speed_limits(None, unknown, real=False) == (30.0, math.inf)

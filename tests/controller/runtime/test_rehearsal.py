@@ -1,0 +1,234 @@
+"""The tick's rehearsal: nothing comes of it, and it has its time or is left out."""
+
+import pytest
+
+from haptic_wall.controller.runtime import deadlines, rehearsal
+from haptic_wall.controller.runtime.assembly import guard_schedule, most_injected
+from haptic_wall.controller.runtime.assembly import rehearsal as rehearsal_of
+from haptic_wall.controller.runtime.deadlines import SpinWaiter, waiter_for
+from haptic_wall.controller.runtime.rehearsal import Rehearsal, StandInClock
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.open import open_servo
+
+PERIOD_NS = 1_000_000
+RUNS = {
+    "in the process": ("simulated", "wall.passivity_control=true", "servo.backlash=0.002"),
+    "deceived": (
+        "simulated",
+        "wall.side=both",
+        "servo.coulomb=0",
+        "servo.hand=none",
+        "servo.kick=-0.05",
+        "servo.delay=0.006",
+        "model.delay=0.002",
+        "wall.stiffness=10",
+    ),
+    "pipelined on a bad bus": (
+        "emulated-xm430",
+        "servo.schedule=pipelined",
+        "servo.faults=drop:p=0.02",
+        "safety.max_loss=0.9",
+        "servo.hand=tap",
+    ),
+}
+
+
+class Rehearsed:
+    """A servo before whose every request the tick is rehearsed: in the midst of a real tick."""
+
+    def __init__(self, servo, rehearse):
+        self._servo, self._rehearse = servo, rehearse
+
+    def __getattr__(self, name):
+        return getattr(self._servo, name)
+
+    def request(self):
+        self._rehearse(PERIOD_NS)
+        assert not self._rehearse.fault
+        self._servo.request()
+
+
+def rows_of(preset, *sets, rehearsed):
+    config = load_config(preset, ("loop.clock=simulated", *sets)).config
+    ran = []
+
+    def opener(settings, clock, port):
+        servo = open_servo(settings, clock, port)
+        if not rehearsed:
+            return servo
+        schedule = guard_schedule(config, servo, True)
+        made = rehearsal_of(config, servo, schedule, most_injected(config, servo, schedule), ())
+        tick = made._run
+        made._run = lambda *deadline: ran.append(tick(*deadline))
+        made.need_ns = made._most_ns = 0  # whatever time it takes: nobody waits for it
+        return Rehearsed(servo, made)
+
+    telemetry = Telemetry.create()
+    result = run_session(
+        config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(open_servo=opener)
+    )
+    assert len(ran) >= 1000 * rehearsed, "it did take place"
+    return telemetry.read(0)[0].tobytes(), result.stop_reason, result.oscillation, result.bus
+
+
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS.keys())
+def test_a_run_with_rehearsals_is_the_same_to_the_bit(run):
+    assert rows_of(*run, rehearsed=True) == rows_of(*run, rehearsed=False)
+
+
+class Machine:
+    """Time that passes by being looked at and by sleeping, in place of the module ``time``."""
+
+    def __init__(self):
+        self.now = self.oversleeps_ns = 0
+        self.naps = []
+
+    def monotonic_ns(self):
+        self.now += 100
+        return self.now
+
+    def sleep(self, seconds):
+        self.naps.append(round(seconds * 1e9))
+        self.now += self.naps[-1] + self.oversleeps_ns
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    machine = Machine()
+    monkeypatch.setattr(deadlines, "time", machine)
+    monkeypatch.setattr(rehearsal, "time", machine)
+    return machine
+
+
+def made(machine, cost_ns, began):
+    """A rehearsal of a tick that takes ``cost_ns``, or what ``cost_ns()`` says."""
+
+    def tick(deadline_ns, woke_ns, missed):  # noqa: ARG001
+        began.append(machine.now)
+        machine.now += cost_ns() if callable(cost_ns) else cost_ns
+
+    return Rehearsal(tick, StandInClock(), PERIOD_NS, lambda: None)
+
+
+def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine):
+    began = []
+    rehearse = made(machine, 60_000, began)
+    assert rehearse.practise(500_000)
+    waiter = SpinWaiter(50_000, rehearse)
+    begun = deadline = machine.now
+    for _ in range(200):
+        deadline += PERIOD_NS
+        began.clear()
+        woke = waiter.wait(deadline)
+        assert 0 <= woke - deadline < 500
+        assert len(began) == 1
+        assert began[0] <= deadline - 60_000
+    needed = (machine.now - begun - sum(machine.naps[-200:])) / 200
+    assert needed < 50_000 + 1.2 * 60_000, "no more of the period is spent than that"
+
+
+def test_without_the_time_it_needs_there_is_none(machine):
+    began = []
+    rehearse = made(machine, 60_000, began)
+    assert rehearse.practise(500_000)
+    need_ns = rehearse.need_ns
+    assert need_ns >= 60_000
+    began.clear()
+    rehearse(need_ns - 1)
+    assert began == []
+    rehearse(need_ns)
+    assert len(began) == 1
+    waiter = SpinWaiter(50_000, rehearse)
+    began.clear()
+    assert waiter.wait(machine.now + 40_000), "too near to sleep"
+    machine.oversleeps_ns = PERIOD_NS
+    waiter.wait(machine.now + PERIOD_NS)
+    assert began == []
+
+
+def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine):
+    costs = [40_000]
+    rehearse = made(machine, lambda: costs[0], [])
+    assert rehearse.practise(200_000)
+    for cost, least, most in ((120_000, 120_000, 145_000), (40_000, 40_000, 55_000)):
+        costs[0] = cost
+        for _ in range(2500):
+            rehearse(PERIOD_NS)
+        assert least <= rehearse.need_ns <= most
+    costs[0] = 900_000
+    for _ in range(600):
+        rehearse(PERIOD_NS)
+    assert rehearse.need_ns <= 200_000
+
+
+def test_a_single_long_one_does_not_end_them(machine):
+    costs = [40_000]
+    began = []
+    rehearse = made(machine, lambda: costs[0], began)
+    assert rehearse.practise(200_000)
+    before = rehearse.need_ns
+    costs[0] = 5_000_000
+    rehearse(PERIOD_NS)
+    assert rehearse.need_ns < 1.2 * before + 2000
+
+
+def test_short_periods_and_waits_without_spinning_have_none(machine):
+    began = []
+    clock = MonotonicClock()
+    for spin_ns, period_ns, wanted in (
+        (50_000, PERIOD_NS, True),
+        (50_000, 125_000, False),
+        (0, PERIOD_NS, False),
+    ):
+        waiter = waiter_for(clock, spin_ns, period_ns, made(machine, 60_000, began))
+        began.clear()
+        waiter.wait(machine.now + period_ns)
+        assert bool(began) == wanted
+
+
+def test_an_error_ends_the_rehearsals_and_nothing_else(machine):
+    def tick(*_):
+        raise ZeroDivisionError("by design")
+
+    rehearse = Rehearsal(tick, StandInClock(), PERIOD_NS, lambda: None)
+    assert not rehearse.practise(500_000)
+    assert rehearse.fault == "ZeroDivisionError: by design"
+    waiter = SpinWaiter(50_000, rehearse)
+    deadline = machine.now + PERIOD_NS
+    assert 0 <= waiter.wait(deadline) - deadline < 500
+    assert machine.naps[-1] > 900_000, "nothing is set aside for it any more"
+
+
+class Mute:
+    """A servo whose stand-in cannot be asked anything."""
+
+    def __init__(self, servo, able=True):
+        self._servo, self._able = servo, able
+
+    def __getattr__(self, name):
+        return getattr(self._servo, name)
+
+    def stand_in(self, clock):
+        return Mute(self._servo.stand_in(clock), able=False)
+
+    def request(self):
+        if not self._able:
+            raise LookupError("no stand-in today")
+        self._servo.request()
+
+
+def test_a_run_whose_rehearsal_fails_says_so_and_goes_on():
+    said = []
+    config = load_config("simulated", ("loop.warm_up_s=0.01", "realtime.spin_us=50")).config
+    result = run_session(
+        config,
+        MonotonicClock(),
+        Telemetry.create(),
+        0.05,
+        surroundings=Surroundings(open_servo=lambda *how: Mute(open_servo(*how)), tell=said.append),
+    )
+    assert result.stop_reason == "duration"
+    assert any("LookupError: no stand-in today" in text for text in said)

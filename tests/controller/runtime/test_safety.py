@@ -1,0 +1,152 @@
+"""Trips come when they must, and not before."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from haptic_wall.controller.runtime.safety import EXPLANATIONS, Safety, SafetyLimits, Trip
+from haptic_wall.hw.servo import Outcome, Reading
+
+MS = 1_000_000
+LIMITS = SafetyLimits(
+    max_speed=10.0, position_step=0.0015, max_loss=0.5, loss_window=100, max_silence_ns=15 * MS
+)
+FEW = replace(LIMITS, max_loss=0.05)
+
+
+def reading(position, at_ms, alert=False):
+    return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
+
+
+def test_motion_within_the_speed_limit_passes():
+    safety = Safety(LIMITS)
+    for k in range(100):
+        assert safety.good(reading(0.0099 * k, k)) is None
+
+
+def test_a_jump_trips_and_the_first_reading_is_none():
+    safety = Safety(LIMITS)
+    assert safety.good(reading(500.0, 1)) is None
+    assert safety.good(reading(500.02, 2)) is Trip.OVERSPEED
+
+
+def test_the_encoders_rounding_is_no_speed():
+    safety = Safety(LIMITS)
+    safety.good(reading(0.0, 1))
+    assert safety.good(reading(0.0099 + 2 * 0.0015, 2)) is None
+    assert safety.good(reading(0.0129 + 0.0132, 3)) is Trip.OVERSPEED
+
+
+def test_the_time_that_passed_counts():
+    safety = Safety(LIMITS)
+    safety.good(reading(0.0, 1))
+    assert safety.good(reading(0.04, 6)) is None
+
+
+def test_not_a_number_and_alert_trip():
+    assert Safety(LIMITS).good(reading(math.nan, 1)) is Trip.NOT_A_NUMBER
+    assert Safety(LIMITS).good(reading(math.inf, 1)) is Trip.NOT_A_NUMBER
+    assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
+
+
+def silent(safety, period_ms, share=0.8):
+    """From a good reading on all fail: when that trips, after so many [ms], and how many did."""
+    safety.good(reading(0.0, 1000))
+    for count in range(1, 1000):
+        after_ms = (count + share) * period_ms
+        if safety.failed(1000 * MS + round(after_ms * MS)) is Trip.LOSSES_IN_ROW:
+            return after_ms, count
+    raise AssertionError("it never trips")
+
+
+def test_a_silence_is_a_time_not_a_count():
+    assert silent(Safety(LIMITS), 1.0) == (pytest.approx(15.8), 15)
+    assert silent(Safety(LIMITS), 0.5) == (pytest.approx(15.4), 30)
+    assert silent(Safety(LIMITS), 4.0) == (pytest.approx(15.2), 3)
+
+
+@pytest.mark.parametrize("period_ms", [10.0, 20.0])
+def test_at_low_rates_three_readings_must_fail(period_ms):
+    assert silent(Safety(replace(LIMITS, max_loss=1.0)), period_ms)[1] == 3
+
+
+def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus():
+    safety = Safety(LIMITS)
+    safety.good(reading(0.0, 1000))
+    assert safety.failed(1030 * MS) is None, "one reading was lost, whenever it was asked for"
+    assert safety.failed(1031 * MS) is None
+    assert safety.failed(1032 * MS) is Trip.LOSSES_IN_ROW
+
+
+def test_a_servo_that_was_never_heard_has_the_same_time():
+    safety = Safety(LIMITS)
+    found = [safety.failed((1000 + k) * MS) for k in range(17)]
+    assert found == [None] * 16 + [Trip.LOSSES_IN_ROW]
+
+
+def test_a_good_reading_begins_the_time_anew():
+    safety = Safety(replace(LIMITS, max_loss=1.0))
+    for start in range(1000, 2000, 15):
+        safety.good(reading(0.0, start))
+        assert {safety.failed((start + k) * MS) for k in (1, 2, 14)} == {None}
+
+
+def test_loss_rate_over_the_window():
+    safety = Safety(FEW)
+    trips = []
+    for k in range(200):  # one in ten is twice the allowed share
+        trips.append(safety.failed(k * MS) if k % 10 == 0 else safety.good(reading(0.0, k)))
+    assert trips.index(Trip.LOSS_RATE) == 50, "the sixth loss within a hundred readings"
+    safety = Safety(FEW)
+    for k in range(2000):  # one in twenty-five for ever is allowed
+        assert (safety.failed(k * MS) if k % 25 == 0 else safety.good(reading(0.0, k))) is None
+
+
+def test_the_value_that_trips_and_its_limit_are_kept_for_the_report():
+    safety = Safety(LIMITS)
+    silent(safety, 1.0)
+    assert safety.found == pytest.approx((0.0158, 0.015))
+    safety = Safety(FEW)
+    trips = [safety.failed(0) for _ in range(6)]
+    assert trips[-1] is Trip.LOSS_RATE
+    assert safety.found == pytest.approx((0.06, 0.05))
+    safety = Safety(LIMITS)
+    safety.good(reading(1.0, 1))
+    assert safety.found == ()
+    safety.good(reading(0.9, 5))
+    assert safety.found == pytest.approx((25.0, 10.0))
+    safety.good(reading(1.0, 5))
+    assert safety.found == (math.inf, 10.0), "two readings of one instant"
+    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0)))
+    safety.good(reading(2.5, 1))
+    assert safety.found == (2.5, -1.0, 2.0)
+
+
+def test_the_ends_of_the_travel_may_be_reached():
+    safety = Safety(replace(LIMITS, travel=(-1.0, 2.0), max_speed=1e6))
+    assert safety.good(reading(2.0, 1)) is None
+    assert safety.good(reading(-1.0, 2)) is None
+
+
+def test_every_trip_is_explained():
+    assert set(EXPLANATIONS) == set(Trip)
+
+
+def test_travel_counts_turns_and_trips_at_once_beyond_its_ends():
+    for low, high, ends in ((-1.0, 20.0, True), (-1.0, 6.0, False)):
+        safety = Safety(replace(LIMITS, travel=(low, high), max_speed=1e6))
+        assert safety.good(reading(0.0, 1)) is None
+        found = safety.good(reading(3 * math.tau, 2))
+        assert found is (None if ends else Trip.TRAVEL)
+    safety = Safety(replace(LIMITS, travel=(-1.0, 1.0)))
+    assert safety.good(reading(-1.001, 1)) is Trip.TRAVEL, "at the first reading too"
+
+
+def test_travel_from_the_start_counts_from_the_first_good_reading():
+    safety = Safety(replace(LIMITS, travel=(-0.1, 0.1), travel_from_start=True))
+    safety.failed(0)
+    assert safety.good(reading(50.0, 1)) is None
+    assert safety.good(reading(50.05, 7)) is None
+    assert safety.good(reading(50.099, 13)) is None
+    assert safety.good(reading(50.101, 19)) is Trip.TRAVEL

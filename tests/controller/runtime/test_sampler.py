@@ -1,0 +1,106 @@
+"""A position a period, its velocity over the time that really passed, and what a failure leaves."""
+
+import math
+
+import pytest
+
+from haptic_wall.controller.laws.velocity import BackwardDifference
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
+from haptic_wall.hw.servo import Outcome, Reading
+
+PERIOD_NS = 1_000_000
+
+
+class Replies:
+    """A servo that gives the replies it was told to, and notes what it was asked."""
+
+    def __init__(self, *replies):
+        self.replies = list(replies)
+        self.requests = 0
+        self.deadlines = []
+
+    def request(self):
+        self.requests += 1
+
+    def collect(self, deadline_ns):
+        self.deadlines.append(deadline_ns)
+        return self.replies.pop(0)
+
+
+def good(position, at_ns):
+    return Reading(Outcome.OK, position, 0, at_ns, 0.1, False)
+
+
+def failed(outcome):
+    return Reading(outcome, math.nan, 0, 0, math.nan, False)
+
+
+def sampler(*replies, pipelined=False):
+    servo = Replies(*replies)
+    made = Sampler(servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined)
+    return made, servo
+
+
+def test_nothing_is_known_before_the_first_good_reading():
+    made, _ = sampler(failed(Outcome.LOST), good(0.5, 1))
+    made.sample(0)
+    assert math.isnan(made.position)
+    assert made.sampled_ns is None
+    made.sample(PERIOD_NS)
+    assert (made.position, made.velocity, made.first) == (0.5, 0.0, True)
+
+
+@pytest.mark.parametrize(
+    ("passed", "counted"),
+    [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
+)
+def test_the_velocity_is_over_the_time_that_really_passed(passed, counted):
+    made, _ = sampler(good(0.0, 10), good(0.01, 10 + round(passed * PERIOD_NS)))
+    made.sample(0)
+    made.sample(PERIOD_NS)
+    assert made.velocity == pytest.approx(0.01 / (counted * 1e-3))
+
+
+@pytest.mark.parametrize("outcome", [Outcome.LOST, Outcome.CORRUPT, Outcome.REFUSED])
+def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome):
+    made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(outcome))
+    for k in range(3):
+        made.sample(k * PERIOD_NS)
+    assert (made.position, made.velocity, made.known) == (0.01, 0.0, False)
+
+
+def test_a_reply_that_is_not_due_yet_leaves_all_as_it_is():
+    made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(Outcome.WAITING))
+    for k in range(3):
+        made.sample(k * PERIOD_NS)
+    assert (made.position, made.known, made.first) == (0.01, True, False)
+    assert made.velocity == pytest.approx(10.0)
+
+
+def test_requests_are_sent_in_their_own_period_or_in_the_one_before():
+    made, servo = sampler(good(0.0, 0))
+    made.request_ahead()
+    assert servo.requests == 0
+    made.sample(0)
+    assert servo.requests == 1
+    made, servo = sampler(good(0.0, 0), pipelined=True)
+    made.request_ahead()
+    made.sample(0)
+    assert servo.requests == 1
+
+
+def test_a_lost_pipelined_reply_changes_how_long_the_next_one_is_waited_for():
+    made, servo = sampler(*[failed(Outcome.LOST)] * 3, pipelined=True)
+    for _ in range(3):
+        made.sample(0)
+    shares = [deadline / PERIOD_NS for deadline in servo.deadlines]
+    assert shares == pytest.approx([COLLECT_SHARE, LONGER_SHARE, COLLECT_SHARE])
+
+
+def test_the_served_interval_goes_on_over_readings_that_failed():
+    made, _ = sampler(good(0.0, 0), failed(Outcome.LOST), good(0.0, 0))
+    intervals = []
+    for k in range(3):
+        made.sample(7 + k * PERIOD_NS)
+        intervals.append(made.interval_ns(7 + k * PERIOD_NS))
+    assert intervals == [PERIOD_NS, 0, 2 * PERIOD_NS]

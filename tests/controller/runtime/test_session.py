@@ -1,0 +1,521 @@
+"""The whole controller on the simulated clock: deterministic, stable where the guard says so."""
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_OFF,
+    FLAG_SATURATED,
+    FLAG_WARM_UP,
+    NO_DEAD_MAN,
+    Telemetry,
+    Word,
+)
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.clock import SimulatedClock
+
+LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0"]
+LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
+
+
+def session(preset, *sets, duration=2.0, telemetry=None):
+    config = load_config(preset, sets).config
+    telemetry = telemetry or Telemetry.create()
+    result = run_session(config, SimulatedClock(), telemetry, duration)
+    rows, _ = telemetry.read(0)
+    return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+
+
+def heights(rows, wall=0.0):
+    """Largest distance from the wall in the first and in the last quarter."""
+    distance = np.abs(rows["position"] - wall)
+    quarter = len(distance) // 4
+    return distance[:quarter].max(), distance[-quarter:].max()
+
+
+def run_command(folder, *arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path):
+    logs = []
+    for name in ("a.hwlog", "b.hwlog"):
+        arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
+        done = run_command(tmp_path, *arguments, "--plot", "p.png", "--json")
+        assert done.returncode == 0, done.stderr
+        logs.append((tmp_path / name).read_bytes())
+    assert logs[0] == logs[1]
+    assert len(logs[0]) > 1000 * 100
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_report_of_a_simulated_run(tmp_path):
+    done = run_command(
+        tmp_path, "simulated", "--set", "loop.clock=simulated", "--duration", "3", "--json"
+    )
+    report = json.loads(done.stdout)
+    assert report["ticks"] == 3000
+    assert report["missed_ticks"] == 0
+    assert report["rate_hz"] == pytest.approx(1000.0)
+    assert report["bus"] is None
+    assert report["oscillation"]["state"] == "quiet"
+    delay = report["delay_s"]
+    assert delay["measured"] == 0.0
+    assert delay["total"] == delay["inserted"] + delay["device"]
+    assert report["stop_reason"] == "duration"
+    assert (tmp_path / report["log"]).exists()
+    assert (tmp_path / report["plot"]).exists()
+
+
+def test_the_hand_feels_the_wall():
+    result, rows = session("simulated", "loop.clock=simulated", duration=5.0)
+    assert result.stop_reason == "duration"
+    pressed = rows[rows["position"] > 0.05]
+    assert len(pressed) > 500, "the push goes in"
+    assert pressed["torque"].max() < 0.0, "and the wall pushes back"
+    assert rows[rows["position"] <= 0.0]["torque"].max() == 0.0
+    assert rows[rows["position"] <= 0.0]["torque"].min() == 0.0
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("lag", [0.0, 0.0004])
+def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag):
+    inertia, damping, virtual = 0.011951, 0.011692, 0.03
+    limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
+    for factor, grows in ((0.97, False), (1.03, True)):
+        _, rows = session(
+            "simulated",
+            *LINEAR,
+            "guard.mode=off",
+            f"delay.steps={steps}",
+            f"servo.delay={lag}",
+            f"wall.stiffness={factor * limit}",
+            f"wall.damping={virtual}",
+            "servo.kick=0.001",
+            "safety.max_speed=1e6",
+            duration=6.0,
+        )
+        first, last = heights(rows)
+        assert bool(last > first) is grows, f"{factor} of the limit"
+
+
+def test_the_guard_keeps_an_absurd_wall_stable():
+    result, rows = session(
+        "simulated", *LINEAR, "wall.stiffness=1e9", "wall.damping=0.03", "servo.kick=0.01"
+    )
+    guard = result.guard
+    assert guard["requested"]["stiffness"] == 1e9
+    assert guard["commanded"]["stiffness"] == pytest.approx(0.8 * guard["limit"]["exact"], rel=1e-3)
+    first, last = heights(rows)
+    assert last < 0.75 * first, "0.8 of the limit leaves a fifth of the damping: 0.35 1/s"
+
+
+def test_the_guard_can_be_wrong_when_the_belief_is():
+    """Truth and belief are apart: believing too much damping commands what is unstable."""
+    settings = (*LINEAR, "wall.stiffness=1e9", "servo.damping=0.001", "servo.kick=0.001")
+    alone = ("safety.max_speed=1e6", "safety.on_oscillation=report")
+    _, rows = session("simulated", *settings, "model.damping=0.05", *alone)
+    first, last = heights(rows)
+    assert last > 3.0 * first
+
+
+def test_the_driver_on_a_bus_in_memory_renders_the_same_wall():
+    _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    result, bus = session("emulated-xm430", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    assert result.bus["lost"] == result.bus["late"] == result.bus["corrupt"] == 0
+    assert 0.0 < result.delay["measured"] < 0.5e-3
+    assert bus["position"].max() == pytest.approx(plain["position"].max(), abs=0.01)
+    assert bus["torque"].min() == pytest.approx(plain["torque"].min(), rel=0.05)
+
+
+@pytest.mark.parametrize("rate", [250, 500, 1000])
+@pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
+def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
+    result, rows = session(
+        "emulated-xm430",
+        "loop.clock=simulated",
+        f"loop.rate_hz={rate}",
+        f"servo.schedule={schedule}",
+    )
+    assert result.stop_reason == "duration"
+    assert result.ticks == 2 * rate
+    assert result.bus["lost"] == result.bus["late"] == 0
+    ages = rows["age_ns"] * rate / 1e9
+    if schedule == "pipelined":
+        assert np.all((ages > 0.9) & (ages < 1.2)), "a period old, and counted"
+    else:
+        assert np.all(ages < 0.5)
+
+
+def test_a_stop_before_the_start_never_switches_the_torque_on(monkeypatch):
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
+
+    def start(_):
+        raise AssertionError("started")
+
+    monkeypatch.setattr(DynamixelServo, "start", start)
+    telemetry = Telemetry.create()
+    telemetry.words[Word.STOP] = 1
+    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    assert result.stop_reason == "interrupted"
+    assert result.torque_off, "and read back"
+
+
+def test_an_end_in_the_warm_up_counts_no_ticks():
+    telemetry = Telemetry.create()
+
+    def stop(_):
+        telemetry.words[Word.STOP] = 1
+
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    result = run_session(
+        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=stop)
+    )
+    assert (result.stop_reason, result.ticks, result.elapsed_s) == ("interrupted", 0, 0.0)
+    assert telemetry.words[Word.TICKS] == 0
+
+
+@pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
+def test_every_period_is_a_tick_or_missed(stalled, monkeypatch):
+    """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
+    from haptic_wall.controller.runtime import tick
+
+    plain = tick.Tick._follow_guard
+    seen = []
+
+    def stalling(self, *args, **kwargs):
+        seen.append(0)
+        if len(seen) == stalled + 1:
+            clock.wait_until(clock.now_ns() + 7_300_000)
+        return plain(self, *args, **kwargs)
+
+    monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    clock = SimulatedClock()
+    result = run_session(config, clock, Telemetry.create(), 2.0)
+    assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
+    assert (result.missed > 0) is (stalled >= 500)
+
+
+def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
+    telemetry = Telemetry.create()
+    telemetry.words[Word.STOP] = 1
+    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    assert result.stop_reason == "interrupted"
+    assert result.torque_off
+    assert result.ticks == 0
+
+
+def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
+    """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
+    telemetry = Telemetry.create()
+    told = []
+
+    def tell(text):
+        told.append(text)
+        if "inside the wall" in text:
+            telemetry.words[Word.STOP] = 1
+
+    sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
+    config = load_config("emulated-xm430", sets).config
+    result = run_session(
+        config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
+    )
+    assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
+    assert (result.stop_reason, result.ticks) == ("interrupted", 0)
+    rows, _ = telemetry.read(0)
+    assert rows["position"][-1] > 0.0
+    assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("turns", [3, -3])
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
+    told = []
+    sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
+    config = load_config(preset, [*sets, "servo.hand=none"]).config
+    telemetry = Telemetry.create()
+    result = run_session(
+        config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(tell=told.append)
+    )
+    rows, _ = telemetry.read(0)
+    assert len(rows) >= 1000
+    assert not np.any(rows["torque"])
+    assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
+    assert "turned to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
+    assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
+    told = []
+    sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
+    config = load_config(preset, sets).config
+    telemetry = Telemetry.create()
+    result = run_session(
+        config, SimulatedClock(), telemetry, 5.0, surroundings=Surroundings(tell=told.append)
+    )
+    rows, _ = telemetry.read(0)
+    assert result.wall_came_on
+    surface = rows["position"][0] + 0.3
+    pushed = rows[rows["torque"] < 0.0]
+    assert pushed["position"].min() > surface - 0.002
+    assert rows["position"].max() > surface + 0.1, "the hand found it there"
+    assert "(3.09 turns), the shaft at" in told[-1] and "(3.04 turns): 17." in told[-1]
+
+
+@pytest.mark.parametrize("reference", ["absolute", "start"])
+def test_travel_trips(reference):
+    position = 0.0 if reference == "absolute" else 0.1
+    sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
+    result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
+    assert result.stop_reason == "duration"
+    result, rows = session(
+        "simulated", *sets, f"safety.travel=[-1.5, {position + 0.02}]", duration=5.0
+    )
+    assert result.stop_reason == "trip:travel"
+    assert result.message.endswith(f"rad; allowed is -1.5 to {position + 0.02:g}")
+    assert rows["torque"][-1] == 0.0
+    assert result.torque_off
+
+
+OSCILLATES = (
+    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.kick=0.05"),
+    *("wall.stiffness=1e6", "servo.coulomb=0", "servo.delay=0.006", "model.delay=0.002"),
+)
+
+
+def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it():
+    _, rows = session("simulated", *OSCILLATES)
+    (begins, *_) = np.flatnonzero(np.diff(rows["stiffness"]) < 0.0)
+    result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
+    guard = result.guard
+    assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
+    assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
+    assert result.oscillation["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
+    assert f"{rows['stiffness'][0]:.4g} is commanded" in guard["reasons"][0]
+
+
+def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed():
+    result, rows = session("simulated", *OSCILLATES, duration=3.0)
+    guard = result.guard
+    left = result.oscillation["reduced_to"]["stiffness"]
+    assert left < 1.0
+    assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
+    assert f"{rows['stiffness'][0]:.4g} is allowed" in guard["reasons"][0]
+    assert not any("is commanded" in reason for reason in guard["reasons"])
+    assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
+
+
+def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks():
+    result, _ = session(
+        "emulated-xm430",
+        *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
+    )
+    assert result.guard["interval_s"] > 1.01e-3
+    (why,) = [reason for reason in result.guard["reasons"] if "counts as the period" in reason]
+    assert why.startswith("a good reading came every ")
+    assert f"{result.bus['lost']} of {result.bus['cycles']} replies were lost" in why
+    assert "ticks late" not in why
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
+    result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
+    assert result.wall_came_on
+    assert rows["torque"][0] == pytest.approx(-4.1, abs=0.01)
+    result, rows = session(preset, *sets, "servo.kick=1.6", duration=0.5)
+    assert not result.wall_came_on
+    result, rows = session(preset, *sets, "servo.kick=1.6", "safety.engage=at-once", duration=0.5)
+    assert result.wall_came_on
+
+
+def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it():
+    """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
+    sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
+    result, rows = session("emulated-xm430", *sets, "safety.engage_torque=0.2", duration=6.0)
+    assert result.wall_came_on
+    assert result.ticks == 6000, "time counts from when the wall comes on"
+    assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.09])
+def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(friction):
+    """The push that proves the torque's sign moves it by some counts."""
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
+    result, rows = session("emulated-xm430", *sets, f"servo.coulomb={friction}", duration=0.5)
+    assert result.wall_came_on
+    assert 0.001 < abs(rows["position"][0]) < 0.0175
+
+
+def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkeypatch):
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
+
+    plain, seen = DynamixelServo.collect, []
+
+    def leaving(self, deadline_ns):
+        seen.append(0)
+        reading = plain(self, deadline_ns)
+        return reading._replace(position=0.4) if len(seen) > 500 else reading
+
+    monkeypatch.setattr(DynamixelServo, "collect", leaving)
+    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "safety.max_speed=1000"]
+    result, rows = session("emulated-xm430", *sets, duration=0.5)
+    assert result.ticks == 500, "the warm-up ended well"
+    assert not np.any(rows["torque"])
+    assert not result.wall_came_on
+    assert "turned to within" in result.waited_for
+
+
+@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
+def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
+    """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
+    from haptic_wall.controller.runtime.tick import Tick
+
+    plain, telemetry = Tick.run, Telemetry.create()
+
+    def run(self, deadline_ns, woke_ns, missed):
+        depth = self.position
+        if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
+            let_go.append(self.ticks)
+            telemetry.words[Word.HELD_NS] = 0
+        elif let_go and self.ticks > let_go[0] + 20:
+            telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
+        plain(self, deadline_ns, woke_ns, missed)
+
+    let_go = []
+    monkeypatch.setattr(Tick, "run", run)
+    sets = ("loop.clock=simulated", *more)
+    result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
+    assert result.stop_reason == "duration"
+    off = (rows["flags"] & FLAG_OFF) != 0
+    at = let_go[0]
+    assert off[at], "in the very tick"
+    assert not np.any(rows["torque"][off])
+    back = at + int(np.argmin(off[at:]))
+    assert back > at + 300, "held again 20 ms later, but inside"
+    rest = rows[back - 49 : back + 1]
+    assert np.all(rest["stiffness"] * rest["position"] <= 0.1), "for 50 ticks, that one counted"
+    assert not np.any(off[back:])
+    assert rows["torque"][back:].min() < -0.5, "and it pushes again"
+    assert result.oscillation["state"] == "quiet"
+
+
+@pytest.mark.parametrize(
+    ("side", "kick", "where"),
+    [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
+)
+def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path, side, kick, where):
+    arguments = ["emulated-xm430", "--set", f"wall.side={side}", "--set", f"servo.kick={kick}"]
+    arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
+    done = run_command(tmp_path, *arguments)
+    assert done.returncode == 3
+    assert done.stdout.startswith(f"run         THE WALL NEVER CAME ON: the shaft is {where}")
+    assert "2.99 turns" in done.stderr
+    done = run_command(tmp_path, *arguments, "--json")
+    assert done.returncode == 3
+    assert json.loads(done.stdout)["wall_came_on"] is False
+
+
+def test_a_configured_sample_age_counts_where_it_is_the_larger():
+    settings = ("loop.clock=simulated", "delay.steps=2")
+    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.0015")
+    assert result.delay["measured"] == 0.0015
+    assert result.delay["total"] == pytest.approx(0.002 + 0.0015 + result.delay["device"])
+    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.00001")
+    assert result.delay["measured"] > 0.00001
+
+
+def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
+    from haptic_wall.controller.runtime import tick
+
+    def broken(*_, **__):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
+    result, _ = session("emulated-xm430", "loop.clock=simulated")
+    assert result.stop_reason == "trip:internal_error"
+    assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
+    assert result.torque_off
+
+
+def test_a_position_that_is_not_a_number_trips(monkeypatch):
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
+
+    plain = DynamixelServo.collect
+    seen = []
+
+    def broken(self, deadline_ns):
+        seen.append(0)
+        reading = plain(self, deadline_ns)
+        return reading._replace(position=math.nan) if len(seen) == 700 else reading
+
+    monkeypatch.setattr(DynamixelServo, "collect", broken)
+    result, rows = session("emulated-xm430", "loop.clock=simulated")
+    assert result.stop_reason == "trip:not_a_number"
+    assert result.torque_off
+    assert rows["torque"][-1] == 0.0
+
+
+FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
+
+
+def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness():
+    """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
+    result, rows = session("emulated-xm430", *FIRST, "wall.torque_clip=0.2", duration=4.0)
+    assert result.stop_reason == "duration"
+    assert result.guard["commanded"]["stiffness"] == 7.0
+    assert np.abs(rows["wall_torque"]).max() == 0.2
+    assert np.abs(rows["torque"]).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
+    assert np.any(rows["flags"] & FLAG_SATURATED)
+    result, _ = session("emulated-xm430", *FIRST, "servo.torque_limit=0.2", duration=0.1)
+    assert result.guard["commanded"]["stiffness"] == 0.0
+    assert result.guard["binding"] == "quantisation"
+
+
+def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo():
+    result, rows = session("emulated-xm430", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
+    assert result.stop_reason == "duration"
+    assert np.abs(np.diff(rows["position"][::10])).max() > 0.01 * 4.82
+
+
+def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
+    """Damping below zero, and friction believed so large that the detector sees nothing."""
+    sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
+    sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
+    sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
+    sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
+    result, rows = session("emulated-xm430", *sets)
+    assert result.stop_reason == "trip:overspeed"
+    assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")
+    assert 3.85 < float(result.message.split()[0]) < 4.5
+    assert np.abs(np.diff(rows["position"])).max() < 1e-3 * 6.0
+    assert rows["torque"][-1] == 0.0
+    unlimited, _ = session("emulated-xm430", *sets, "safety.max_speed=1000")
+    assert unlimited.stop_reason == "duration"
+
+
+def test_an_encoder_that_jumps_trips_without_a_number():
+    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
+    result, rows = session("emulated-xm430", *sets)
+    assert result.stop_reason == "trip:overspeed"
+    assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
+    assert rows["torque"][-1] == 0.0

@@ -1,0 +1,188 @@
+"""However a session fails, it is known whether torque is off; a run that was is reported."""
+
+from dataclasses import replace
+
+import pytest
+
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.run import run
+from haptic_wall.controller.runtime import session
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.errors import (
+    ServoLostError,
+    ServoMissingError,
+    StrangeServoError,
+    UnfitServoError,
+)
+from haptic_wall.hw.open import open_servo
+
+CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
+
+
+class Scene:
+    """A session on a bus in memory whose host can be made deaf."""
+
+    def __init__(self):
+        self.telemetry = Telemetry.create()
+        self.words = self.telemetry.words
+        self.sent = 0
+
+    def opener(self, *arguments):
+        servo = open_servo(*arguments)
+        self.line = servo._line
+        self._read, self._write = self.line.read, self.line.write
+        self.line.write = self.write
+        (self.truth,) = self.line.bus.servos
+        return servo
+
+    def write(self, data):
+        self.sent += 1
+        self._write(data)
+
+    def go_deaf(self):
+        """No reply comes through any more."""
+        self.line.read = lambda: self._read()[:0]
+
+    def run(self):
+        return run_session(
+            CONFIG,
+            SimulatedClock(),
+            self.telemetry,
+            0.1,
+            surroundings=Surroundings(open_servo=self.opener),
+        )
+
+
+@pytest.fixture
+def scene():
+    return Scene()
+
+
+@pytest.mark.parametrize("deaf", [True, False])
+def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
+    scene, deaf, monkeypatch
+):
+    """The pipelined schedule sends its first request while the tick is made."""
+
+    def lost(_):
+        if deaf:
+            scene.go_deaf()
+        raise ServoLostError("The serial port has sent nothing.")
+
+    monkeypatch.setattr(DynamixelServo, "request", lost)
+    with pytest.raises(ServoLostError):
+        scene.run()
+    assert scene.words[Word.STATE] == (State.TORQUE_UNKNOWN if deaf else State.TORQUE_OFF)
+    assert scene.truth.memory["torque_enable"] == 0, "what was sent was heard"
+    assert scene.words[Word.HEARTBEAT_NS] > 0, "or its end would be called overdue at once"
+
+
+@pytest.mark.parametrize("error", [ServoLostError("Gone."), KeyboardInterrupt()])
+def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
+    scene, error, monkeypatch
+):
+    def push(*_, **__):
+        assert scene.truth.memory["torque_enable"] == 1
+        scene.go_deaf()
+        raise error
+
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.startup.prove_the_sign", push)
+    with pytest.raises(type(error)):
+        scene.run()
+    assert scene.words[Word.STATE] == State.TORQUE_UNKNOWN
+
+
+def test_a_check_that_fails_leaves_torque_known_to_be_off(scene):
+    opener = scene.opener
+
+    def weak(*arguments):
+        servo = opener(*arguments)
+        scene.truth.memory["current_limit"] = 0
+        return servo
+
+    scene.opener = weak
+    with pytest.raises(UnfitServoError):
+        scene.run()
+    assert scene.words[Word.STATE] == State.TORQUE_OFF
+
+
+def test_what_never_answered_was_never_driven(scene):
+    opener = scene.opener
+
+    def unplugged(*arguments):
+        servo = opener(*arguments)
+        scene.go_deaf()
+        return servo
+
+    scene.opener = unplugged
+    with pytest.raises(ServoMissingError):
+        scene.run()
+    assert scene.words[Word.STATE] == State.STARTING, "nothing to be cut"
+
+
+def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene):
+    opener = scene.opener
+
+    def exchanged(*arguments):
+        servo = opener(*arguments)
+        scene.truth.model = replace(scene.truth.model, number=2020)
+        return servo
+
+    scene.opener = exchanged
+    with pytest.raises(StrangeServoError, match="nothing was written to it"):
+        scene.run()
+    assert scene.words[Word.STATE] == State.STARTING, "the supervisor writes nothing either"
+
+
+def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(session, "guard_schedule", broken)
+    with pytest.raises(ZeroDivisionError):
+        scene.run()
+    assert scene.words[Word.STATE] == State.STARTING
+    assert scene.sent == 0
+
+
+def broken_report(*_):
+    raise ZeroDivisionError("boom")
+
+
+@pytest.mark.parametrize("part", ["guard_report", "oscillation_report", "delay_report"])
+def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(scene, part, monkeypatch):
+    monkeypatch.setattr(session, part, broken_report)
+    result = scene.run()
+    assert result.stop_reason == Trip.INTERNAL_ERROR
+    assert "ZeroDivisionError: boom (in broken_report, test_session_ends.py line" in result.message
+    assert result.torque_off
+    assert (result.ticks, result.missed) == (100, 0)
+    assert result.guard is None
+    assert scene.words[Word.STATE] == State.TORQUE_OFF
+
+
+def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
+    def gone(*_, **__):
+        raise ServoLostError("The serial port is gone.")
+
+    monkeypatch.setattr("haptic_wall.controller.runtime.tick.Tick._follow_guard", gone)
+    monkeypatch.setattr(session, "guard_report", broken_report)
+    result = scene.run()
+    assert result.stop_reason == Trip.SERVO_LOST
+    assert "port is gone" in result.message
+    assert "ZeroDivisionError" in result.message
+
+
+def test_a_log_tells_of_a_defect_after_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(session, "guard_report", broken_report)
+    ended = run(Plan(CONFIG, 0.1, tmp_path / "a.hwlog", {}, None), lambda _text: None)
+    assert ended.stop_reason == Trip.INTERNAL_ERROR
+    *_, end = LogReader(tmp_path / "a.hwlog").pieces()
+    assert end.ended["stop_reason"] == ended.stop_reason
+    assert "broken_report" in end.ended["message"]

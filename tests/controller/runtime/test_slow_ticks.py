@@ -1,0 +1,181 @@
+"""Ticks that cost more than a period: the guard counts the interval that is really served."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.runtime.missed import MissedPeriods
+from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.open import open_servo
+
+PERIOD = 1e-3
+INERTIA, DAMPING, VIRTUAL = 0.011951, 0.011692, 0.03
+TWO_SIDED = (
+    "loop.clock=simulated",
+    "servo.coulomb=0",
+    "servo.hand=none",
+    "servo.counts_per_rev=0",
+    "servo.torque_step=0",
+    "servo.torque_limit=100",
+    "servo.delay=0",
+    "servo.kick=0.01",
+    "wall.side=both",
+    "wall.stiffness=1e6",
+    f"wall.damping={VIRTUAL}",
+    "safety.on_oscillation=report",
+    "safety.max_speed=1e6",
+)
+
+
+class SlowServo:
+    """A simulated servo after whose ``write`` the tick goes on for some time."""
+
+    def __init__(self, servo, clock, costs):
+        self._servo, self._clock, self._costs = servo, clock, costs
+
+    def __getattr__(self, name):
+        return getattr(self._servo, name)
+
+    def write(self, torque):
+        sent = self._servo.write(torque)
+        self._clock.wait_until(self._clock.now_ns() + round(next(self._costs) * PERIOD * 1e9))
+        return sent
+
+
+def run(costs, *sets, duration=4.0):
+    """A run whose ticks cost what is drawn [periods]; its result and its rows with the wall on."""
+    config = load_config("simulated", [*TWO_SIDED, *sets]).config
+    telemetry = Telemetry.create()
+    clock = SimulatedClock()
+
+    def opener(settings, clock, port):
+        return SlowServo(open_servo(settings, clock, port), clock, costs)
+
+    result = run_session(
+        config, clock, telemetry, duration, surroundings=Surroundings(open_servo=opener)
+    )
+    rows, _ = telemetry.read(0)
+    return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
+
+
+def always(cost):
+    while True:
+        yield cost
+
+
+def drawn(choices, weights, seed):
+    random = np.random.default_rng(seed)
+    while True:
+        yield float(random.choice(choices, p=weights))
+
+
+def heights(rows):
+    """Largest distance from the wall: half a second after the start, and at the end [rad]."""
+    distance = np.abs(rows["position"])
+    part = len(distance) // 8
+    return distance[part : 2 * part].max(), distance[-part:].max()
+
+
+def true_limit(interval):
+    return float(critical_stiffness(INERTIA, DAMPING, VIRTUAL, interval * PERIOD, 0.0))
+
+
+@pytest.mark.parametrize("cost", [1.5, 2.0, 2.6])
+def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost):
+    result, rows = run(always(cost))
+    guard = result.guard
+    served = np.diff(rows["sampled_ns"]).mean() * 1e-9 / PERIOD
+    assert served == pytest.approx(cost, rel=0.2)
+    assert guard["commanded"]["stiffness"] < 0.81 * true_limit(served)
+    assert guard["commanded"]["stiffness"] > 0.5 * true_limit(served), "and no more than it needs"
+    assert guard["interval_s"] >= 0.97 * served * PERIOD
+    first, last = heights(rows)
+    assert last < 0.75 * first, "it decays"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ticks_of_random_cost_keep_the_wall_stable(seed):
+    result, rows = run(drawn([0.3, 1.3, 2.2], [0.5, 0.3, 0.2], seed))
+    assert result.guard["interval_s"] > PERIOD
+    first, last = heights(rows)
+    assert last < 0.75 * first
+
+
+def test_one_stall_does_not_soften_the_wall():
+    costs = iter([0.1] * 1000 + [20.0] + [0.1] * 4000)
+    result, rows = run(costs)
+    assert rows["missed"].max() == 19
+    assert result.guard["interval_s"] == pytest.approx(PERIOD)
+    assert rows["stiffness"].min() == rows["stiffness"].max()
+
+
+def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_surface():
+    costs = iter([0.1] * 500 + [1.5] * 500 + [0.1] * 9000)
+    result, rows = run(costs, "servo.kick=0.0005", duration=9.0)
+    assert rows["stiffness"].min() < 0.8 * rows["stiffness"].max()
+    assert result.guard["commanded"]["stiffness"] == rows["stiffness"].max()
+    assert result.guard["interval_s"] == pytest.approx(PERIOD)
+
+
+def test_the_report_says_what_interval_was_counted_and_why():
+    result, _ = run(always(1.5), duration=1.0)
+    assert result.guard["interval_s"] == pytest.approx(1.5 * PERIOD)
+    assert any("every 1.5 ms instead of every 1 ms" in why for why in result.guard["reasons"])
+    assert any("safety.max_missed" in text for text in result.warnings)
+    assert math.isclose(result.delay["total"], result.delay["inserted"])
+
+
+def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick():
+    result, rows = run(always(1.5), "delay.steps=1")
+    assert result.delay["inserted"] == pytest.approx(1.5 * PERIOD)
+    first, last = heights(rows)
+    assert last < first
+
+
+def test_strict_ends_the_run_where_too_many_periods_are_missed():
+    result, rows = run(always(1.5), "realtime.profile=strict")
+    assert result.stop_reason == "trip:missed_periods"
+    assert result.message == "20.2% of the periods of 0.5 s; at most 20% is allowed"
+    assert rows["torque"][-1] == 0.0
+    assert len(rows) < 350, "within half a second"
+
+
+def test_strict_goes_on_below_the_fraction_that_may_be_missed():
+    costs = iter(([0.1] * 9 + [2.5]) * 1000)  # two of twelve periods have no tick
+    result, _ = run(costs, "realtime.profile=strict", duration=3.0)
+    assert result.missed > 0.07 * result.ticks
+    assert result.stop_reason == "duration"
+    assert result.warnings == []
+
+
+@pytest.mark.parametrize("profile", ["off", "best-effort"])
+def test_the_other_profiles_derate_and_warn(profile):
+    result, _ = run(always(1.5), f"realtime.profile={profile}", duration=2.0)
+    assert result.stop_reason == "duration"
+    assert "safety.max_missed (20%)" in result.warnings[0]
+
+
+def test_a_fraction_is_counted_over_half_a_second():
+    missed = MissedPeriods(1_000_000, 0.2)
+    assert not any(missed.count(k * 10_000_000, 2) for k in range(1000)), "a fifth, and no more"
+    assert any(missed.count(10**10 + k * 10_000_000, 3) for k in range(50))
+    assert missed.exceeded
+
+
+def test_missed_periods_are_forgotten_after_half_a_second():
+    missed = MissedPeriods(1_000_000, 0.2)
+    assert not missed.count(10**9, 99)
+    assert not missed.count(10**9 + 500_000_000, 99)
+    assert missed.count(10**9 + 740_000_000, 99)
+    assert missed.worst == pytest.approx(198 / 500)
+
+
+def test_at_low_rates_the_window_has_ten_periods_at_least():
+    missed = MissedPeriods(100_000_000, 0.2)
+    assert not missed.count(10**10, 2)
+    assert missed.count(10**10 + 300_000_000, 1)

@@ -1,0 +1,49 @@
+"""Percentiles within a bin of the exact ones; the warm-up and the first tick do not count."""
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.runtime.statistics import RunStatistics, TimeStatistics
+from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, FLAG_WARM_UP, ROW
+
+
+def test_percentiles_agree_with_numpy():
+    random = np.random.default_rng(1)
+    times = (10 ** random.uniform(2, 7, 20_000)).astype(np.int64)
+    statistics = TimeStatistics()
+    for part in np.array_split(times, 7):
+        statistics.add(part)
+    report = statistics.as_report(50, 99, 99.9)
+    assert list(report) == ["p50", "p99", "p99_9", "max"]
+    for name, percentile in (("p50", 50), ("p99", 99), ("p99_9", 99.9)):
+        exact = np.percentile(times, percentile) / 1000
+        assert report[name] == pytest.approx(exact, rel=2 ** (1 / 64) - 1 + 0.002)
+    assert report["max"] == times.max() / 1000
+
+
+def test_nothing_counted_is_null():
+    assert TimeStatistics().as_report(50) == {"p50": None, "max": None}
+
+
+def test_zero_is_zero():
+    statistics = TimeStatistics()
+    statistics.add(np.zeros(5, dtype=np.int64))
+    assert statistics.as_report(50) == {"p50": 0.0, "max": 0.0}
+
+
+def test_a_run():
+    rows = np.zeros(10, dtype=ROW)
+    rows["seq"] = np.arange(10)
+    rows["flags"][:3] = FLAG_WARM_UP
+    rows["flags"][5] |= FLAG_SATURATED
+    rows["lateness_ns"] = 1000
+    rows["lateness_ns"][0] = 10**9
+    rows["torque"] = -0.25
+    rows["torque"][7] = -2.0
+    statistics = RunStatistics()
+    statistics.add(rows[:4])
+    statistics.add(rows[6:])
+    assert statistics.unread == 2
+    assert statistics.rows == 5
+    assert statistics.max_torque == 2.0
+    assert statistics.lateness.as_report(50)["max"] == 1.0

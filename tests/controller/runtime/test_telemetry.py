@@ -1,0 +1,90 @@
+"""Rows survive the trip through shared memory; a slow reader loses rows, never gets wrong ones."""
+
+import os
+from contextlib import closing
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.runtime.telemetry import (
+    CAPACITY,
+    FLOAT_FIELDS,
+    INT_FIELDS,
+    ROW,
+    Row,
+    Telemetry,
+    Word,
+)
+
+VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
+
+
+def test_a_row_has_the_fields_of_the_memory_in_order():
+    """Rows are packed by place."""
+    assert tuple(field.name for field in fields(Row)) == ROW.names[1:]
+
+
+def test_what_is_written_is_read():
+    telemetry = Telemetry.create()
+    telemetry.write(Row(*VALUES))
+    rows, tail = telemetry.read(0)
+    assert tail == 1
+    assert list(rows[0].tolist()) == [0, *VALUES]
+    rows, tail = telemetry.read(tail)
+    assert rows.size == 0
+    assert tail == 1
+
+
+def test_another_process_side_sees_the_same_memory():
+    ours = Telemetry.create()
+    theirs = Telemetry(ours.descriptor)
+    ours.write(Row(*VALUES))
+    ours.words[Word.STOP] = 1
+    assert theirs.read(0)[0].size == 1
+    assert theirs.words[Word.STOP] == 1
+
+
+def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap():
+    telemetry = Telemetry.create()
+    total = CAPACITY + 500
+    for k in range(total):
+        telemetry.write(Row(k, *VALUES[1:]))
+    rows, tail = telemetry.read(0)
+    assert tail == total
+    assert rows.dtype == ROW
+    np.testing.assert_array_equal(rows["seq"], np.arange(total - CAPACITY + 1, total))
+    np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
+
+
+def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
+    telemetry = Telemetry.create()
+    for k in range(CAPACITY):
+        telemetry.write(Row(k, *VALUES[1:]))
+    plain = telemetry._rows
+
+    class Overtaken:
+        """The writer comes by in the middle of the copy."""
+
+        def __getitem__(self, places):
+            copy = plain[places].copy()
+            rows = copy.reshape(-1).view(ROW)
+            rows[:10]["position"] = -1.0  # torn: the sequence number is still the old one
+            for k in range(10 if rows.size else 0):
+                telemetry.write(Row(k, *VALUES[1:]))
+            return copy
+
+    telemetry._rows = Overtaken()
+    rows, tail = telemetry.read(0)
+    assert tail == CAPACITY
+    assert not np.any(rows["position"] == -1.0)
+    assert rows["seq"][-1] == CAPACITY - 1
+    assert rows.size == CAPACITY - 11
+
+
+def test_the_descriptor_is_let_go_and_what_was_written_stays_readable():
+    with closing(Telemetry.create()) as telemetry:
+        telemetry.write(Row(*VALUES))
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(telemetry.descriptor)
+    assert telemetry.read(0)[0].size == 1

@@ -1,0 +1,542 @@
+"""One period against a scripted servo on the simulated clock: every stage, and every failure."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.engagement import EngageLimits, Engagement
+from haptic_wall.controller.laws.velocity import BackwardDifference
+from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.runtime.deadlines import next_deadline
+from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.missed import MissedPeriods
+from haptic_wall.controller.runtime.motion_watch import MotionWatch
+from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
+from haptic_wall.controller.runtime.safety import Safety, SafetyLimits, Trip
+from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CONTACT,
+    FLAG_OFF,
+    FLAG_SATURATED,
+    NO_DEAD_MAN,
+    Telemetry,
+    Word,
+)
+from haptic_wall.controller.runtime.tick import COLLECT_SHARE, LONGER_SHARE, Tick, TickParts
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
+
+PERIOD_NS = 1_000_000
+LOST = object()
+WAITING = object()
+
+
+class Rung:
+    def __init__(self, stiffness, damping, delay):
+        self.stiffness, self.damping, self.delay = stiffness, damping, delay
+
+
+class ScriptedServo:
+    """Answers with the positions it is given; LOST is no reply, WAITING none yet."""
+
+    facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0, has_bus=True)
+
+    def __init__(self, clock, positions, age_ns=0):
+        self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
+        self.counts = BusCounts()
+        self.waited_ns = 0
+        self.sent = []
+        self.calls = []
+        self.deadlines = []
+
+    def request(self):
+        self.calls.append("request")
+        self.asked_ns = self.clock.now_ns()
+
+    def collect(self, deadline_ns):
+        self.calls.append("collect")
+        self.deadlines.append(deadline_ns - self.clock.now_ns())
+        position = self.positions.pop(0)
+        if position in (LOST, WAITING):
+            outcome = Outcome.LOST if position is LOST else Outcome.WAITING
+            return Reading(outcome, math.nan, 0, self.asked_ns, math.nan, False)
+        began_ns = self.clock.now_ns()
+        self.clock.wait_until(self.asked_ns + self.age_ns)
+        self.waited_ns = self.clock.now_ns() - began_ns
+        return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
+
+    def write(self, torque):
+        self.calls.append("write")
+        limited = min(max(torque, -5.0), 5.0)
+        self.sent.append(limited)
+        return limited
+
+
+class ScaledWatch(Watch):
+    """Scales the wall as a test says, and counts the requests to raise it."""
+
+    scale = damping_scale = 1.0
+    asked = 0
+
+    def raise_again(self):
+        self.asked += 1
+        super().raise_again()
+
+
+class Rig:
+    def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall):
+        self.clock = SimulatedClock(10**9)
+        self.servo = ScriptedServo(self.clock, positions, age_ns)
+        self.telemetry = Telemetry.create()
+        rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
+        self.schedule = GainSchedule([rungs], list(ages), [PERIOD_NS], 90.0, 100)
+        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
+        gains = Gains(self.schedule, self.wall, 50, ScriptedServo.facts.torque_limit)
+        pipelined = wall.get("pipelined", False)
+        self.tick = Tick(
+            TickParts(
+                clock=self.clock,
+                servo=self.servo,
+                law=self.wall,
+                sampler=Sampler(
+                    self.servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined
+                ),
+                gains=gains,
+                ring=DelayRing(steps),
+                safety=Safety(SafetyLimits(1000.0, 0.0, 0.5, 10, 3 * PERIOD_NS)),
+                missed=MissedPeriods(PERIOD_NS, 0.2),
+                trips_on_missed=wall.get("strict", False),
+                motion=MotionWatch(
+                    self.wall,
+                    gains,
+                    ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
+                    DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
+                    None,
+                    [0.0] * len(rungs),
+                ),
+                telemetry=self.telemetry,
+                wall_from_start=wall.get("from_start", False),
+                engagement=Engagement(
+                    EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
+                ),
+            )
+        )
+        self.deadline = self.clock.now_ns()
+
+    def run(self, count, missed=0):
+        for _ in range(count):
+            self.deadline += (1 + missed) * PERIOD_NS
+            self.clock.wait_until(self.deadline)
+            self.tick.run(self.deadline, self.clock.now_ns(), missed)
+        return self
+
+    @property
+    def rows(self):
+        return self.telemetry.read(0)[0]
+
+
+def on(rig):
+    rig.tick.wall_on()
+    return rig
+
+
+def test_the_torque_is_the_walls():
+    rig = on(Rig([0.1, 0.11, 0.11], stiffness=10.0, damping=0.02)).run(3)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
+
+
+def test_jitter_of_the_samples_does_not_reach_the_velocity():
+    """Up to a tenth of a period; what is further from whole periods is counted as it is."""
+    rig = on(Rig([0.0, 0.001, 0.002, 0.003, 0.004], stiffness=0.0, damping=0.1))
+    for late_us in (0, 90, 0, 300, 390):
+        rig.deadline += PERIOD_NS
+        rig.clock.wait_until(rig.deadline + late_us * 1000)
+        rig.tick.run(rig.deadline, rig.clock.now_ns(), 0)
+    assert rig.rows["velocity"].tolist() == [0.0, 1.0, 1.0, pytest.approx(1 / 1.3), 1.0]
+
+
+def test_order_of_a_cycle_in_both_schedules():
+    assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
+    piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
+    assert piped.servo.calls == ["request", *["collect", "write", "request"] * 2]
+
+
+@pytest.mark.parametrize("pipelined", [True, False])
+def test_after_a_lost_reply_a_pipelined_one_is_waited_for_longer_until_the_next_is_lost(pipelined):
+    rig = on(Rig([0.0, LOST, 0.0, LOST, 0.0], pipelined=pipelined)).run(5)
+    short, long = int(COLLECT_SHARE * PERIOD_NS), int(LONGER_SHARE * PERIOD_NS)
+    other = long if pipelined else short
+    assert rig.servo.deadlines == [short, short, other, other, short]
+
+
+def test_warm_up_sends_zero():
+    rig = Rig([0.5, 0.5])
+    assert rig.run(2).servo.sent == [0.0, 0.0]
+
+
+def test_delay_counts_periods():
+    rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(4)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
+
+
+def test_skipped_periods_shift_the_delay():
+    rig = on(Rig([0.1, 0.2, 0.3], steps=2, stiffness=10.0)).run(2).run(1, missed=1)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
+
+
+def test_skipped_periods_divide_the_difference():
+    rig = on(Rig([0.1, 0.13], stiffness=0.0, damping=0.1)).run(1).run(1, missed=2)
+    row = rig.rows[-1]
+    assert row["velocity"] == pytest.approx(10.0)
+    assert row["missed"] == 2
+    assert rig.telemetry.words[Word.MISSED] == 2
+
+
+def test_a_lost_reading_is_no_position_and_costs_one_period():
+    rig = on(Rig([0.1, LOST, 0.104, 0.106], stiffness=10.0, damping=0.1)).run(4)
+    positions = rig.rows["position"]
+    velocities = rig.rows["velocity"]
+    assert positions == pytest.approx([0.1, 0.1, 0.104, 0.106])
+    assert velocities == pytest.approx([0.0, 0.0, 2.0, 2.0])
+    assert rig.servo.sent[1] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize("pipelined", [False, True])
+def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined):
+    """A shaft at 10 rad/s, sampled when its request is sent; one tick is served 5 ms late."""
+    rig = Rig([0.0] * 20, pipelined=pipelined)
+
+    def at_request():
+        rig.servo.asked_ns = rig.clock.now_ns()
+        rig.servo.positions[0] = 10.0 * (rig.clock.now_ns() - 10**9) * 1e-9
+
+    rig.servo.request = at_request
+    at_request()
+    on(rig).run(3)
+    rig.clock.wait_until(rig.clock.now_ns() + 5_300_000)
+    rig.run(1)  # more than four periods late: served at once, with nothing counted as missed yet
+    following, missed = next_deadline(rig.deadline, rig.clock.now_ns(), PERIOD_NS)
+    assert missed == 3
+    rig.deadline = following - (1 + missed) * PERIOD_NS
+    rig.run(1, missed).run(4)
+    velocity = rig.rows["velocity"][1:]
+    assert velocity.max() < 15.0, "whole periods: off by half of one at most, upward"
+    assert velocity[-2:] == pytest.approx(10.0), "and undisturbed soon after"
+
+
+def test_before_the_first_reading_nothing_acts():
+    rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0))
+    for _ in range(3):
+        assert rig.run(1).tick.trip is None
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+
+
+def test_losses_trip_with_torque_off():
+    rig = on(Rig([0.1] + [LOST] * 4, stiffness=10.0)).run(5)
+    assert rig.tick.trip is Trip.LOSSES_IN_ROW
+    assert rig.servo.sent[-1] == 0.0
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+def test_a_broken_position_trips_with_torque_off(broken):
+    rig = on(Rig([0.1, broken], stiffness=10.0)).run(2)
+    assert rig.tick.trip is Trip.NOT_A_NUMBER
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_a_broken_torque_trips_with_torque_off():
+    rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
+    rig.wall.stiffness = math.nan
+    rig.run(1)
+    assert rig.tick.trip is Trip.NOT_A_NUMBER
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_a_jump_trips():
+    rig = on(Rig([0.1, 3.0], stiffness=10.0)).run(2)
+    assert rig.tick.trip is Trip.OVERSPEED
+    assert rig.servo.sent[-1] == 0.0
+
+
+def test_the_cut_flag_stops_every_write():
+    rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
+    rig.telemetry.words[Word.CUT] = 1
+    rig.run(1)
+    assert len(rig.servo.sent) == 1
+
+
+def test_saturation_and_contact_are_told():
+    rig = on(Rig([0.4, 0.6], stiffness=10.0)).run(2)
+    assert [bool(f & FLAG_SATURATED) for f in rig.rows["flags"]] == [False, True]
+    assert all(rig.rows["flags"] & FLAG_CONTACT)
+    assert rig.rows["torque"][-1] == -5.0
+
+
+def test_waiting_for_the_bus_is_no_work():
+    rig = on(Rig([0.0, 0.0], age_ns=300_000)).run(2)
+    assert rig.rows["bus_ns"][-1] == 300_000
+    assert rig.rows["work_ns"][-1] == 0, "a simulated clock stands still while the tick computes"
+
+
+def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick():
+    rig = on(Rig([0.0], rungs=[Rung(10.0, 0.0, 0.7e-3)])).run(1)
+    assert rig.rows["delay_s"][0] == 0.7e-3
+
+
+def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
+    rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
+    rig.run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(70)
+    stiffness, damping = rig.rows["stiffness"], rig.rows["damping"]
+    assert stiffness[4] == 20.0
+    falling = (stiffness < 20.0) & (stiffness > 10.0)
+    assert 45 <= falling.sum() <= 50
+    assert damping[falling] == pytest.approx(stiffness[falling] / 1000)
+    assert (stiffness[-1], damping[-1]) == (10.0, 0.01)
+    assert rig.rows["delay_s"][-1] == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("side", "position", "raised"),
+    [
+        ("above", 0.02, False),
+        ("above", 0.002, True),
+        ("above", -0.02, True),
+        ("below", -0.02, False),
+        ("both", 0.009, True),
+        ("both", 0.011, False),
+    ],
+)
+def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_small_torque(
+    side, position, raised
+):
+    """10 N·m/rad more, and 0.1 N·m is small."""
+    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
+    rig.servo.age_ns = 400_000
+    rig.run(100)
+    rig.servo.age_ns = 0
+    rig.run(700)  # more than five windows of a hundred
+    assert rig.rows["stiffness"][99] == 10.0
+    assert rig.rows["stiffness"][-1] == (20.0 if raised else 10.0)
+    assert set(rig.rows["stiffness"][99:]) <= {10.0, 20.0}, "at once: a ramp could run into contact"
+
+
+@pytest.mark.parametrize("side", ["above", "both"])
+def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side):
+    """The longer delay allows less damping, and so more stiffness where counts are coarse."""
+    rungs = [Rung(1.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
+    positions = [0.1] * 205 + [-0.001] + [0.1] * 20
+    rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side=side))
+    rig.run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(200)
+    assert set(rig.rows["stiffness"]) == {1.0}, "at a penetration it would load the spring"
+    assert rig.rows["damping"][-1] == 0.1
+    assert rig.rows["delay_s"][-1] == 1e-3
+    rig.run(21)
+    assert set(rig.rows["stiffness"][-21:]) == {10.0}
+
+
+def reduced(rig, scale, damping_scale):
+    """The watch scales the wall from now on."""
+    watch = rig.tick._parts.motion.watch
+    watch.scale, watch.damping_scale = scale, damping_scale
+    return rig
+
+
+def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_so():
+    rig = on(Rig([0.1, 0.11, 0.1, 0.11], stiffness=10.0, damping=0.02)).run(2)
+    reduced(rig, 0.25, 0.5).run(2)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.3, -0.25 + 0.1, -0.275 - 0.1])
+    assert rig.rows["stiffness"].tolist() == [10.0, 10.0, 2.5, 2.5]
+    assert rig.rows["damping"].tolist() == [0.02, 0.02, 0.01, 0.01]
+    assert rig.tick.commanded == (2.5, 0.01)
+
+
+def test_the_watch_scales_the_limit_of_the_elastic_torque_too():
+    """Else a wall that saturates would be as stiff as before."""
+    rig = on(Rig([1.0] * 4, stiffness=100.0)).run(2)
+    reduced(rig, 0.25, 0.25).run(2)
+    assert rig.servo.sent == pytest.approx([-5.0, -5.0, -1.25, -1.25])
+    rig = on(Rig([1.0] * 4, stiffness=100.0, clip=2.0)).run(2)
+    reduced(rig, 0.25, 0.25).run(2)
+    assert rig.servo.sent == pytest.approx([-2.0, -2.0, -0.5, -0.5])
+
+
+def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
+    rig = on(Rig([0.0] * 300, rungs=rungs, ages=(0, 500_000)))
+    reduced(rig, 0.25, 0.5).run(5)
+    rig.servo.age_ns = 400_000
+    rig.run(95)
+    stiffness = rig.rows["stiffness"]
+    assert stiffness[0] == 5.0
+    assert np.all(np.diff(stiffness) <= 0.0)
+    assert (stiffness[-1], rig.rows["damping"][-1]) == (2.5, 0.005)
+    assert rig.tick.commanded == (2.5, 0.005)
+    reduced(rig, 1.0, 1.0).run(1)
+    assert rig.rows["stiffness"][-1] == 10.0, "given back: all that the guard allows, and no more"
+
+
+def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact():
+    rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
+    reduced(rig, 0.25, 0.5).run(20)
+    rig.telemetry.words[Word.RAISE] += 1
+    rig.run(100)
+    assert rig.tick._parts.motion.watch.asked == 1
+    assert set(rig.rows["stiffness"]) == {5.0}
+    assert set(rig.rows["damping"]) == {0.01}
+
+
+@pytest.mark.parametrize("scale", [0.25, 0.0625])
+def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(scale):
+    rungs = [Rung(2.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
+    positions = [0.1] * 205 + [-0.001] * 20
+    rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side="above"))
+    rig.servo.age_ns = 400_000
+    rig.run(100)
+    assert rig.rows["stiffness"][-1] == 2.0, "pending: the shaft is inside the wall"
+    reduced(rig, scale, scale).run(105)
+    assert set(rig.rows["stiffness"][100:205]) == {2.0 * scale}
+    rig.run(20)
+    assert rig.rows["stiffness"][-1] == 10.0 * scale, "outside; what the watch took stays taken"
+
+
+def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way():
+    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3), Rung(9.9, 0.01, 2e-3)]
+    rig = on(Rig([0.0] * 120, rungs=rungs, ages=(0, 500_000, 700_000)))
+    rig.servo.age_ns = 400_000
+    rig.run(20)
+    rig.servo.age_ns = 600_000
+    rig.run(60)
+    stiffness, delay = rig.rows["stiffness"], rig.rows["delay_s"]
+    first, second = np.flatnonzero(np.diff(delay) > 0.0)
+    assert delay[-1] == 2e-3
+    assert stiffness[second] > 10.0, "the second comes while the first still falls"
+    falls = np.flatnonzero(np.diff(stiffness) < 0.0)
+    assert falls[0] == first
+    assert falls[-1] <= first + 51
+
+
+def test_before_the_first_sample_no_age_is_counted():
+    rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
+    rig = Rig([*[WAITING] * 185, *[0.0] * 5], rungs=rungs, ages=(0, 500_000))
+    rig.servo.age_ns = 400_000
+    on(rig.run(190))
+    assert rig.tick.commanded[0] == 10.0
+
+
+def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost():
+    """Held with its damping: else that would act in one tick of several."""
+    rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)
+    held = -1.2 - 0.02 * 20.0
+    assert rig.servo.sent == pytest.approx([-1.0, *[held] * 5, -1.2])
+    assert rig.tick.trip is None  # four losses in a row would have tripped
+    assert list(rig.rows["outcome"][2:6]) == [Outcome.WAITING] * 4
+    assert list(rig.rows["age_ns"][1:6]) == [k * PERIOD_NS for k in range(5)]
+
+
+def test_a_loss_after_waiting_has_no_velocity():
+    rig = on(Rig([0.1, 0.12, WAITING, LOST, WAITING], stiffness=10.0, damping=0.02)).run(5)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.6, -1.6, -1.2, -1.2])
+
+
+def test_waiting_before_the_first_reading_makes_no_torque():
+    rig = on(Rig([WAITING, WAITING, 0.1], stiffness=10.0)).run(3)
+    assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
+
+
+def lets_go(rig):
+    """The dead man's limit has passed."""
+    rig.telemetry.words[Word.HELD_NS] = rig.clock.now_ns()
+    return rig
+
+
+def holds(rig):
+    rig.telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
+    return rig
+
+
+def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before():
+    positions = [0.5, 0.5, 0.5, 0.005, 0.5, 0.005, 0.005, 0.005, 0.1]
+    rig = on(Rig(positions, stiffness=10.0, start_room=0.0)).run(9)
+    assert rig.servo.sent == pytest.approx([0.0] * 7 + [-0.05, -1.0])
+    assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [True] * 7 + [False] * 2
+    assert rig.tick.came_on
+
+
+def test_a_tick_without_a_reading_is_no_rest():
+    rig = on(Rig([0.0, LOST, LOST, 0.0, 0.0, 0.1], stiffness=10.0, start_room=0.0)).run(6)
+    assert rig.servo.sent == pytest.approx([0.0] * 5 + [-1.0])
+
+
+def test_torque_is_out_in_the_tick_after_the_dead_man_is_let_go():
+    rig = on(Rig([0.1] * 10, stiffness=10.0)).run(2)
+    lets_go(rig).run(3)
+    assert rig.servo.sent == pytest.approx([-1.0, -1.0, 0.0, 0.0, 0.0])
+    assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 3
+
+
+def test_nothing_that_was_delayed_comes_out_after_the_dead_man_was_let_go():
+    rig = on(Rig([0.1] * 5 + [0.0] * 10, stiffness=10.0, steps=6)).run(5)
+    holds(lets_go(rig).run(1)).run(9)
+    assert not any(rig.servo.sent)
+
+
+def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_blow():
+    positions = [0.1] * 3 + [0.1] * 5 + [0.009] * 4 + [0.1]
+    rig = on(Rig(positions, stiffness=10.0)).run(1)
+    lets_go(rig).run(1)
+    holds(rig).run(11)
+    assert rig.servo.sent == pytest.approx([-1.0] + [0.0] * 9 + [-0.09, -0.09, -1.0])
+
+
+def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew():
+    rig = on(Rig([0.0] * 20, stiffness=10.0)).run(1)
+    lets_go(rig).run(10)
+    assert all(rig.rows["flags"][1:] & FLAG_OFF), "at rest all the time, and not held"
+    holds(rig).run(1)
+    assert not rig.rows["flags"][-1] & FLAG_OFF, "at rest for long: it comes on with the hold"
+
+
+def test_what_an_alarm_took_stays_taken_over_a_pause():
+    rig = on(Rig([0.0] * 200, rungs=[Rung(20.0, 0.02, 0.0)]))
+    reduced(rig, 0.25, 0.25).run(20)
+    lets_go(rig).run(20)
+    holds(rig).run(20)
+    assert rig.rows["stiffness"][-1] == 5.0
+    assert not rig.rows["flags"][-1] & FLAG_OFF
+
+
+def test_a_wall_from_the_start_is_where_the_first_good_reading_says():
+    rig = Rig([LOST, 18.8, 18.8, 18.9], stiffness=10.0, from_start=True)
+    rig.wall.position = 0.05
+    assert on(rig).run(4).wall.position == pytest.approx(18.85)
+    assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
+
+
+def test_what_the_wall_drives_near_the_no_load_speed_trips():
+    """The spring came on around the shaft; 5 rad/s, where 4 are allowed."""
+    positions = [0.5 - 0.005 * k for k in range(30)]
+    rig = on(Rig(positions, stiffness=10.0, driven=4.0))
+    ran = next(k for k in range(1, 30) if rig.run(1).tick.trip)
+    assert rig.tick.trip is Trip.OVERSPEED
+    assert rig.servo.sent[-1] == 0.0
+    assert ran in (11, 12), "the first sample, and 10 ms of torque that acted"
+    allowed = on(Rig(positions, stiffness=10.0, driven=6.0))
+    assert not any(allowed.run(1).tick.trip for _ in range(30))
+
+
+def test_the_clip_limits_the_wall_and_is_told_as_saturation():
+    rig = on(Rig([0.1, 0.5, -0.5], steps=1, stiffness=10.0, clip=2.0)).run(3)
+    assert list(rig.rows["wall_torque"]) == pytest.approx([-1.0, -2.0, 2.0])
+    assert rig.servo.sent == pytest.approx([0.0, -1.0, -2.0])
+    assert [bool(flags & FLAG_SATURATED) for flags in rig.rows["flags"]] == [False, False, True]

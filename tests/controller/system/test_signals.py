@@ -1,0 +1,91 @@
+"""Which signals ask a run to stop."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
+
+SAYS = (
+    "from haptic_wall.controller.system.signals import STOPPING;"
+    "print(*(each.name for each in STOPPING))"
+)
+
+
+def begun(ignores):
+    """What a program heeds that begins with the terminal's end ignored, as by nohup, or not."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignores else signal.SIG_DFL)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", SAYS], capture_output=True, text=True, check=True
+        )
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    return done.stdout.split()
+
+
+def test_the_closed_terminal_ends_a_run_but_not_one_that_nohup_began():
+    assert begun(ignores=False) == ["SIGINT", "SIGTERM", "SIGHUP"]
+    assert begun(ignores=True) == ["SIGINT", "SIGTERM"]
+
+
+def send(number=signal.SIGTERM):
+    os.kill(os.getpid(), number)
+
+
+@pytest.mark.parametrize("number", STOPPING)
+def test_who_puts_something_in_order_is_interrupted_by_each_of_them(number):
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt), interrupting():
+        send(number)
+    assert signal.getsignal(number) == before
+
+
+def swallowed():
+    try:
+        send()
+    except KeyboardInterrupt:
+        return
+
+
+def made_another_error():
+    try:
+        send()
+    except KeyboardInterrupt:
+        raise ImportError("initialization failed") from None
+
+
+@pytest.mark.parametrize("library", [swallowed, made_another_error])
+def test_an_interruption_is_not_lost_in_a_library(library):
+    with pytest.raises(KeyboardInterrupt), interrupting():
+        library()
+
+
+def test_another_error_stays_what_it_is():
+    with pytest.raises(ImportError), interrupting():
+        raise ImportError("not there")
+
+
+def test_what_is_ignored_stays_ignored():
+    done = []
+    with on_signals(signal.SIG_IGN), interrupting():
+        send()
+        done.append("all")
+    assert done == ["all"]
+
+
+def test_beside_the_main_thread_nothing_is_changed():
+    before, during = signal.getsignal(signal.SIGTERM), []
+
+    def work():
+        with interrupting():
+            during.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert during == [before]

@@ -1,0 +1,529 @@
+"""Instructions beyond read and write, as a client meets them on the wire.
+
+Frames marked as published are those of the e-manual's examples.
+"""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from haptic_wall.hw.dynamixel.codec import (
+    ALERT,
+    BROADCAST,
+    ErrorCode,
+    Frame,
+    Instruction,
+    crc16,
+    encode,
+)
+from haptic_wall.hw.emulated.collision import Sending, collide
+from haptic_wall.hw.emulated.instructions import BACKUP_KEY, CLEAR_KEY
+from haptic_wall.hw.settings import TrueServo
+from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
+
+ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
+TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
+TORQUE_ENABLE, LED, RETURN_LEVEL, REGISTERED, POSITION_P_GAIN = 64, 65, 68, 69, 84
+OPERATING_MODE, GOAL_CURRENT, GOAL_POSITION, POSITION, BACKUP_READY = 11, 102, 116, 132, 147
+INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
+X = "XM430-W350"
+
+
+def words(*values: int) -> bytes:
+    return b"".join(value.to_bytes(2, "little") for value in values)
+
+
+def at(turns: float) -> TrueServo:
+    """At rest so many turns from its zero."""
+    return replace(FREE, position=turns * 2 * math.pi)
+
+
+def raw_frame(id_: int, instruction: int, params: bytes) -> bytes:
+    """As a host sends it that does not stuff."""
+    body = bytes([instruction]) + params
+    frame = b"\xff\xff\xfd\x00" + bytes([id_]) + words(len(body) + 2) + body
+    return frame + words(crc16(frame))
+
+
+# Factory reset
+
+
+def spoiled(**kwargs) -> Client:
+    client = Client((X, 9), **kwargs)
+    assert client.write(9, HOMING, 77, 4) == 0
+    assert client.write(9, POSITION_P_GAIN, 1, 2) == 0
+    assert client.write(9, BAUD_RATE, 3, 1) == 0  # 1 Mbit/s
+    client.bus.host_baud = 1_000_000
+    return client
+
+
+@pytest.mark.parametrize(
+    ("option", "id_", "baud"), [(0xFF, 1, 57_600), (0x01, 9, 57_600), (0x02, 9, 1_000_000)]
+)
+def test_factory_reset_keeps_what_its_option_says(option, id_, baud):
+    client = spoiled()
+    reply = client.ask(9, Instruction.FACTORY_RESET, bytes([option]))
+    assert (reply.id, reply.error) == (9, 0)  # answered before it takes effect
+    client.bus.host_baud = baud
+    client.send(id_, Instruction.PING)
+    assert client.replies(within_ns=10 * MS) == []  # it reboots
+    client.pass_time(500 * MS)
+    client.send(id_, Instruction.READ, words(0, 148))
+    (reply,) = client.replies(within_ns=50 * MS)
+    assert reply.params[ID] == id_
+    assert reply.params[RETURN_DELAY] == 250
+    assert reply.params[HOMING : HOMING + 4] == bytes(4)
+    assert reply.params[POSITION_P_GAIN : POSITION_P_GAIN + 2] == words(800)
+
+
+def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42():
+    for firmware, reset in ((41, True), (42, False)):
+        client = spoiled(firmware=firmware)
+        client.send(BROADCAST, Instruction.FACTORY_RESET, b"\xff")
+        client.pass_time(500 * MS)
+        assert client.replies() == []
+        assert (client.servos[9].id == 1) == reset
+        assert (client.servos[9].memory["homing_offset"] == 0) == reset
+
+
+def test_factory_reset_but_ids_may_be_broadcast():
+    client = spoiled()
+    client.send(BROADCAST, Instruction.FACTORY_RESET, b"\x01")
+    client.pass_time(500 * MS)
+    assert client.servos[9].id == 9
+    assert client.servos[9].baud == 57_600
+
+
+@pytest.mark.parametrize(
+    ("params", "error"),
+    [(b"", ErrorCode.DATA_LENGTH), (b"\x03", ErrorCode.DATA_RANGE), (b"\x01\x01", 5)],
+)
+def test_factory_reset_refuses_what_is_no_option(params, error):
+    client = Client()
+    assert client.ask(1, Instruction.FACTORY_RESET, params).error == error
+    assert client.ask(1, Instruction.PING) is not None
+
+
+# Clear
+
+
+def test_clear_brings_the_position_back_into_one_turn():
+    for turns in (3.25, -2.75):
+        client = Client(true=at(turns))
+        assert client.read(1, POSITION, 4, signed=True) == turns * 4096
+        client.line.write(
+            bytes.fromhex("FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC")
+        )  # published
+        (reply,) = client.replies()
+        assert (reply.id, reply.error) == (1, 0)
+        assert client.read(1, POSITION, 4, signed=True) == 1024
+
+
+@pytest.mark.parametrize("mode", [4, 5])
+def test_clear_moves_nothing_that_is_held(mode):
+    """The vendor's example clears with torque on: left as it was, the goal is two turns away."""
+    client = Client(true=replace(FREE, damping=0.05))
+    client.write(1, OPERATING_MODE, mode, 1)
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    client.write(1, GOAL_POSITION, 10_000, 4)
+    client.pass_time(8_000 * MS)
+    held = client.position()
+    assert client.read(1, POSITION, 4) == 10_000
+    assert client.ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == 0
+    client.pass_time(2_000 * MS)
+    assert client.read(1, POSITION, 4) == client.read(1, GOAL_POSITION, 4) == 10_000 % 4096
+    assert client.position() == pytest.approx(held, abs=1e-4)
+
+
+def test_clear_is_refused_while_it_moves():
+    client = Client(true=at(3.25))
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 300, 2)
+    client.pass_time(50 * MS)
+    assert client.ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
+    assert client.read(1, POSITION, 4) > 3 * 4096
+
+
+@pytest.mark.parametrize(
+    ("params", "error"),
+    [
+        (b"\x01", ErrorCode.DATA_LENGTH),
+        (b"\x02" + CLEAR_KEY, ErrorCode.DATA_RANGE),
+        (b"\x01" + BACKUP_KEY, ErrorCode.DATA_RANGE),
+    ],
+)
+def test_clear_wants_its_option_and_its_key(params, error):
+    client = Client(true=at(3.25))
+    assert client.ask(1, Instruction.CLEAR, params).error == error
+    assert client.read(1, POSITION, 4) > 3 * 4096
+
+
+def test_clear_came_with_firmware_42():
+    reply = Client(firmware=41).ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY)
+    assert reply.error == ErrorCode.INSTRUCTION
+
+
+# Control table backup
+
+
+def test_a_backup_restores_eeprom_after_a_factory_reset():
+    client = Client()
+    assert client.read(1, BACKUP_READY, 1) == 0
+    client.write(1, HOMING, -500, 4)
+    client.write(1, POSITION_P_GAIN, 123, 2)
+    client.line.write(bytes.fromhex("FF FF FD 00 01 08 00 20 01 43 54 52 4C 16 F5"))  # published
+    (reply,) = client.replies()
+    assert (reply.id, reply.error) == (1, 0)
+    assert client.read(1, BACKUP_READY, 1) == 1
+    client.ask(1, Instruction.FACTORY_RESET, b"\x02")
+    client.pass_time(500 * MS)
+    assert client.read(1, HOMING, 4) == 0
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL").error == 0
+    assert client.ask(1, Instruction.PING) is None  # it reboots
+    client.pass_time(500 * MS)
+    assert client.read(1, HOMING, 4, signed=True) == -500
+    assert client.read(1, POSITION_P_GAIN, 2) == 800  # RAM, which is not restored unless configured
+    assert client.read(1, BACKUP_READY, 1) == 1
+
+
+def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up():
+    client = Client()
+    client.write(1, STARTUP, 2, 1)
+    client.write(1, POSITION_P_GAIN, 123, 2)
+    client.write(1, INDIRECT_ADDRESS, LED, 2)
+    client.write(1, LED, 1, 1)
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY).error == 0
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, POSITION_P_GAIN, 2) == 123
+    assert client.read(1, INDIRECT_ADDRESS, 2) == LED
+    assert client.read(1, LED, 1) == 0  # not among what a backup holds
+
+
+def test_backups_are_refused_while_torque_is_on_or_without_one():
+    client = Client()
+    restore = b"\x02" + BACKUP_KEY
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+    client.enable_current_mode()
+    store = b"\x01" + BACKUP_KEY
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, store).error == ErrorCode.RESULT_FAIL
+    client.write(1, TORQUE_ENABLE, 0, 1)
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, store).error == 0
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+
+
+@pytest.mark.parametrize(("model", "first"), [(X, 45), ("XL330-M288", 46)])
+def test_backup_needs_its_firmware(model, first):
+    for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
+        client = Client((model, 1), firmware=firmware)
+        reply = client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY)
+        assert reply.error == error
+
+
+@pytest.mark.parametrize(
+    ("params", "error"),
+    [(b"\x01", 5), (b"\x03" + BACKUP_KEY, 4), (b"\x01" + CLEAR_KEY, ErrorCode.DATA_RANGE)],
+)
+def test_backup_wants_its_option_and_its_key(params, error):
+    client = Client()
+    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, params).error == error
+    assert client.read(1, BACKUP_READY, 1) == 0
+
+
+# Bulk
+
+
+def test_bulk_read_is_answered_by_each_in_the_order_asked():
+    client = Client((X, 1), (X, 2))
+    client.line.write(  # published: voltage of 1, temperature of 2
+        bytes.fromhex("FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05")
+    )
+    replies = client.replies()
+    assert [(r.id, r.error, r.params) for r in replies] == [
+        (1, 0, words(120)),
+        (2, 0, bytes([client.read(2, 146, 1)])),
+    ]
+
+
+def test_bulk_read_passes_over_the_missing_and_reports_errors_one_by_one():
+    client = Client((X, 1), (X, 2))
+    asked = [(2, 9000, 1), (8, POSITION, 4), (1, POSITION, 4), (1, LED, 1)]
+    params = b"".join(bytes([i]) + words(address, size) for i, address, size in asked)
+    client.send(BROADCAST, Instruction.BULK_READ, params)
+    replies = client.replies()
+    assert [(r.id, r.error, len(r.params)) for r in replies] == [
+        (2, ErrorCode.ACCESS, 0),
+        (1, 0, 4),
+    ]
+
+
+def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered():
+    client = Client((X, 1), (X, 2))
+    assert client.write(1, MAX_VOLTAGE, 150, 2) == 0
+    assert client.write(2, TEMPERATURE_LIMIT, 70, 1) == 0
+    client.line.write(  # published: maximum voltage of 1, temperature limit of 2
+        bytes.fromhex("FF FF FD 00 FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68")
+    )
+    assert client.replies() == []
+    assert client.read(1, MAX_VOLTAGE, 2) == 160
+    assert client.read(2, TEMPERATURE_LIMIT, 1) == 80
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3, 5])
+def test_a_bulk_write_that_does_not_add_up_does_nothing(cut):
+    client = Client((X, 1), (X, 2))
+    params = bytes([1]) + words(LED, 1) + b"\x01" + bytes([2]) + words(GOAL_CURRENT, 2) + words(3)
+    client.send(BROADCAST, Instruction.BULK_WRITE, params[:-cut])
+    assert client.replies() == []
+    assert client.read(1, LED, 1) == 0
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_lists_of_reads_are_answered_but_at_return_level_0(level):
+    client = Client()
+    client.send(1, Instruction.WRITE, words(RETURN_LEVEL) + bytes([level]))
+    client.replies()
+    client.send(BROADCAST, Instruction.SYNC_READ, words(LED, 1) + b"\x01")
+    client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1))
+    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"\x01" + words(LED, 1))
+    assert len(client.replies()) == (3 if level else 0)
+
+
+# Secondary ids
+
+
+def grouped() -> Client:
+    """The manual's example: five servos, all with the Secondary ID 5."""
+    client = Client(*((X, i) for i in range(1, 6)))
+    for i in client.servos:
+        assert client.write(i, SECONDARY_ID, 5, 1) == 0
+    return client
+
+
+def leds(client: Client) -> list[int]:
+    return [servo.memory["led"] for servo in client.servos.values()]
+
+
+def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is():
+    client = grouped()
+    assert client.ask(1, Instruction.WRITE, words(LED) + b"\x01").id == 1
+    assert leds(client) == [1, 0, 0, 0, 0]
+    client.send(5, Instruction.WRITE, words(LED) + b"\x01")
+    assert [reply.id for reply in client.replies()] == [5]
+    assert leds(client) == [1, 1, 1, 1, 1]
+    for i in client.servos:
+        client.write(i, SECONDARY_ID, 100, 1)
+    client.send(100, Instruction.WRITE, words(LED) + b"\x00")
+    assert client.replies() == []
+    assert leds(client) == [0, 0, 0, 0, 0]
+
+
+def test_a_secondary_id_reaches_ram_alone_and_is_never_answered():
+    client = Client()
+    client.write(1, SECONDARY_ID, 100, 1)
+    client.send(100, Instruction.WRITE, words(HOMING) + bytes([1, 0, 0, 0]))
+    client.send(100, Instruction.READ, words(LED, 1))
+    client.send(100, Instruction.PING)
+    client.send(100, Instruction.FACTORY_RESET, b"\x02")
+    assert client.replies() == []
+    assert client.read(1, HOMING, 4) == 0
+    assert client.read(1, SECONDARY_ID, 1) == 100
+
+
+def test_reg_write_and_action_to_a_secondary_id():
+    client = grouped()
+    client.send(5, Instruction.REG_WRITE, words(LED) + b"\x01")
+    client.replies()
+    assert leds(client) == [0, 0, 0, 0, 0]
+    assert [client.read(i, REGISTERED, 1) for i in client.servos] == [1] * 5
+    client.send(5, Instruction.ACTION)
+    client.replies()
+    assert leds(client) == [1, 1, 1, 1, 1]
+    assert [client.read(i, REGISTERED, 1) for i in client.servos] == [0] * 5
+
+
+def test_a_secondary_id_that_is_its_own_changes_nothing():
+    """ "The actuator will respond as if commands are sent only to its primary ID"."""
+    client = Client()
+    assert client.write(1, SECONDARY_ID, 1, 1) == 0
+    assert client.write(1, LED, 1, 1) == 0  # one answer: ``ask`` sees to it
+    assert client.read(1, LED, 1) == 1
+    assert client.write(1, HOMING, 7, 4) == 0  # EEPROM too
+    assert client.read(1, HOMING, 4) == 7
+    register = words(GOAL_CURRENT) + words(3)
+    assert client.ask(1, Instruction.REG_WRITE, register).error == 0
+    assert client.ask(1, Instruction.ACTION).error == 0  # carried out once
+    assert client.ask(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
+
+
+@pytest.mark.parametrize("value", [253, 254, 255])
+def test_high_secondary_ids_switch_it_off(value):
+    client = Client()
+    assert client.write(1, SECONDARY_ID, value, 1) == 0
+    client.send(100, Instruction.WRITE, words(LED) + b"\x01")
+    client.replies()
+    assert client.read(1, LED, 1) == 0
+
+
+# Two servos with one id
+
+
+def test_two_of_a_kind_with_one_id_cannot_be_told_from_one_by_a_ping():
+    client = Client((X, 1), (X, 2))
+    client.write(2, ID, 1, 1)
+    assert client.ask(1, Instruction.PING) == Frame(1, Instruction.STATUS, 0, b"\xfc\x03\x30")
+
+
+def test_different_answers_of_one_id_collide_and_both_obey():
+    client = Client((X, 1), ("XL330-M288", 2))
+    client.write(2, ID, 1, 1)
+    client.send(1, Instruction.PING)
+    assert client.replies() == []  # bytes came, but no frame
+    client.send(1, Instruction.WRITE, words(LED) + b"\x01")
+    client.replies()
+    assert leds(client) == [1, 1]
+    client.write(1, LED, 0, 1)  # the same answer of both comes through
+    assert leds(client) == [0, 0]
+
+
+def test_answers_of_one_id_that_come_apart_are_both_heard():
+    client = Client((X, 1), ("XL330-M288", 2))
+    assert client.write(2, RETURN_DELAY, 250, 1) == 0  # 500 µs, much more than a ping's 35
+    client.write(2, ID, 1, 1)
+    start = client.clock.now_ns()
+    client.send(1, Instruction.PING)
+    replies = client.replies()
+    assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200]
+    assert replies[1].params[2:] == b"\x30"
+    ends = [float(row[0]) for row in client.rows() if row[1] == "tx"][-2:]
+    wire_ns = (10 + 14) * BYTE_NS
+    expected = [(start + wire_ns) * 1e-9, (start + wire_ns + 500_000) * 1e-9]
+    assert ends == pytest.approx(expected, abs=1e-9)
+
+
+def test_answers_of_one_id_that_overlap_are_garbled():
+    client = Client((X, 1), (X, 2))
+    client.write(2, RETURN_DELAY, 5, 1)  # 10 µs: four bytes later
+    client.write(2, ID, 1, 1)
+    client.send(1, Instruction.PING)
+    start = client.clock.now_ns()
+    assert client.line.wait(start + 3 * MS)
+    assert len(client.line.read()) == 14 + 4
+
+
+# What a host may send that is not as it should be
+
+
+def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo():
+    """Servos count bytes; the vendor's SDK sends FF FF FD 00 as it is, and it arrives."""
+    client = Client()
+    header = b"\xff\xff\xfd\x00"
+    for payload in (header, header + header + b"\x01\x07", 5 * header):
+        client.line.write(raw_frame(1, Instruction.WRITE, words(INDIRECT_DATA) + payload))
+        (reply,) = client.replies()
+        assert (reply.id, reply.error) == (1, 0)
+        data = client.ask(1, Instruction.READ, words(INDIRECT_DATA, len(payload))).params
+        assert data == payload
+
+
+def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same():
+    """FF FF FD FD loses a byte, so the rest of the write is one too short."""
+    client = Client()
+    goals = words(0xFFFF) + bytes([0xFD, 0xFD, 0xFF, 0xFF])  # goal current -1, velocity -515
+    client.line.write(raw_frame(1, Instruction.WRITE, words(GOAL_CURRENT) + goals))
+    (reply,) = client.replies()
+    assert reply.error == ErrorCode.DATA_LENGTH
+    # The same bytes, stuffed as they should be, are refused for their value alone.
+    reply = client.ask(1, Instruction.WRITE, words(GOAL_CURRENT) + goals)
+    assert reply.error == ErrorCode.DATA_LIMIT
+
+
+def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out():
+    client = Client()
+    cut = encode(1, Instruction.WRITE, words(GOAL_CURRENT) + bytes(60))[:30]
+    client.line.write(cut + encode(1, Instruction.PING))
+    (reply,) = client.replies()
+    assert reply.params[:2] == words(1020)
+
+
+# Others
+
+
+def test_reg_write_as_published():
+    client = Client()
+    client.line.write(bytes.fromhex("FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E"))
+    assert [r.error for r in client.replies()] == [0]
+    assert client.read(1, 104, 4) == 0
+    assert client.read(1, REGISTERED, 1) == 1
+    client.line.write(bytes.fromhex("FF FF FD 00 01 03 00 05 02 CE"))
+    assert [r.error for r in client.replies()] == [0]
+    assert client.read(1, 104, 4) == 200
+
+
+def test_a_registered_write_is_checked_again_when_it_is_carried_out():
+    client = Client()
+    assert client.ask(1, Instruction.REG_WRITE, words(HOMING) + bytes([1, 0, 0, 0])).error == 0
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    assert client.ask(1, Instruction.ACTION).error == ErrorCode.ACCESS
+    assert client.read(1, HOMING, 4) == 0
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        Instruction.SYNC_READ,
+        Instruction.SYNC_WRITE,
+        Instruction.BULK_READ,
+        Instruction.BULK_WRITE,
+        Instruction.FAST_SYNC_READ,
+        Instruction.FAST_BULK_READ,
+    ],
+)
+def test_lists_are_for_all_and_not_for_one(instruction):
+    reply = Client().ask(1, instruction, words(LED, 1) + b"\x01")
+    assert reply.error == ErrorCode.INSTRUCTION
+
+
+def test_a_status_is_no_instruction():
+    client = Client()
+    client.send(1, Instruction.STATUS, b"\x00")
+    client.send(BROADCAST, Instruction.STATUS, b"\x00")
+    assert client.replies() == []
+
+
+def test_the_alert_is_in_every_answer_while_an_error_is_latched():
+    client = Client((X, 1), (X, 2))
+    client.write(1, MIN_VOLTAGE, 130, 2)  # present: 12.0 V
+    client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1) + b"\x02" + words(LED, 1))
+    assert [r.error for r in client.replies()] == [ALERT, 0]
+    assert client.ask(1, 0x77).error == ALERT | ErrorCode.INSTRUCTION
+
+
+@pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
+def test_fast_bulk_read_breaks_off_at_a_missing_servo(ids, shares):
+    client = Client((X, 1), (X, 2), (X, 3))
+    sizes = (4, 2, 1)
+    asked = [
+        bytes([i]) + words(address, size)
+        for i, address, size in zip(ids, (POSITION, 144, LED), sizes, strict=True)
+    ]
+    client.send(BROADCAST, Instruction.FAST_BULK_READ, b"".join(asked))
+    client.line.wait(client.clock.now_ns() + 3 * MS)
+    wire = client.line.read()
+    assert len(wire) == (8 + sum(sizes[:shares]) + 4 * shares if shares else 0)
+    if shares:
+        assert int.from_bytes(wire[5:7], "little") == 1 + sum(sizes) + 4 * 3  # as if all would come
+        assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
+
+
+def test_bytes_that_collide_are_pulled_low_in_whole_byte_times():
+    frame = Frame(1, Instruction.STATUS, 0, b"")
+    first = Sending(0, 1_000_000, frame, b"\xf0\x0f\xff\x55")
+    second = Sending(20_000, 1_000_000, frame, b"\x3c\xf5\x01")  # two bytes later
+    apart = Sending(60_000, 1_000_000, frame, b"\x07")  # 10 µs behind the end of both
+    assert list(collide([apart, second, first])) == [
+        (0, frame, b"\xf0\x0f\x3c\x55\x01"),
+        (10_000, frame, b"\x07"),
+    ]

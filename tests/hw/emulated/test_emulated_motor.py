@@ -1,0 +1,317 @@
+"""The motor of an emulated servo: published figures, and currents that the supply sees."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
+from haptic_wall.hw.emulated.motor import motor_of
+from haptic_wall.hw.settings import TrueServo
+from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
+
+MODE, TORQUE_ENABLE, GOAL_CURRENT, GOAL_PWM, GOAL_POSITION, TEMPERATURE = 11, 64, 102, 100, 116, 146
+TEMPERATURE_LIMIT, MAX_VOLTAGE, SHUTDOWN, HARDWARE_ERROR, VOLTAGE = 31, 32, 63, 70, 144
+PRESENT_PWM, PRESENT_CURRENT, PRESENT_VELOCITY = 124, 126, 128
+SMALL = "XL330-M288"
+HELD = TrueServo(inertia=0.01, coulomb=50.0, position=1.0, torque_limit=20.0)
+RPM = 2 * math.pi / 60
+
+published = [model for model in MODELS.values() if model.no_load_rpm and model.stall_current]
+
+
+@pytest.mark.parametrize("model", published, ids=lambda model: model.name)
+def test_stall_and_no_load_are_the_published_ones(model):
+    motor = motor_of(model, model.torque_constant)
+    stalled = motor.current(1.0, model.voltage, 0.0)
+    assert stalled == pytest.approx(model.stall_current)
+    assert stalled * motor.torque_constant == pytest.approx(model.stall_torque)
+    assert motor.current(1.0, model.voltage, model.no_load_rpm * RPM) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", published, ids=lambda model: model.name)
+def test_the_gear_takes_something_and_gives_nothing(model):
+    """k_t over k_e is what the gear lets through; published figures are rounded."""
+    motor = motor_of(model, model.torque_constant)
+    assert 0.5 < motor.torque_constant / motor.back_emf < 1.2
+
+
+def test_an_xl330_agrees_with_a_published_identification():
+    """Rhoban "bam", xl330 m1: k_t 0.370 N·m/A, R 3.50 ohm, identified from duty and motion."""
+    model = MODELS[SMALL]
+    motor = motor_of(model, model.torque_constant)
+    assert motor.torque_constant == pytest.approx(0.37005, rel=0.05)
+    assert motor.resistance == pytest.approx(3.49835, rel=0.05)
+    torque_per_volt = motor.torque_constant / motor.resistance
+    assert torque_per_volt == pytest.approx(0.37005 / 3.49835, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["XD540-T270", "XW430-T333", "XW540-H260"])
+def test_models_without_figures_take_their_limits_for_them(name):
+    model = MODELS[name]
+    motor = motor_of(model, 2.0)
+    limit = model.current_limit * model.current_unit_ma * 1e-3
+    assert motor.current(1.0, model.voltage, 0.0) == pytest.approx(limit)
+    speed = model.registers["velocity_limit"].default * 0.229 * RPM
+    assert motor.current(1.0, model.voltage, speed) == pytest.approx(0, abs=1e-9)
+
+
+@given(
+    sensed=st.floats(-1.75, 1.75).filter(lambda i: abs(i) > 1e-4),
+    speed=st.floats(-15, 15),
+    name=st.sampled_from([model.name for model in published]),
+)
+def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(sensed, speed, name):
+    model = MODELS[name]
+    motor = motor_of(model, model.torque_constant)
+    current = motor.from_sensed(sensed, model.voltage, speed)
+    assert motor.sensed(current, model.voltage, speed) == pytest.approx(sensed, rel=1e-6)
+    assert current * sensed > 0
+
+
+@given(duty=st.floats(-1, 1), speed=st.floats(-12, 12))
+def test_the_supply_gives_the_power_the_motor_takes(duty, speed):
+    """U i_s = R i² + k_e w i: loss and what goes into the gear."""
+    model = MODELS[SMALL]
+    motor = motor_of(model, model.torque_constant)
+    current = motor.current(duty, 5.0, speed)
+    supply = 5.0 * math.copysign(motor.sensed(current, 5.0, speed), current * duty)
+    taken = motor.resistance * current**2 + motor.back_emf * speed * current
+    assert supply == pytest.approx(taken, abs=1e-9)
+
+
+def held(model: str, goal: int, true: TrueServo = HELD) -> Client:
+    """A servo in current mode, held by friction, with this Goal Current for a while."""
+    client = Client((model, 1), true=true, recorded=False)
+    client.enable_current_mode()
+    assert client.write(1, GOAL_CURRENT, goal, 2) == 0
+    client.pass_time(100 * MS)
+    return client
+
+
+@pytest.mark.parametrize("goal", [92, -368, 735, 1470])
+def test_torque_of_a_supply_sensed_servo_goes_with_the_root_of_its_current(goal):
+    client = held(SMALL, goal)
+    share = math.copysign(math.sqrt(abs(goal) / 1470), goal)
+    assert client.torque() == pytest.approx(0.52 * share, rel=1e-6)
+    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == pytest.approx(goal, abs=1)
+    pwm = client.read(1, PRESENT_PWM, 2, signed=True)
+    assert pwm == pytest.approx(885 * share, abs=1)
+
+
+def test_torque_of_a_phase_sensed_servo_is_in_proportion():
+    for goal in (92, 368, 735):
+        client = held("XM430-W350", goal)
+        assert client.torque() == pytest.approx(goal * TORQUE_UNIT)
+        share = goal * 2.69e-3 / 2.3
+        assert client.read(1, PRESENT_PWM, 2) == pytest.approx(885 * share, abs=1)
+
+
+def test_goal_pwm_limits_the_torque_of_current_mode_too():
+    """At a standstill a share of the supply drives the same share of the stall current."""
+    most = 4.1 * 200 / 885
+    client = held("XM430-W350", 800)
+    assert client.torque() == pytest.approx(800 * TORQUE_UNIT)
+    client.write(1, GOAL_PWM, 200, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(most)
+    assert client.read(1, PRESENT_PWM, 2) == 200
+    client.write(1, GOAL_CURRENT, -800, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(-most)
+    client.write(1, GOAL_CURRENT, 100, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)  # less than the limit: as asked
+    client.write(1, GOAL_PWM, 0, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == 0.0
+    client.write(1, GOAL_PWM, 885, 2)
+    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)  # held again, at once
+    client.write(1, GOAL_PWM, 200, 2)
+    client.write(1, TORQUE_ENABLE, 0, 1)
+    assert client.torque() == 0.0
+
+
+def test_goal_pwm_limits_the_speed_of_current_mode_too():
+    client = held("XM430-W350", 300, replace(HELD, coulomb=0.0))
+    client.write(1, GOAL_PWM, 200, 2)
+    client.pass_time(3000 * MS)
+    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
+    assert velocity == pytest.approx(46 / 0.229 * 200 / 885, abs=2)
+
+
+def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed():
+    client = held(SMALL, 1750, replace(HELD, coulomb=0.0))
+    client.pass_time(3000 * MS)
+    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
+    assert velocity == pytest.approx(103 / 0.229, abs=2)
+
+
+def test_back_emf_in_current_mode_is_asked_for():
+    """Held torque as commanded by default; what 12 V can drive where that is wanted."""
+    speeds = []
+    for back_emf in (False, True):
+        client = Client(true=FREE, back_emf=back_emf)
+        client.enable_current_mode()
+        client.write(1, GOAL_CURRENT, 500, 2)
+        client.pass_time(100 * MS)
+        speeds.append(client.servos[1].state(client.clock.now_ns()).velocity)
+    assert speeds[0] == pytest.approx(500 * TORQUE_UNIT / FREE.inertia * 0.1, rel=1e-3)
+    assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
+
+
+def test_back_emf_changes_nothing_at_a_standstill():
+    client = Client(true=HELD, back_emf=True)
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 500, 2)
+    client.pass_time(10 * MS)
+    assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
+
+
+def test_it_warms_as_a_first_order_system_does():
+    client = held("XM430-W350", 500)
+    share = (500 * 2.69e-3 / 2.3) ** 2
+    for seconds in (20, 200):
+        start = client.read(1, TEMPERATURE, 1)
+        client.pass_time(seconds * 1000 * MS)
+        end = 32 + STALL_RISE * share
+        expected = end + (start - end) * math.exp(-seconds / THERMAL_S)
+        assert client.read(1, TEMPERATURE, 1) == pytest.approx(expected, abs=1.1)
+    client.write(1, GOAL_CURRENT, 0, 2)
+    client.pass_time(10 * round(THERMAL_S) * 1000 * MS)
+    assert client.read(1, TEMPERATURE, 1) == 32
+
+
+@pytest.mark.parametrize(("model", "mode"), [("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)])
+def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model, mode):
+    client = Client((model, 1), true=HELD, recorded=False)
+    client.write(1, MODE, mode, 1)
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    if mode == 0:
+        client.write(
+            1,
+            GOAL_CURRENT,
+            round(MODELS[model].stall_current * 350 / MODELS[model].current_unit_ma),
+            2,
+        )
+    limit = client.read(1, TEMPERATURE_LIMIT, 1)
+    client.pass_time(3000 * MS)
+    assert client.torque() != 0
+    assert client.read(1, TEMPERATURE, 1) < limit
+    client.pass_time(1_000_000 * MS)
+    if mode == 0 and model != SMALL:  # at 0.35 of the stall current for ever: 32 + 25 °C
+        assert client.torque() != 0
+        client.write(1, GOAL_CURRENT, 850, 2)
+        client.pass_time(100_000 * MS)
+    reply = client.ask(1, Instruction.PING)
+    assert reply.error == ALERT
+    assert client.torque() == 0
+    assert client.read(1, HARDWARE_ERROR, 1) == 0x04
+    assert client.write(1, TORQUE_ENABLE, 1, 1) == ALERT | ErrorCode.RESULT_FAIL
+    client.pass_time(1_000_000 * MS)
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, HARDWARE_ERROR, 1) == 0
+    assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
+
+
+def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say():
+    client = Client(true=HELD, recorded=False)
+    client.write(1, SHUTDOWN, 0, 1)
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 1193, 2)  # 1.4 times the stall current
+    client.pass_time(1_000_000 * MS)
+    assert client.read(1, TEMPERATURE, 1) == 255
+    assert client.torque() != 0
+
+
+@pytest.mark.parametrize("celsius", [-40.0, 20.0, 79.0])
+def test_it_starts_as_warm_as_the_place_it_stands_in(celsius):
+    client = Client(true=replace(HELD, ambient=celsius), recorded=False)
+    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
+    assert client.ask(1, Instruction.PING).error == 0
+    client.pass_time(1_000_000 * MS)
+    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
+
+
+@pytest.mark.parametrize(("volts", "error"), [(9.4, 0x01), (9.5, 0), (16.0, 0), (16.1, 0x01)])
+def test_it_is_powered_up_with_the_supply_it_is_given(volts, error):
+    client = Client(true=replace(HELD, supply=volts), fast=False)
+    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
+    assert client.read(1, HARDWARE_ERROR, 1) == error
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
+    assert client.read(1, HARDWARE_ERROR, 1) == error
+
+
+def test_a_warmer_place_adds_to_what_the_motor_heats():
+    client = held("XM430-W350", 400)
+    client.pass_time(1_000_000 * MS)
+    before = client.read(1, TEMPERATURE, 1)
+    client.servos[1].set_ambient(42.0, client.clock.now_ns())
+    assert before > 32
+    assert client.read(1, TEMPERATURE, 1) == before + 10
+
+
+def test_a_reboot_does_not_cool_it():
+    client = Client()
+    client.servos[1].set_ambient(90.0, client.clock.now_ns())
+    client.ask(1, Instruction.REBOOT)
+    client.pass_time(500 * MS)
+    assert client.read(1, TEMPERATURE, 1) == 90
+    assert client.read(1, HARDWARE_ERROR, 1) == 0x04
+
+
+@pytest.mark.parametrize("volts", [9.0, 16.5])
+def test_a_voltage_beyond_its_limits_is_an_error(volts):
+    """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
+    for shutdown, torque in ((0x34, 300 * TORQUE_UNIT), (0x35, 0.0)):
+        client = Client(true=HELD)
+        client.write(1, SHUTDOWN, shutdown, 1)
+        client.enable_current_mode()
+        client.write(1, GOAL_CURRENT, 300, 2)
+        client.servos[1].set_supply(volts, client.clock.now_ns())
+        assert client.read(1, VOLTAGE, 2) == round(volts * 10)
+        assert client.read(1, HARDWARE_ERROR, 1) == 0x01
+        assert client.torque() == pytest.approx(torque)
+
+
+def test_the_supply_decides_how_fast_a_duty_turns_it():
+    client = Client(true=FREE)
+    client.write(1, MODE, 16, 1)
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    client.servos[1].set_supply(10.0, client.clock.now_ns())
+    client.pass_time(500 * MS)
+    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
+    assert velocity == pytest.approx(46 / 0.229 * 10 / 12, abs=1)
+
+
+@pytest.mark.parametrize("mode", [1, 3, 5])
+def test_a_controller_that_cannot_do_it_is_overloaded(mode):
+    client = Client(true=HELD)
+    client.write(1, MODE, mode, 1)
+    if mode == 1:
+        client.write(1, 76, 16383, 2)  # Velocity I Gain: full output at once
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    client.write(1, GOAL_POSITION, 3000, 4) if mode != 1 else client.write(1, 104, 100, 4)
+    client.pass_time(OVERLOAD_NS - 100 * MS)
+    assert client.read(1, HARDWARE_ERROR, 1) == 0
+    assert client.torque() != 0
+    client.pass_time(400 * MS)
+    assert client.read(1, HARDWARE_ERROR, 1) == 0x20
+    assert client.torque() == 0
+    assert client.read(1, TORQUE_ENABLE, 1) == 0
+
+
+def test_holding_with_less_than_all_it_has_is_no_overload():
+    client = Client(true=HELD)
+    client.write(1, TORQUE_ENABLE, 1, 1)
+    client.write(1, GOAL_POSITION, client.read(1, 132, 4) + 100, 4)
+    client.pass_time(2 * OVERLOAD_NS)
+    assert client.read(1, HARDWARE_ERROR, 1) == 0
+    assert client.torque() != 0

@@ -1,0 +1,273 @@
+"""The real process on a pseudo-terminal, driven by an independent client: the vendor's SDK."""
+
+import csv
+import errno
+import fcntl
+import os
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+import tty
+from contextlib import contextmanager
+from pathlib import Path
+
+import dynamixel_sdk
+import pytest
+
+from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
+from haptic_wall.hw.emulated.server import PseudoTerminal
+
+pytestmark = pytest.mark.realtime
+
+BAUD = 4_000_000
+WAIT_S = 20.0
+"""Generous: a loaded machine may take seconds to start a process"""
+PING = encode(1, Instruction.PING)
+
+
+@contextmanager
+def emulate(*arguments):
+    """The command in a process of its own; its terminal's path."""
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "haptic_wall.controller.cli.main",
+            "emulate",
+            "--die-with-parent",
+            *arguments,
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        ready, _, _ = select.select([process.stdout], [], [], WAIT_S)
+        assert ready, "the emulated bus did not start"
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.wait(WAIT_S)
+        process.stdout.close()
+        process.stdin.close()
+
+
+class PatientPort(dynamixel_sdk.PortHandler):
+    """The SDK gives a reply 34 ms; a busy test machine may need more."""
+
+    def setPacketTimeout(self, packet_length):  # noqa: N802, ARG002
+        self.setPacketTimeoutMillis(2_000)
+
+
+@contextmanager
+def sdk(path, baud=BAUD):
+    port = PatientPort(path)
+    port.baudrate = baud
+    assert port.openPort()
+    try:
+        yield port, dynamixel_sdk.PacketHandler(2.0)
+    finally:
+        port.closePort()
+
+
+def ask(descriptor, frame, within_s):
+    """The first reply that comes in time."""
+    parser = Parser()
+    os.write(descriptor, frame)
+    deadline = time.monotonic() + within_s
+    while (left := deadline - time.monotonic()) > 0:
+        if select.select([descriptor], [], [], left)[0]:
+            frames = parser.feed(os.read(descriptor, 1000))
+            if frames:
+                return frames[0]
+    return None
+
+
+def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(monkeypatch):
+    def refused(*_):
+        raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
+
+    monkeypatch.setattr(fcntl, "ioctl", refused)
+    with PseudoTerminal() as terminal:
+        assert terminal.baud is None
+
+
+def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path):
+    link, record = tmp_path / "bus", tmp_path / "record.csv"
+    servos = ("--servo", "XM430-W350:1", "--servo", "XL330-M288:2:52")
+    options = ("--link", str(link), "--record", str(record), "--set", "servo.position=1")
+    with emulate(*servos, *options) as (process, path), sdk(str(link)) as (port, sdk2):
+        assert Path(path).resolve() == link.resolve()
+        assert sdk2.ping(port, 1) == (1020, 0, 0)
+        assert sdk2.ping(port, 2) == (1200, 0, 0)
+        for i in (1, 2):
+            assert sdk2.write1ByteTxRx(port, i, 9, 0) == (0, 0)
+            assert sdk2.write1ByteTxRx(port, i, 11, 0) == (0, 0)
+            assert sdk2.write2ByteTxRx(port, i, 102, 0) == (0, 0)
+            assert sdk2.write1ByteTxRx(port, i, 64, 1) == (0, 0)
+        assert sdk2.read2ByteTxRx(port, 1, 38) == (1193, 0, 0)
+        assert sdk2.write1ByteTxRx(port, 1, 11, 3) == (0, ErrorCode.ACCESS)
+        assert sdk2.write2ByteTxRx(port, 1, 102, 1194) == (0, ErrorCode.DATA_LIMIT)
+        assert sdk2.write4ByteTxRx(port, 1, 132, 0) == (0, ErrorCode.ACCESS)
+
+        reads = dynamixel_sdk.GroupSyncRead(port, sdk2, 120, 16)
+        writes = dynamixel_sdk.GroupSyncWrite(port, sdk2, 102, 2)
+        for i in (1, 2):
+            assert reads.addParam(i)
+        for read in (reads.txRxPacket, reads.fastSyncRead):
+            assert read() == 0
+            assert [reads.getData(i, 132, 4) for i in (1, 2)] == [652, 652]
+        assert writes.addParam(1, [0x2C, 0x01])
+        assert writes.txPacket() == 0
+        deadline = time.monotonic() + WAIT_S
+        while reads.getData(1, 132, 4) < 700 and time.monotonic() < deadline:
+            assert reads.fastSyncRead() == 0
+        assert reads.getData(1, 132, 4) >= 700  # 300 x 2.69 mA push it, whatever the friction
+        assert reads.getData(2, 132, 4) == 652
+        assert sdk2.reboot(port, 1) == (0, 0)
+
+        process.send_signal(signal.SIGINT)
+        assert process.wait(WAIT_S) == 130
+    assert not os.path.lexists(link)
+    with record.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert None not in rows[-1]
+    assert None not in rows[-1].values()
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(time.monotonic(), abs=WAIT_S)
+    states = [float(r["time_s"]) for r in rows if r["event"] == "state" and r["id"] == "1"]
+    assert states == pytest.approx([states[0] + 1e-3 * n for n in range(len(states))], abs=1e-8)
+    pushed = [r for r in rows if r["id"] == "1" and float(r["torque_nm"]) > 0]
+    assert float(pushed[0]["torque_nm"]) == pytest.approx(300 * 2.69e-3 * 4.1 / 2.3)
+    reboot = next(r for r in rows if r["event"] == "rx" and r["instruction"] == "8")
+    assert float(reboot["torque_nm"]) == 0.0
+
+
+def test_terminal_is_raw_and_clients_come_and_go_at_their_speed():
+    with emulate("--baud", "1e6") as (process, path):
+        every_byte = bytes(range(256))
+        for _ in range(2):
+            terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+            try:
+                flags = termios.tcgetattr(terminal)
+                assert not flags[3] & (termios.ECHO | termios.ICANON | termios.ISIG)
+                assert ask(terminal, every_byte + PING, WAIT_S) is not None
+            finally:
+                os.close(terminal)
+        with sdk(path, 57_600) as (port, sdk2):
+            port.setPacketTimeout = lambda _: port.setPacketTimeoutMillis(100)
+            assert sdk2.ping(port, 1)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
+        with sdk(path, 1_000_000) as (port, sdk2):
+            assert sdk2.ping(port, 1) == (1020, 0, 0)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(WAIT_S) == 0
+
+
+def tell(process, line):
+    """Say it on standard input; what is said on standard output when it is done."""
+    process.stdin.write(line + "\n")
+    process.stdin.flush()
+    ready, _, _ = select.select([process.stdout], [], [], WAIT_S)
+    assert ready
+    return process.stdout.readline().strip()
+
+
+def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path):
+    """Each as its own result: nothing came, what came was broken, somebody else answered."""
+    record = tmp_path / "record.csv"
+    given = ("--fault", "drop:way=reply,every=5", "--seed", "7", "--record", str(record))
+    with emulate(*given) as (process, path), sdk(path) as (port, sdk2):
+        port.setPacketTimeout = lambda _: port.setPacketTimeoutMillis(200)
+        results = [sdk2.ping(port, 1)[1] for _ in range(10)]
+        timeout, ok = dynamixel_sdk.COMM_RX_TIMEOUT, dynamixel_sdk.COMM_SUCCESS
+        assert results == ([ok] * 4 + [timeout]) * 2
+        assert tell(process, "list") == "drop:way=reply,every=5 (happened: 2)"
+        assert tell(process, "off drop") == "off drop"
+        assert tell(process, "corrupt:flips=1,way=reply") == "on corrupt:flips=1,way=reply"
+        broken = {sdk2.ping(port, 1)[1] for _ in range(5)}
+        assert broken <= {dynamixel_sdk.COMM_RX_CORRUPT, timeout}
+        assert tell(process, "off corrupt") == "off corrupt"
+        assert tell(process, "wrong-id:to=9,way=reply") == "on wrong-id:to=9,way=reply"
+        assert sdk2.ping(port, 1)[1] == timeout  # it goes on looking for its own
+        assert tell(process, "off wrong-id") == "off wrong-id"
+        assert tell(process, "hardware-error:bits=overload").startswith("on")
+        _, result, error = sdk2.read1ByteTxRx(port, 1, 70)
+        assert (result, error) == (ok, 0x80)
+        assert sdk2.ping(port, 1) == (1020, ok, 0x80)
+    with record.open(encoding="utf-8") as file:
+        faults = [row["fault"] for row in csv.DictReader(file) if row["event"] == "fault"]
+    assert faults == ["drop"] * 2 + ["corrupt"] * 5 + ["wrong-id", "hardware-error"]
+
+
+def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path):
+    """Ten replies one after the other wait a whole timer each, as each asks when one has run out;
+    a reply longer than a block does not wait for its first part."""
+    record = tmp_path / "record.csv"
+    given = ("--latency-timer", "40", "--block", "62", "--record", str(record))
+    with emulate(*given) as (_, path):
+        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(terminal)
+        begun = time.monotonic()
+        for _ in range(10):
+            assert ask(terminal, PING, WAIT_S) is not None
+        assert time.monotonic() - begun > 9 * 0.04
+        os.write(terminal, encode(1, Instruction.READ, bytes([0, 0, 80, 0])))  # 91 bytes
+        parts = []
+        while sum(parts) < 91:
+            assert select.select([terminal], [], [], WAIT_S)[0]
+            parts.append(len(os.read(terminal, 1000)))
+        assert parts == [62, 29]
+        os.close(terminal)
+
+
+def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_path):
+    link = tmp_path / "bus"
+    with emulate("--link", str(link)) as (process, path):
+        terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(terminal)
+        assert ask(terminal, PING, WAIT_S) is not None
+        assert tell(process, "unplug-adapter:for=0.2").startswith("on")
+        hung_up = select.poll()
+        hung_up.register(terminal, 0)
+        assert hung_up.poll(WAIT_S * 1e3)[0][1] & select.POLLHUP
+        new_path = process.stdout.readline().strip()
+        assert str(link.readlink()) == new_path
+        again = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(again)
+        assert ask(again, PING, WAIT_S) is not None
+        os.close(again)
+        os.close(terminal)
+    assert not os.path.lexists(link)
+
+
+def test_it_dies_with_its_parent(tmp_path):
+    link = tmp_path / "bus"
+    arguments = [
+        sys.executable,
+        "-m",
+        "haptic_wall.controller.cli.main",
+        "emulate",
+        "--die-with-parent",
+    ]
+    parent = (
+        "import subprocess, sys; "
+        "child = subprocess.Popen(sys.argv[1:]); print(child.pid, flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", parent, *arguments, "--link", str(link)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout.readline().strip().isdecimal()
+        assert process.stdout.readline().startswith("/dev/pts/")
+        assert link.is_symlink()
+        process.kill()
+    deadline = time.monotonic() + WAIT_S
+    while os.path.lexists(link) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not os.path.lexists(link)

@@ -1,0 +1,116 @@
+"""The record, and that a bus in memory does the same every time."""
+
+import csv
+import errno
+import io
+
+import pytest
+
+from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.emulated.servo import State
+from haptic_wall.hw.emulated.witness import Row, Witness
+from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
+
+
+def records(client):
+    client.witness.flush()
+    return list(csv.DictReader(io.StringIO(client.record.getvalue())))
+
+
+def drive(client):
+    """A short run with torque both ways; the bytes of all replies."""
+    client.enable_current_mode()
+    heard = []
+    for k in range(40):
+        client.sync_write(102, 2, {1: 200 if k < 20 else -300})
+        client.send(1, Instruction.READ, bytes([120, 0, 16, 0]))
+        heard += client.replies(within_ns=MS // 2)
+    return heard
+
+
+def test_columns_begin_as_promised():
+    client = Client()
+    client.witness.flush()
+    header = client.record.getvalue().splitlines()[0]
+    promised = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm"
+    assert header.startswith(promised)
+
+
+def test_every_frame_and_every_millisecond_is_there_in_order():
+    client = Client()
+    start = client.clock.now_ns()
+    drive(client)
+    rows = records(client)
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(times)
+    states = [float(row["time_s"]) for row in rows if row["event"] == "state"]
+    assert states == pytest.approx([0.005 + 0.001 * n for n in range(len(states))], abs=1e-9)
+    run = [row for row in rows if float(row["time_s"]) * 1e9 > start]
+    kinds = [
+        (row["event"], row["id"], row["instruction"]) for row in run if row["event"] != "state"
+    ]
+    cycle = [("rx", "254", "131"), ("rx", "1", "2"), ("tx", "1", "85")]
+    assert kinds[6:] == cycle * 40
+    assert all(len(row["time_s"].split(".")[1]) >= 7 for row in rows)
+
+
+def test_the_state_is_the_truth_behind_the_frame():
+    client = Client()
+    client.enable_current_mode()
+    client.write(1, 102, 100, 2)
+    row = [row for row in records(client) if row["event"] == "rx"][-1]
+    assert float(row["torque_nm"]) == pytest.approx(100 * TORQUE_UNIT)
+    assert float(row["position_rad"]) == 1.0
+    assert row["params"] == "66006400"
+    client.pass_time(3 * MS)
+    truth = client.servos[1].state(client.clock.now_ns())
+    last = [row for row in records(client) if row["event"] == "state"][-1]
+    assert 0 < float(last["velocity_rad_s"]) <= truth.velocity
+
+
+def test_refusals_show_in_the_record():
+    client = Client()
+    client.write(1, 102, 5000, 2)
+    assert records(client)[-1]["error"] == "6"
+
+
+def test_the_same_run_gives_the_same_bytes():
+    first, second = Client(), Client()
+    assert drive(first) == drive(second)
+    first.witness.flush()
+    second.witness.flush()
+    assert first.record.getvalue() == second.record.getvalue()
+
+
+def test_time_passes_only_in_wait_and_never_beyond_the_deadline():
+    client = Client()
+    begun = client.clock.now_ns()
+    client.send(1, Instruction.PING)
+    assert client.line.read() == b""
+    assert client.clock.now_ns() == begun
+    assert not client.line.wait(begun + 10_000)
+    assert client.clock.now_ns() == begun + 10_000
+    assert client.line.wait(begun + MS)
+    assert client.clock.now_ns() == begun + 60_000
+    assert client.line.wait(begun)  # still there
+    assert len(client.line.read()) == 14
+    assert not client.line.wait(begun)
+
+
+class FullDisk(io.StringIO):
+    def write(self, text):
+        if self.tell() > 300:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(text)
+
+
+def test_a_full_disk_ends_the_record_and_nothing_else():
+    witness = Witness(FullDisk())
+    row = Row(1_234_567_890, "state", 1, None, State(0.1, 0.2, 0.3), None, b"")
+    for _ in range(20):
+        witness.add(row)
+        witness.write(1)
+    witness.close()
+    assert witness.failure is not None
+    assert witness.failure.errno == errno.ENOSPC
+    assert witness.waiting == 0

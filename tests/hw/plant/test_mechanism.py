@@ -1,0 +1,201 @@
+"""The servo in time: when a torque acts, what becomes of it, and what the encoder sees."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_wall.hw.plant.body import PlantParameters, State, step
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
+
+MS = 1_000_000
+FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)
+
+
+def servo(**settings):
+    return TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
+
+
+def test_a_torque_acts_its_delay_later_to_the_nanosecond():
+    mechanism = Mechanism(servo(delay=1.234567e-3), 5 * MS)
+    mechanism.command(1.0, 5 * MS)
+    mechanism.advance(5 * MS + 1_234_566)
+    assert mechanism.torque == 0.0
+    assert mechanism.velocity == 0.0
+    mechanism.advance(5 * MS + 1_234_567)
+    assert mechanism.torque == 1.0
+    assert mechanism.velocity == 0.0
+    mechanism.advance(8 * MS)
+    # The velocity is u t / m over the time that was left.
+    assert mechanism.velocity == pytest.approx(100.0 * (3 * MS - 1_234_567) * 1e-9, rel=1e-12)
+
+
+def test_without_delay_a_torque_acts_at_once():
+    mechanism = Mechanism(FREE, 0)
+    mechanism.command(0.5, 3 * MS)
+    assert mechanism.torque == 0.5
+    mechanism.advance(4 * MS)
+    assert mechanism.velocity == pytest.approx(0.05, rel=1e-12)
+
+
+def test_several_torques_under_way_act_one_after_the_other():
+    mechanism = Mechanism(servo(delay=2.5e-3), 0)
+    for k, torque in enumerate([1.0, -2.0, 0.5, 0.0]):
+        mechanism.command(torque, k * MS)
+    mechanism.advance(20 * MS)
+    assert mechanism.torque == 0.0
+    assert mechanism.velocity == pytest.approx(100.0 * 1e-3 * (1.0 - 2.0 + 0.5), rel=1e-9)
+
+
+def test_the_instants_at_which_it_is_looked_at_do_not_matter():
+    true = servo(
+        damping=0.01, coulomb=0.09, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05
+    )
+    rng = random.Random(3)
+    often, seldom = Mechanism(true, 0), Mechanism(true, 0)
+    for k in range(2000):
+        torque = rng.gauss(0.0, 0.3)
+        often.command(torque, k * MS)
+        seldom.command(torque, k * MS)
+        for cut in sorted(rng.sample(range(1, MS), 3)):
+            often.advance(k * MS + cut)
+    often.advance(2000 * MS)
+    seldom.advance(2000 * MS)
+    assert often.position == pytest.approx(seldom.position, abs=1e-10)
+    assert often.velocity == pytest.approx(seldom.velocity, abs=1e-8)
+    assert often.measured_position() == pytest.approx(seldom.measured_position(), abs=1e-10)
+
+
+def test_the_same_commands_give_the_same_motion_to_the_bit():
+    def motion():
+        rng = random.Random(4)
+        mechanism = Mechanism(servo(coulomb=0.09, damping=0.01, hand="push", delay=1e-4), 0)
+        for k in range(3000):
+            mechanism.command(rng.gauss(0.0, 0.3), k * MS)
+        return mechanism.position, mechanism.velocity
+
+    assert motion() == motion()
+
+
+def test_time_does_not_go_back():
+    mechanism = Mechanism(FREE, 10)
+    mechanism.advance(20)
+    mechanism.advance(20)
+    with pytest.raises(ValueError, match="from 20 to 19"):
+        mechanism.advance(19)
+    with pytest.raises(ValueError, match="from 20 to 0"):
+        mechanism.command(1.0, 0)
+    with pytest.raises(ValueError, match="time went back"):
+        Mechanism(FREE, 10).advance(9)
+
+
+@pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
+def test_a_torque_that_is_no_number_never_reaches_it(torque):
+    mechanism = Mechanism(FREE, 0)
+    mechanism.command(0.2, 0)
+    with pytest.raises(ValueError, match="finite"):
+        mechanism.command(torque, 1)
+    mechanism.advance(MS)
+    assert mechanism.torque == 0.2
+    assert math.isfinite(mechanism.position)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "acting"), [(5.0, 4.1), (-5.0, -4.1), (4.1, 4.1), (0.3, 0.3), (1e300, 4.1)]
+)
+def test_it_saturates(wanted, acting):
+    mechanism = Mechanism(servo(torque_limit=4.1), 0)
+    assert mechanism.command(wanted, 0) == acting
+    assert mechanism.torque == acting
+
+
+@settings(deadline=None)
+@given(st.floats(-10.0, 10.0), st.floats(1e-4, 0.5), st.floats(0.1, 5.0))
+def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(wanted, size, limit):
+    mechanism = Mechanism(servo(torque_limit=limit, torque_step=size), 0)
+    acting = mechanism.command(wanted, 0)
+    assert acting / size == pytest.approx(round(acting / size), abs=1e-9)
+    assert abs(acting) <= limit
+    # The nearest step, but the one below where the nearest would pass the limit.
+    limited = min(max(wanted, -limit), limit)
+    allowed = size if abs(limited) > limit - size else 0.5 * size
+    assert abs(acting - limited) <= allowed * (1 + 1e-9)
+
+
+def test_the_encoder_rounds_to_the_nearest_count_over_turns():
+    count = 2 * math.pi / 4096
+    for position, expected in [
+        (0.0, 0),
+        (0.49 * count, 0),
+        (0.51 * count, 1),
+        (-0.49 * count, 0),
+        (-0.51 * count, -1),
+        (6 * math.pi, 3 * 4096),
+        (-200 * math.pi, -100 * 4096),
+    ]:
+        mechanism = Mechanism(servo(counts_per_rev=4096, position=position), 0)
+        assert mechanism.encoder() == expected
+        assert mechanism.measured_position() == pytest.approx(expected * count, rel=1e-15)
+
+
+def test_without_an_encoder_the_position_is_exact_and_nothing_is_counted():
+    mechanism = Mechanism(servo(position=0.123456789), 0)
+    assert mechanism.measured_position() == 0.123456789
+    with pytest.raises(ValueError, match="counts_per_rev"):
+        mechanism.encoder()
+
+
+def test_backlash_hides_motion_within_the_play_and_follows_beyond_it():
+    mechanism = Mechanism(servo(damping=1.0, backlash=0.1), 0)
+
+    def go(target):
+        # With a damping of 1 N·m·s/rad it comes to rest its momentum, 0.2 u, further on.
+        now = mechanism.time_ns
+        mechanism.command((target - mechanism.position) / 0.2, now)
+        mechanism.command(0.0, now + 200 * MS)
+        mechanism.advance(now + 2_000 * MS)
+        assert mechanism.position == pytest.approx(target, abs=1e-9)
+        return mechanism.measured_position()
+
+    assert go(0.04) == 0.0
+    assert go(-0.04) == 0.0
+    assert go(0.25) == pytest.approx(0.20)
+    assert go(0.16) == pytest.approx(0.20)
+    assert go(0.05) == pytest.approx(0.10)
+    assert go(0.14) == pytest.approx(0.10)
+
+
+def test_a_turn_between_two_looks_moves_the_encoder_through_the_play():
+    # Up and down again within one step: the encoder stays behind at the turn less half the play.
+    parameters = PlantParameters(0.01)
+    true = servo(backlash=0.002)
+    mechanism = Mechanism(true, 0)
+    mechanism.command(1.0, 0)
+    mechanism.command(-1.0, 10 * MS)
+    mechanism.advance(30 * MS)
+    turn = step(step(State(0.0, 0.0), parameters, 1.0, 0.01), parameters, -1.0, 0.01).position
+    assert mechanism.position == pytest.approx(turn - 0.005, abs=1e-12)
+    assert mechanism.measured_position() == pytest.approx(turn - 0.005 + 0.001, abs=1e-12)
+    mechanism.command(1.0, 30 * MS)
+    # The velocity of -1 rad/s is stopped after 10 ms, 5 mrad lower; 20 ms later it is back there.
+    mechanism.advance(50 * MS)
+    assert mechanism.measured_position() == pytest.approx(turn - 0.010 + 0.005 - 0.001, abs=1e-12)
+
+
+def test_a_hand_moves_it_and_friction_stops_it_again():
+    mechanism = Mechanism(servo(coulomb=0.1, damping=0.01, hand="lean"), 0)
+    mechanism.advance(4_000 * MS)
+    # It stays within c / k_h = 0.025 rad of the hand's reference.
+    assert mechanism.velocity == 0.0
+    assert mechanism.position == pytest.approx(0.5, abs=0.025)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("inertia", -1.0), ("delay", -1e-3), ("torque_limit", 0.0)]
+)
+def test_an_impossible_servo_is_refused_by_name(field, value):
+    with pytest.raises(ValueError, match=field):
+        Mechanism(servo(**{field: value}), 0)

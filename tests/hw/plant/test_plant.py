@@ -1,0 +1,206 @@
+"""The plant against an independent integrator, and the promises of its physics."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
+from tests.hw.oracles import Body, Stretch, integrate
+
+PERIOD = 1e-3
+MX64 = PlantParameters(inertia=0.011951, damping=0.011692, coulomb=0.09039)
+# Agreement over a second of motion [rad]: 1e-9 is promised; the integrator is good to 1e-12.
+AGREED = 1e-11
+
+
+def body_of(parameters, pull=None):
+    hand = (pull.stiffness, pull.damping) if pull else (0.0, 0.0)
+    return Body(parameters.inertia, parameters.damping, parameters.coulomb, *hand)
+
+
+def test_a_second_of_random_held_torques_with_friction_agrees_with_an_integrator():
+    rng = random.Random(1)
+    # Mean square just above the friction: the servo moves, stops, sticks and turns all the time.
+    torques = [rng.gauss(0.0, 0.15) for _ in range(1000)]
+    expected = integrate(body_of(MX64), 0.1, 0.4, [Stretch(PERIOD, u) for u in torques])
+    state = State(0.1, 0.4)
+    stuck = turned = 0
+    for torque, (position, velocity) in zip(torques, expected, strict=True):
+        before, state = state, step(state, MX64, torque, PERIOD)
+        assert state.position == pytest.approx(position, abs=AGREED)
+        assert state.velocity == pytest.approx(velocity, abs=1e-10)
+        stuck += state.velocity == 0.0
+        turned += before.velocity * state.velocity < 0.0
+    assert stuck > 10
+    assert turned > 10
+
+
+def test_a_second_with_a_moving_hand_and_friction_agrees_with_an_integrator():
+    rng = random.Random(2)
+    stretches, reference = [], 0.0
+    for k in range(1000):
+        slope = 3.0 * math.sin(k / 70)
+        stretches.append(Stretch(PERIOD, rng.gauss(0.0, 0.1), reference, slope))
+        reference += slope * PERIOD
+    pull = Pull(4.0, 0.2, 0.0, 0.0)
+    expected = integrate(body_of(MX64, pull), 0.0, 0.0, stretches)
+    state = State(0.0, 0.0)
+    stuck = 0
+    for stretch, (position, velocity) in zip(stretches, expected, strict=True):
+        hand = pull._replace(reference=stretch.reference, slope=stretch.slope)
+        state = step(state, MX64, stretch.torque, PERIOD, hand)
+        assert state.position == pytest.approx(position, abs=AGREED)
+        assert state.velocity == pytest.approx(velocity, abs=1e-10)
+        stuck += state.velocity == 0.0
+    assert stuck > 3
+
+
+@pytest.mark.parametrize(
+    ("damping", "hand_stiffness", "hand_damping", "slope"),
+    [
+        (0.0, 40.0, 0.0, 0.3),  # undamped: stick and slip for ever
+        (0.01, 40.0, 0.05, 0.3),  # underdamped
+        (0.0, 40.0, 2.0 * math.sqrt(40.0 * 0.01), 0.3),  # critically damped
+        (0.5, 4.0, 0.7, -2.0),  # overdamped
+        (0.01, 40.0, 0.0, 0.0),  # a spring at rest: swings until it sticks
+        (0.3, 0.0, 0.0, 0.0),  # no hand
+        (0.0, 0.0, 0.0, 0.0),  # no hand, no damping
+    ],
+)
+def test_many_events_in_one_long_step_agree_with_an_integrator(
+    damping, hand_stiffness, hand_damping, slope
+):
+    parameters = PlantParameters(0.01, damping, 0.2)
+    pull = Pull(hand_stiffness, hand_damping, 0.4, slope)
+    for start in (State(0.0, 0.0), State(-0.3, 5.0), State(0.5, -3.0)):
+        stretch = Stretch(2.0, 0.05, 0.4, slope)
+        [(position, velocity)] = integrate(body_of(parameters, pull), *start, [stretch])
+        end = step(start, parameters, 0.05, 2.0, pull)
+        assert end.position == pytest.approx(position, abs=AGREED)
+        assert end.velocity == pytest.approx(velocity, abs=1e-8)
+
+
+def test_it_coasts_to_rest_where_the_energy_is_used_up():
+    # Without damping and torque: v²/2 m = c x, and it stays there.
+    parameters = PlantParameters(0.012, 0.0, 0.09)
+    end = step(State(0.0, 2.0), parameters, 0.0, 10.0)
+    assert end.velocity == 0.0
+    assert end.position == pytest.approx(0.012 * 2.0**2 / (2 * 0.09), rel=1e-14)
+
+
+def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction():
+    # The hand's spring passes the friction of 0.1 N·m after 0.1 / (4 · 0.5) = 50 ms.
+    parameters = PlantParameters(0.012, 0.01, 0.1)
+    pull = Pull(4.0, 0.0, 0.0, 0.5)
+    assert step(State(0.0, 0.0), parameters, 0.0, 0.04999999, pull) == State(0.0, 0.0)
+    moved = step(State(0.0, 0.0), parameters, 0.0, 0.051, pull)
+    # Just after it the push grows by k_h r1, so x = k_h r1 t³ / 6 m.
+    assert moved.position == pytest.approx(4.0 * 0.5 * 0.001**3 / (6 * 0.012), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("inertia", 0.0), ("inertia", math.nan), ("damping", -1.0), ("coulomb", math.inf)],
+)
+def test_impossible_parameters_are_refused_by_name(field, value):
+    with pytest.raises(ValueError, match=field):
+        PlantParameters(**{"inertia": 0.01, field: value})
+
+
+# A busy machine must not fail a promise of the physics.
+unhurried = settings(deadline=None)
+
+positions = st.floats(-3.0, 3.0)
+velocities = st.floats(-20.0, 20.0) | st.just(0.0)
+torques = st.floats(-4.0, 4.0) | st.just(0.0)
+durations = st.floats(1e-6, 0.5)
+parameter_sets = st.builds(
+    PlantParameters,
+    inertia=st.floats(1e-3, 1.0),
+    damping=st.floats(0.0, 1.0) | st.just(0.0),
+    coulomb=st.floats(1e-3, 0.3) | st.just(0.0),
+)
+pulls = st.none() | st.builds(
+    Pull,
+    stiffness=st.floats(0.01, 50.0),
+    damping=st.floats(0.0, 2.0),
+    reference=st.floats(-2.0, 2.0),
+    slope=st.floats(-10.0, 10.0) | st.just(0.0),
+)
+
+
+@unhurried
+@given(positions, velocities, parameter_sets, durations)
+def test_energy_never_grows_by_itself(position, velocity, parameters, duration):
+    end = step(State(position, velocity), parameters, 0.0, duration)
+    assert abs(end.velocity) <= abs(velocity)
+
+
+@unhurried
+@given(positions, velocities, parameter_sets, durations, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
+def test_energy_never_grows_on_a_hand_at_rest(
+    position, velocity, parameters, duration, stiffness, damping
+):
+    def energy(state):
+        return 0.5 * parameters.inertia * state.velocity**2 + 0.5 * stiffness * state.position**2
+
+    start = State(position, velocity)
+    end = step(start, parameters, 0.0, duration, Pull(stiffness, damping, 0.0, 0.0))
+    # Rounding grows with the number of radians swung, below 100 here.
+    assert energy(end) <= energy(start) * (1.0 + 1e-13) + 1e-300
+
+
+@unhurried
+@given(positions, velocities, parameter_sets, torques, durations, pulls, st.floats(0.01, 0.99))
+def test_a_step_cut_in_two_is_the_same_step(
+    position, velocity, parameters, torque, duration, pull, share
+):
+    start = State(position, velocity)
+    whole = step(start, parameters, torque, duration, pull)
+    cut = share * duration
+    middle = step(start, parameters, torque, cut, pull)
+    if pull is not None:
+        pull = pull._replace(reference=pull.reference + pull.slope * cut)
+    end = step(middle, parameters, torque, duration - cut, pull)
+    size = 1.0 + abs(whole.position) + abs(whole.velocity)
+    assert end.position == pytest.approx(whole.position, abs=1e-9 * size)
+    # A velocity near rest has the square root of a rounding in it.
+    assert end.velocity == pytest.approx(whole.velocity, abs=1e-6 * size)
+
+
+@unhurried
+@given(positions, velocities, parameter_sets, torques, durations, pulls)
+def test_it_is_the_same_in_the_mirror(position, velocity, parameters, torque, duration, pull):
+    end = step(State(position, velocity), parameters, torque, duration, pull)
+    if pull is not None:
+        pull = pull._replace(reference=-pull.reference, slope=-pull.slope)
+    mirrored = step(State(-position, -velocity), parameters, -torque, duration, pull)
+    assert (-mirrored.position, -mirrored.velocity) == pytest.approx(
+        tuple(end), rel=1e-9, abs=1e-12
+    )
+
+
+@unhurried
+@given(positions, parameter_sets, st.floats(-1.0, 1.0), durations)
+def test_friction_holds_what_is_not_pushed_harder(position, parameters, share, duration):
+    torque = share * parameters.coulomb
+    assert step(State(position, 0.0), parameters, torque, duration) == State(position, 0.0)
+
+
+@unhurried
+@given(positions, velocities, parameter_sets, torques, durations, pulls)
+def test_between_its_turns_the_motion_is_monotone(
+    position, velocity, parameters, torque, duration, pull
+):
+    start = State(position, velocity)
+    turns: list[float] = []
+    end = step(start, parameters, torque, duration, pull, turns=turns)
+    plain = step(start, parameters, torque, duration, pull)
+    assert end.position == pytest.approx(plain.position, abs=1e-9 * (1 + abs(plain.position)))
+    low, high = min(position, end.position, *turns), max(position, end.position, *turns)
+    for k in range(1, 20):
+        between = step(start, parameters, torque, duration * k / 20, pull)
+        assert low - 1e-9 * (1 + abs(low)) <= between.position <= high + 1e-9 * (1 + abs(high))

@@ -1,0 +1,97 @@
+"""A virtual wall on the simulated servo: it must grow and decay as theory and the paper say."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.simulated import SimulatedServo
+from tests.hw.oracles import closed_loop_poles
+
+PERIOD = 1e-3
+PERIOD_NS = 1_000_000
+TABLE_II = Path(__file__).parents[3] / "controller" / "paper" / "table2.csv"
+
+
+def wall_motion(true, stiffness, virtual_damping, ticks):
+    """Sampled positions of a two-sided wall at 0 on the backward difference, with no delay."""
+    clock = SimulatedClock()
+    servo = SimulatedServo(SimulatedSettings(true), clock)
+    servo.start()
+    before = true.position
+    positions = []
+    for tick in range(ticks):
+        clock.wait_until(tick * PERIOD_NS)
+        servo.request()
+        position = servo.collect(clock.now_ns()).position
+        servo.write(-stiffness * position - virtual_damping * (position - before) / PERIOD)
+        positions.append(position)
+        before = position
+    servo.close()
+    return np.array(positions)
+
+
+def growth_per_second(positions):
+    """Rate of the one oscillation that is left, from x[k+2] = 2 r cos(w) x[k+1] - r² x[k]."""
+    fit, *_ = np.linalg.lstsq(
+        np.column_stack([positions[1:-1], positions[:-2]]), positions[2:], rcond=None
+    )
+    return 0.5 * math.log(-fit[1]) / PERIOD
+
+
+def linear_servo(inertia, damping, delay):
+    """Neither encoder nor friction, and nothing that saturates."""
+    return TrueServo(
+        inertia=inertia,
+        damping=damping,
+        delay=delay,
+        counts_per_rev=0,
+        torque_limit=1e300,
+        position=0.01,
+    )
+
+
+@pytest.mark.parametrize("delay_samples", [0.0, 0.3, 1.0, 1.5, 2.0, 5.0])
+@pytest.mark.parametrize("share", [0.8, 0.97, 1.03, 1.3])
+@pytest.mark.parametrize("virtual_damping", [0.0, 0.05])
+def test_motion_grows_as_the_dominant_pole(delay_samples, share, virtual_damping):
+    inertia, damping, delay = 0.011951, 0.011692, delay_samples * PERIOD
+    stiffness = share * (damping + virtual_damping) / (PERIOD / 2 + delay)
+    poles = closed_loop_poles(
+        inertia=inertia,
+        damping=damping,
+        stiffness=stiffness,
+        virtual_damping=virtual_damping,
+        period=PERIOD,
+        delay=delay,
+    )
+    expected = math.log(max(abs(poles))) / PERIOD
+    motion = wall_motion(linear_servo(inertia, damping, delay), stiffness, virtual_damping, 1200)
+    # By the second half the faster poles have died out.
+    assert growth_per_second(motion[600:]) == pytest.approx(expected, rel=0.01)
+
+
+def table_two():
+    with TABLE_II.open() as file:
+        for row in csv.DictReader(file):
+            for name, cell in row.items():
+                if name != "delay_samples":
+                    yield float(row["delay_samples"]), float(name.removeprefix("B_")), float(cell)
+
+
+@pytest.mark.parametrize(("delay_samples", "virtual_damping", "published"), list(table_two()))
+def test_growth_is_zero_at_the_published_critical_stiffness(
+    delay_samples, virtual_damping, published
+):
+    # m = 1 kg, b = 0.1 N·s/m, T = 1 ms; the growth is all but linear in K over 1 %.
+    true = linear_servo(1.0, 0.1, delay_samples * PERIOD)
+    low, high = 0.995 * published, 1.005 * published
+    below = growth_per_second(wall_motion(true, low, virtual_damping, 500)[100:])
+    above = growth_per_second(wall_motion(true, high, virtual_damping, 500)[100:])
+    assert below < 0.0 < above
+    critical = low - below * (high - low) / (above - below)
+    assert critical == pytest.approx(published, rel=1e-3)

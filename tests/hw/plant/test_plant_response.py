@@ -1,0 +1,72 @@
+"""The closed forms in every regime, against a Taylor series summed in 200 digits."""
+
+import math
+from decimal import Decimal, localcontext
+
+import pytest
+
+from haptic_wall.hw.plant.response import Slide, response, time_to_rest
+
+# Damping ratios around every place where the closed form changes.
+RATIOS = [0.0, 1e-6, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 1.1546, 1.1548, 2.0, 50.0]
+RADIANS = [1e-3, 0.1, 0.499, 0.501, 0.999, 1.001, 3.0, 20.0]
+
+
+def exact(decay, spring, time):
+    """h', h and its two integrals, term by term."""
+    with localcontext() as context:
+        context.prec = 200
+        decay, spring, t = Decimal(decay), Decimal(spring), Decimal(time)
+        before, term = Decimal(0), Decimal(1)  # n! times the coefficients of h at n = 0, 1
+        power = Decimal(1)  # t^n / n! for the present n
+        h1, h, s, r = Decimal(1), t, t * t / 2, t**3 / 6
+        for n in range(2, 4000):
+            power = power * t / (n - 1)
+            before, term = term, -(decay * term + spring * before)
+            part = term * power
+            h1 += part
+            h += part * t / n
+            s += part * t * t / (n * (n + 1))
+            r += part * t**3 / (n * (n + 1) * (n + 2))
+            if abs(part) < Decimal("1e-60") and n > 10 and term != 0:
+                break
+        return float(h1), float(h), float(s), float(r)
+
+
+# The series needs about e times as many terms as the fast rate has time constants.
+CASES = [(ratio, radians) for ratio in RATIOS for radians in RADIANS if ratio * radians < 200]
+
+
+@pytest.mark.parametrize(("ratio", "radians"), CASES)
+def test_the_response_is_exact_to_rounding(ratio, radians):
+    frequency = 40.0
+    decay, spring, time = 2 * ratio * frequency, frequency**2, radians / frequency
+    h1, h, s, r = exact(decay, spring, time)
+    found = response(decay, spring, time)
+    # Natural sizes: an oscillation passes zero, where no relative precision can be asked for.
+    assert found.h1 == pytest.approx(h1, abs=2e-14)
+    assert found.h == pytest.approx(h, rel=1e-13, abs=1e-15 * time)
+    assert found.s == pytest.approx(s, rel=1e-12)
+    assert found.r == pytest.approx(r, rel=1e-12)
+
+
+@pytest.mark.parametrize("decay_time", [0.0, 1e-9, 1e-3, 0.9, 1.1, 30.0])
+def test_without_a_spring_it_is_exact_to_rounding(decay_time):
+    time = 2e-3
+    h1, h, s, r = exact(decay_time / time, 0.0, time)
+    found = response(decay_time / time, 0.0, time)
+    assert found.h1 == pytest.approx(h1, rel=1e-13, abs=1e-16)
+    assert found[1:] == pytest.approx((h, s, r), rel=1e-13)
+
+
+def test_a_body_all_but_at_rest_comes_to_rest():
+    # Products of such small numbers underflow to zero, which must not read as "never".
+    for spring in (0.0, 100.0):
+        for velocity in (5e-324, 1e-200, 1e-20):
+            rest = time_to_rest(Slide(velocity, -0.25, 0.0, 0.0, spring), 1.0)
+            assert rest == pytest.approx(velocity / 0.25, rel=1e-9, abs=1e-323)
+
+
+def test_an_undamped_swing_stops_after_half_a_period():
+    rest = time_to_rest(Slide(0.0, -3.0, 0.0, 0.0, 100.0), 10.0)
+    assert rest == pytest.approx(math.pi / 10.0, rel=1e-14)
