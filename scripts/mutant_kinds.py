@@ -17,7 +17,13 @@ from pathlib import Path
 ROLES = {
     "guard": ("controller/guard/*.py",),
     "detector": ("controller/detector/*.py",),
-    "tick": ("controller/runtime/tick.py", "controller/runtime/loop.py"),
+    "tick": (
+        "controller/runtime/tick.py",
+        "controller/runtime/sampler.py",
+        "controller/runtime/gains.py",
+        "controller/runtime/motion_watch.py",
+        "controller/runtime/loop.py",
+    ),
     "codec": ("hw/dynamixel/codec/*.py",),
     "link": ("hw/dynamixel/link.py",),
     "safety": (

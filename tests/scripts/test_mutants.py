@@ -182,10 +182,14 @@ def test_results_are_kept_and_counted(tmp_path):
 def project(tmp_path, monkeypatch):
     """A small project with one module, of which one test checks something and one nothing."""
     root = tmp_path / "project"
-    (root / "controller").mkdir(parents=True)
-    (root / "tests").mkdir()
-    (root / "controller" / "__init__.py").write_text("")
-    (root / "controller" / "safety.py").write_text(
+    package, room = root / ".src" / "haptic_wall", root / "controller" / "runtime"
+    plugin = root / "controller" / "pytest_plugin"  # of the program, which pytest loads
+    for folder in (package, room, plugin, root / "tests"):
+        folder.mkdir(parents=True)
+    for folder in (package, root / "controller", room, plugin):
+        (folder / "__init__.py").write_text("")
+    (package / "controller").symlink_to("../../controller")
+    (room / "safety.py").write_text(
         "def far(position):\n"
         "    while position > 9:\n"
         "        position -= 1\n"
@@ -196,13 +200,13 @@ def project(tmp_path, monkeypatch):
         "def test_far():\n    assert far(3.0) and not far(1.0) and far(10)\n\n"
         "def test_fails():\n    assert not far(3.0)\n"
     )
-    (root / "pyproject.toml").write_text('[tool.hatch.build]\ndev-mode-dirs = ["."]\n')
+    (root / "pyproject.toml").write_text('[tool.hatch.build]\ndev-mode-dirs = [".src"]\n')
     monkeypatch.setattr(mutants, "LEAST_S", 2.0)
     return root
 
 
 def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
-    source = (project / "controller" / "safety.py").read_text()
+    source = (project / "controller" / "runtime" / "safety.py").read_text()
     wanted = {
         "safety:far:boundary:2": "survived",
         "safety:far:comparison:2": "killed",
@@ -228,7 +232,7 @@ def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
         workers.close()
     assert outcomes == wanted
     assert any("fails without a mutant: tests/test_far.py::test_fails" in text for text in said)
-    assert (project / "controller" / "safety.py").read_text() == source
+    assert (project / "controller" / "runtime" / "safety.py").read_text() == source
 
 
 def test_comparing_ends_with_1_where_a_mutant_got_lost(tmp_path, monkeypatch, capsys):
