@@ -39,7 +39,7 @@ EXPLAINED = 1.01
 """Root mean square of the residuals, in that of the noise, up to which there is nothing to seek"""
 _PERIODS = range(4, 201, 2)
 """Of cogging in a turn that are tried"""
-_WEIGHT, _COGGING = 1.5, 3.0
+_WEIGHT, _COGGING = 1.5, 2.0
 """Squares that a weight, and a cogging besides, must explain, in those of a mean step"""
 _ROUNDS = 2
 
