@@ -18,7 +18,7 @@ from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits, Trip
-from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
     FLAG_OFF,
@@ -27,7 +27,7 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
-from haptic_wall.controller.runtime.tick import COLLECT_SHARE, LONGER_SHARE, Tick, TickParts
+from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
 
