@@ -8,7 +8,6 @@ own affair: a fixed share of the period there, measured at the start here.
 from __future__ import annotations
 
 import json
-import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ FORGIVING: Final = (
     "safety.max_loss=0.9",
 )
 """What the machine's own stalls must not end; none of it changes what is measured"""
-AT_REST: Final = ("wall.side=both", f"wall.position={math.pi}")
+AT_REST: Final = ("wall.side=both", "wall.reference=start", "wall.position=0")
 """A two-sided wall around the place where an emulated servo stands: always in contact, and still"""
 
 
