@@ -8,7 +8,7 @@
     │   └── LogFormatError              the file is not a log of ours
     └── PlatformError (also OSError)    this machine cannot run the loop: exit status 4
 
-What is wrong with hardware is ``haptic_wall.hw.errors.ServoError``.
+Hardware errors are ``haptic_wall.hw.errors.ServoError``.
 """
 
 from __future__ import annotations

@@ -25,72 +25,28 @@ from haptic_wall.controller.errors import HapticWallError, PlatformError, UserEr
 from haptic_wall.hw.errors import ServoError
 
 COMMANDS = {
-    "run": ("haptic_wall.controller.cli.run", "Run the wall; report, log and picture at the end."),
-    "emulate": (
-        "haptic_wall.controller.cli.emulate",
-        "An emulated Dynamixel bus on a pseudo-terminal.",
-    ),
-    "scan": (
-        "haptic_wall.controller.cli.scan",
-        "Which servos are on a bus: ids, baud rates, models.",
-    ),
-    "doctor": (
-        "haptic_wall.controller.cli.doctor",
-        "What is wrong with a testbed, and the fix for each.",
-    ),
-    "presets": (
-        "haptic_wall.controller.cli.presets",
-        "The configurations that come with the program.",
-    ),
-    "config": (
-        "haptic_wall.controller.cli.config",
-        "What can be set, in what unit, and what is in force.",
-    ),
-    "boundary": (
-        "haptic_wall.controller.cli.boundary",
-        "Which stiffness a servo in a loop can hold, and why.",
-    ),
-    "map": (
-        "haptic_wall.controller.cli.map",
-        "Critical stiffness of a simulated servo, many walls at once.",
-    ),
-    "commission": (
-        "haptic_wall.controller.cli.commission",
-        "All of it for a new testbed: how stiff, and why.",
-    ),
-    "identify": (
-        "haptic_wall.controller.cli.identify",
-        "Inertia, friction and delay of a servo, measured.",
-    ),
-    "sweep": (
-        "haptic_wall.controller.cli.sweep",
-        "The critical stiffness of a servo, measured on it.",
-    ),
-    "delay": (
-        "haptic_wall.controller.cli.delay",
-        "The loop's delay, from torque command to motion.",
-    ),
-    "detect": ("haptic_wall.controller.cli.detect", "The oscillation in a recorded log or CSV."),
-    "rendered": (
-        "haptic_wall.controller.cli.rendered",
-        "What the servo renders, against the commanded.",
-    ),
-    "log": ("haptic_wall.controller.cli.log", "What a log holds; export it, draw it, cut it."),
-    "bench": (
-        "haptic_wall.controller.cli.bench",
-        "How fast this machine does it, side by side with peers.",
-    ),
-    "init": (
-        "haptic_wall.controller.cli.init",
-        "A commented configuration of your own, to be edited.",
-    ),
-    "help": ("haptic_wall.controller.cli.help", "The help of a command."),
-    "paper": (
-        "haptic_wall.controller.cli.paper",
-        "The paper's table and figures again, as CSV and PNG.",
-    ),
+    "run": "Run the wall; report, log and picture at the end.",
+    "emulate": "An emulated Dynamixel bus on a pseudo-terminal.",
+    "scan": "Which servos are on a bus: ids, baud rates, models.",
+    "doctor": "What is wrong with a testbed, and the fix for each.",
+    "presets": "The configurations that come with the program.",
+    "config": "What can be set, in what unit, and what is in force.",
+    "boundary": "Which stiffness a servo in a loop can hold, and why.",
+    "map": "Critical stiffness of a simulated servo, many walls at once.",
+    "commission": "All of it for a new testbed: how stiff, and why.",
+    "identify": "Inertia, friction and delay of a servo, measured.",
+    "sweep": "The critical stiffness of a servo, measured on it.",
+    "delay": "The loop's delay, from torque command to motion.",
+    "detect": "The oscillation in a recorded log or CSV.",
+    "rendered": "What the servo renders, against the commanded.",
+    "log": "What a log holds; export it, draw it, cut it.",
+    "bench": "How fast this machine does it, side by side with peers.",
+    "init": "A commented configuration of your own, to be edited.",
+    "help": "The help of a command.",
+    "paper": "The paper's table and figures again, as CSV and PNG.",
 }
-"""Each command's module, which exports ``command``, and its line in the help."""
+"""Each command, and its line in the help; the module beside this one that has its name exports
+``command``"""
 NEEDS_LINUX = frozenset(
     {"run", "emulate", "scan", "doctor", "commission", "sweep", "delay", "rendered", "identify"}
 )
@@ -118,13 +74,13 @@ class _Commands(click.Group):
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux: use a Linux "
                 "machine or a virtual one"
             )
-        command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        command = importlib.import_module(f"{__package__}.{cmd_name}").command
         assert isinstance(command, click.Command)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.command(

@@ -1,1 +1,1 @@
-"""What is rendered: wall and program, and what shapes their torque."""
+"""Laws that can be rendered, wall and program, and the parts that shape their torque."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.processes.plan import Ended, LogState
-from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, Trip
+from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, StopReason, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 
@@ -81,7 +81,7 @@ def _on_pseudo_terminal(servo: Servo) -> bool:
 
 
 def exit_status(
-    stop_reason: str, waited_for: str | None = None, log: LogState = LogState.NONE
+    stop_reason: StopReason, waited_for: str | None = None, log: LogState = LogState.NONE
 ) -> int:
     """The exit status that goes with a stop reason.
 
@@ -98,8 +98,11 @@ def exit_status(
         return 4
     if waited_for:
         return 3
-    planned = 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
-    return {End.DURATION.value: planned, End.INTERRUPTED.value: 130}.get(stop_reason, 3)
+    if stop_reason == End.INTERRUPTED:
+        return 130
+    if stop_reason != End.DURATION:
+        return 3
+    return 5 if log in (LogState.INCOMPLETE, LogState.MISSING) else 0
 
 
 def _speed(config: Config, result: dict[str, Any]) -> float | None:

@@ -27,6 +27,7 @@ class Gains:
     Attributes:
         stiffness: At the end of the ramp, without scale [N·m/rad].
         damping: Likewise [N·m·s/rad].
+        in_force: The warm-up is over.
     """
 
     __slots__ = (

@@ -17,7 +17,7 @@ _OK = Outcome.OK
 
 
 class MotionWatch:
-    """What the motion on the wall leads to: softer gains, injected damping, or a trip.
+    """Answers the motion on the wall: softer gains, injected damping, or a trip.
 
     Args:
         law: What is rendered; its ``injected`` is set here only.

@@ -87,7 +87,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a session gets from the process that runs it."""
+    """Services that the process around a session provides."""
 
     port: int | None = None
     """Descriptor of the open serial port, where there is one"""

@@ -61,7 +61,6 @@ class Tick:
     Attributes:
         trip: Why the run must end; None while all is well. Once set, no torque was sent.
         done: What was to be rendered is over; the torque of the last period was zero.
-        warm_up: While true the torque is zero, and only the delay is measured.
         came_on: The wall has been on at least once.
         ticks: Periods executed.
         missed: Whole periods skipped.
@@ -81,7 +80,6 @@ class Tick:
         self.came_on = False
         self.trip: Trip | None = None
         self.done = False
-        self.warm_up = True
         self.ticks = 0
         self.missed = 0
         parts.sampler.request_ahead()
@@ -90,13 +88,17 @@ class Tick:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
         self._parts.gains.begin()
         self._follow_gains()
-        self.warm_up = False
 
     def _follow_gains(self) -> None:
         """Count with the delay of the decision in force."""
         parts = self._parts
         self._delay_s = parts.gains.decision.delay
         parts.motion.follow_gains()
+
+    @property
+    def warm_up(self) -> bool:
+        """While true the torque is zero, and only the delay is measured."""
+        return not self._parts.gains.in_force
 
     @property
     def commanded(self) -> tuple[float, float]:
