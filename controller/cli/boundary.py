@@ -28,8 +28,9 @@ from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.controller.system.whole_file import whole
-from haptic_wall.controller.theory.servos import ServoFacts, servo
+from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
 from haptic_wall.hw.dynamixel.wire import cycle_s
+from haptic_wall.hw.names import did_you_mean
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Longer ones are milliseconds, written where seconds are wanted."""
@@ -145,10 +146,20 @@ def _question(given: dict[str, Any]) -> Question:
 def _facts(name: str | None) -> ServoFacts | None:
     if name is None:
         return None
-    try:
-        return servo(name)
-    except ValueError as error:
-        raise UserError(f"--servo: {error}") from None
+    found = servo(name)
+    if found is not None:
+        return found
+    alike = sister(name)
+    if alike is not None:
+        raise UserError(
+            f"--servo: nobody has published the inertia and friction of {alike[0]}; its sister is"
+            f" {alike[1]}: choose that, or give its inertia and damping as numbers"
+        )
+    near = did_you_mean(name.upper(), SERVOS, likeness=0.5)
+    raise UserError(
+        f"--servo: servo {name!r} is not known{f'{near} Choose' if near else '; choose'} one of"
+        f" {', '.join(SERVOS)}, or give its inertia and damping as numbers"
+    )
 
 
 def _period(period: float | None, rate: float | None) -> float:

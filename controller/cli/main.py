@@ -6,7 +6,6 @@ needs only what it uses.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import importlib
 import io
@@ -23,6 +22,7 @@ from haptic_wall.controller.cli.failure import tell, wants_json
 from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
 from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
 from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.names import did_you_mean
 
 COMMANDS = {
     "run": "Run the wall; report, log and picture at the end.",
@@ -66,9 +66,7 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in COMMANDS:
-            near = difflib.get_close_matches(cmd_name, COMMANDS, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise click.UsageError(f"no command {cmd_name}{hint}", ctx)
+            raise click.UsageError(f"no command {cmd_name}{did_you_mean(cmd_name, COMMANDS)}", ctx)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux: use a Linux "

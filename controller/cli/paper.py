@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from haptic_wall.controller.cli.places import force_option, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.hw.names import did_you_mean
 
 if TYPE_CHECKING:
     from haptic_wall.controller.paper.items import Made
@@ -60,9 +60,8 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
 
 
 def _unknown(item: str, names: list[str]) -> str:
-    near = difflib.get_close_matches(item.lower(), names, n=1)
     a_figure = item.removeprefix("fig").isdigit()  # no other figure is meant by fig7
-    hint = f"; did you mean {near[0]}?" if near and not a_figure else ""
+    hint = "" if a_figure else did_you_mean(item.lower(), names)
     return f"ITEM: found {item}, wanted one of {', '.join(names)}{hint}"
 
 

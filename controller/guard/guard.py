@@ -23,7 +23,6 @@ from haptic_wall.controller.guard.types import (
     Limits,
     Mode,
     Request,
-    Side,
     Situation,
     decision_report,
 )
@@ -35,7 +34,6 @@ __all__ = [
     "Limits",
     "Mode",
     "Request",
-    "Side",
     "Situation",
     "decide",
     "decision_report",

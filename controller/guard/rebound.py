@@ -7,7 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from haptic_wall.controller.guard.types import Side, Situation
+from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.rebound import (
     OneSidedWall,
     Servos,

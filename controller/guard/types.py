@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.laws.wall import Side
 
-Side = Literal["above", "below", "both"]
 Mode = Literal["stable", "passive", "off"]
 
 

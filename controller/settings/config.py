@@ -10,17 +10,11 @@ from pydantic import ValidationInfo, model_validator
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.settings.model import (
-    Delay,
     Estimate,
-    Guard,
     Loop,
-    Model,
-    Realtime,
-    Safety,
-    Section,
-    Wall,
 )
 from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
+from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import EMULATED, Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.servo import JUMP_SPEED
@@ -40,17 +34,8 @@ MOVED_BY_START = math.radians(1.0)
 """How far the proof of the torque's sign may move an emulated servo [rad]"""
 
 
-class Config(Section):
-    """Everything that can be set for a run; travels between processes as JSON."""
-
-    loop: Loop = Loop()
-    realtime: Realtime = Realtime()
-    wall: Wall = Wall()
-    delay: Delay = Delay()
-    guard: Guard = Guard()
-    servo: Servo = Servo()
-    model: Model = Model()
-    safety: Safety = Safety()
+class Config(Sections):
+    """Everything that can be set for a run, valid as a whole; travels between processes as JSON."""
 
     @model_validator(mode="before")
     @classmethod
@@ -89,11 +74,6 @@ class Config(Section):
         if problems := broken_rules(self, unusable):
             raise BrokenRulesError(problems)
         return self
-
-    @property
-    def period_s(self) -> float:
-        """The sampling period T [s]."""
-        return 1.0 / self.loop.rate_hz
 
     @property
     def period_ns(self) -> int:

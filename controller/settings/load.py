@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -20,6 +19,7 @@ from haptic_wall.controller.settings.rules import BrokenRulesError, Problem
 from haptic_wall.controller.settings.servo import IN_WORDS
 from haptic_wall.controller.system import regular_file
 from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.names import did_you_mean
 
 DEFAULT_PRESET = "simulated"
 MOST_BYTES = 2**16
@@ -146,7 +146,7 @@ def _read(source: str) -> tuple[str, str]:
         return regular_file.content(path, MOST_BYTES).decode("utf-8"), str(path)
     except FileNotFoundError:
         raise UserError(
-            f"CONFIG {source}: no such preset or file{_did_you_mean(source, preset_names())}; "
+            f"CONFIG {source}: no such preset or file{did_you_mean(source, preset_names())}; "
             f"presets are {', '.join(preset_names())}"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
@@ -201,7 +201,7 @@ def _wrong(path: str, value: Any, kind: str) -> str:  # noqa: ANN401
         keys = ", ".join(sections()[path].model_fields)
         return f"found {_shown(value)}, wanted a section with {keys}"
     unit = f" [{field.unit}]" if field.unit else ""
-    hint = _did_you_mean(value, field.choices) if isinstance(value, str) else ""
+    hint = did_you_mean(value, field.choices) if isinstance(value, str) else ""
     if kind == "value_error":
         return f"found {_shown(value)}, wanted low <= value <= high"
     return f"found {_shown(value)}, wanted {field.wanted}{unit}{hint}"
@@ -213,21 +213,16 @@ def _unknown(where: list[str]) -> str:
     if len(where) == 1:
         homes = [path for path in fields() if path.endswith(f".{name}")]
         return "unknown" + (
-            _did_you_mean(name, sections())
+            did_you_mean(name, sections())
             or (f"; did you mean {homes[0]}?" if homes else "")
             or f"; sections are {', '.join(sections())}"
         )
     if len(where) > 2 or section is None:
         return "unknown; wanted value, low and high"
     homes = [path for path in fields() if path.endswith(f".{name}")]
-    near = _did_you_mean(name, section.model_fields, f"{where[0]}.")
+    near = did_you_mean(name, section.model_fields, f"{where[0]}.")
     elsewhere = f"; did you mean {homes[0]}?" if homes else ""
     return "unknown" + (near or elsewhere or f"; {where[0]} has {', '.join(section.model_fields)}")
-
-
-def _did_you_mean(found: str, known: Iterable[str], prefix: str = "") -> str:
-    near = difflib.get_close_matches(found, list(known), n=1)
-    return f"; did you mean {prefix}{near[0]}?" if near else ""
 
 
 def _line(problem: Problem, origins: Mapping[str, str]) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-Side = Literal["above", "below", "both"]
+from haptic_wall.controller.laws.wall import Side
 
 
 def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds

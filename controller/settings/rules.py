@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
+from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS
 from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
-
-if TYPE_CHECKING:
-    from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.names import did_you_mean
 
 _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
@@ -39,7 +37,7 @@ class _Rule:
     """A check and the fields it reads: it is left out while one of them is itself wrong."""
 
     reads: tuple[str, ...]
-    check: Callable[[Config], Iterator[Problem]]
+    check: Callable[[Sections], Iterator[Problem]]
 
 
 _RULES: list[_Rule] = []
@@ -47,17 +45,17 @@ _RULES: list[_Rule] = []
 
 def _reads(
     *paths: str,
-) -> Callable[[Callable[[Config], Iterator[Problem]]], Callable[[Config], Iterator[Problem]]]:
+) -> Callable[[Callable[[Sections], Iterator[Problem]]], Callable[[Sections], Iterator[Problem]]]:
     def register(
-        check: Callable[[Config], Iterator[Problem]],
-    ) -> Callable[[Config], Iterator[Problem]]:
+        check: Callable[[Sections], Iterator[Problem]],
+    ) -> Callable[[Sections], Iterator[Problem]]:
         _RULES.append(_Rule(paths, check))
         return check
 
     return register
 
 
-def broken_rules(config: Config, unusable: frozenset[str] = frozenset()) -> list[Problem]:
+def broken_rules(config: Sections, unusable: frozenset[str] = frozenset()) -> list[Problem]:
     """Everything that is wrong between fields.
 
     Args:
@@ -78,13 +76,13 @@ def broken_rules(config: Config, unusable: frozenset[str] = frozenset()) -> list
     ]
 
 
-def _is_real(config: Config) -> bool:
+def _is_real(config: Sections) -> bool:
     """Whether a real servo is named; a port that is missing is blamed by another rule."""
     return config.servo.kind == "hardware" and config.servo.port is not None
 
 
 @_reads(*_KIND, "servo.inertia")
-def _truth_is_given(config: Config) -> Iterator[Problem]:
+def _truth_is_given(config: Sections) -> Iterator[Problem]:
     if config.servo.kind != "hardware" and config.servo.inertia is None:
         yield Problem(
             "servo.inertia",
@@ -93,7 +91,7 @@ def _truth_is_given(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND)
-def _truth_is_not_ours_to_say(config: Config) -> Iterator[Problem]:
+def _truth_is_not_ours_to_say(config: Sections) -> Iterator[Problem]:
     if not _is_real(config):
         return
     for name in TRUTH_FIELDS:
@@ -110,7 +108,7 @@ _BELIEVED = ("inertia", "damping", "coulomb", "delay", "torque_gain")
 
 
 @_reads(*_KIND)
-def _hardware_is_believed_something(config: Config) -> Iterator[Problem]:
+def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
     if not _is_real(config):
         return
     for name in _BELIEVED:
@@ -123,7 +121,7 @@ def _hardware_is_believed_something(config: Config) -> Iterator[Problem]:
 
 
 @_reads("servo.backend")
-def _bus_is_named(config: Config) -> Iterator[Problem]:
+def _bus_is_named(config: Sections) -> Iterator[Problem]:
     if config.servo.backend != "dynamixel":
         return
     wanted = {
@@ -139,7 +137,7 @@ def _bus_is_named(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "loop.clock")
-def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
+def _real_time_for_real_servos(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.loop.clock == "simulated":
         yield Problem(
             "loop.clock",
@@ -148,7 +146,7 @@ def _real_time_for_real_servos(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "safety.engage")
-def _real_walls_wait(config: Config) -> Iterator[Problem]:
+def _real_walls_wait(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.safety.engage == "at-once":
         yield Problem(
             "safety.engage",
@@ -158,7 +156,7 @@ def _real_walls_wait(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "safety.engage_torque")
-def _real_walls_come_on_unloaded(config: Config) -> Iterator[Problem]:
+def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
     asked = config.safety.engage_torque
     if _is_real(config) and asked is not None and asked > MOST_TORQUE:
         yield Problem(
@@ -170,7 +168,7 @@ def _real_walls_come_on_unloaded(config: Config) -> Iterator[Problem]:
 
 
 @_reads("safety.travel", "wall.position", "wall.reference")
-def _travel_reaches_the_wall(config: Config) -> Iterator[Problem]:
+def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
     if config.safety.travel is None:
         return
     low, high = config.safety.travel
@@ -186,7 +184,7 @@ def _travel_reaches_the_wall(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "servo.counts_per_rev")
-def _emulated_counts(config: Config) -> Iterator[Problem]:
+def _emulated_counts(config: Sections) -> Iterator[Problem]:
     if config.servo.kind == "emulated" and config.servo.counts_per_rev != 4096:
         yield Problem(
             "servo.counts_per_rev",
@@ -196,7 +194,7 @@ def _emulated_counts(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "servo.torque_constant")
-def _emulated_gain(config: Config) -> Iterator[Problem]:
+def _emulated_gain(config: Sections) -> Iterator[Problem]:
     if (
         config.servo.kind == "emulated"
         and config.servo.torque_constant is not None
@@ -211,7 +209,7 @@ def _emulated_gain(config: Config) -> Iterator[Problem]:
 
 
 @_reads("servo.backend", "servo.model", "servo.torque_constant")
-def _model_makes_torque(config: Config) -> Iterator[Problem]:
+def _model_makes_torque(config: Sections) -> Iterator[Problem]:
     name = config.servo.model
     if config.servo.backend != "dynamixel" or name is None:
         return
@@ -219,12 +217,10 @@ def _model_makes_torque(config: Config) -> Iterator[Problem]:
 
     models = torque_models()
     if name not in models:
-        near = difflib.get_close_matches(name.upper(), models, n=1, cutoff=0.6)
-        hint = f"; did you mean {near[0]}?" if near else ""
         yield Problem(
             "servo.model",
             f"found {name!r}, wanted one of the models with current control: "
-            f"{', '.join(models)}{hint}",
+            f"{', '.join(models)}{did_you_mean(name.upper(), models)}",
         )
     elif not models[name] and config.servo.torque_constant is None:
         yield Problem(
@@ -235,7 +231,7 @@ def _model_makes_torque(config: Config) -> Iterator[Problem]:
 
 
 @_reads(*_KIND, "servo.faults", "servo.id")
-def _faults_can_happen(config: Config) -> Iterator[Problem]:
+def _faults_can_happen(config: Sections) -> Iterator[Problem]:
     servo = config.servo
     if servo.faults and servo.kind == "simulated":
         yield Problem(
@@ -265,7 +261,7 @@ _CYCLE_SHARE = 0.8
 
 
 @_reads("servo.backend", "servo.baud", "loop.rate_hz")
-def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
+def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
     baud = config.servo.baud
     if config.servo.backend != "dynamixel" or baud is None:
         return
@@ -280,7 +276,7 @@ def _cycle_fits_the_period(config: Config) -> Iterator[Problem]:
 
 
 @_reads("servo.backend", "servo.watchdog_s", "loop.rate_hz")
-def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
+def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
     watchdog, period = config.servo.watchdog_s, config.period_s
     if config.servo.backend == "dynamixel" and watchdog < 2 * period:
         yield Problem(
@@ -291,7 +287,7 @@ def _watchdog_is_patient(config: Config) -> Iterator[Problem]:
 
 
 @_reads("servo.backend", "servo.watchdog_s", "safety.max_silence_s")
-def _silence_ends_before_the_watchdog(config: Config) -> Iterator[Problem]:
+def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
     silence, most = config.safety.max_silence_s, SILENCE_SHARE * config.servo.watchdog_s
     if config.servo.backend == "dynamixel" and silence > most * (1 + 1e-9):
         yield Problem(
@@ -303,7 +299,7 @@ def _silence_ends_before_the_watchdog(config: Config) -> Iterator[Problem]:
 
 
 @_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
-def _warm_up_sees_the_bus(config: Config) -> Iterator[Problem]:
+def _warm_up_sees_the_bus(config: Sections) -> Iterator[Problem]:
     least = WARM_UP_AGES * config.period_s
     if config.servo.backend == "dynamixel" and config.loop.warm_up_s < least * (1 - 1e-9):
         yield Problem(
@@ -315,7 +311,7 @@ def _warm_up_sees_the_bus(config: Config) -> Iterator[Problem]:
 
 
 @_reads("safety.heartbeat_s", "loop.rate_hz")
-def _heartbeat_is_patient(config: Config) -> Iterator[Problem]:
+def _heartbeat_is_patient(config: Sections) -> Iterator[Problem]:
     heartbeat, period = config.safety.heartbeat_s, config.period_s
     if heartbeat < 2 * period:
         yield Problem(
@@ -332,7 +328,7 @@ WARM_UP_AGES = 20
 
 
 @_reads("realtime.spin_us", "loop.rate_hz")
-def _spinning_leaves_time_to_sleep(config: Config) -> Iterator[Problem]:
+def _spinning_leaves_time_to_sleep(config: Sections) -> Iterator[Problem]:
     spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * config.period_s * 1e6
     if spin_us is not None and spin_us > most_us * (1 + 1e-9):
         yield Problem(

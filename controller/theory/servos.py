@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from types import MappingProxyType
 
 
@@ -53,31 +52,28 @@ SISTERS: Mapping[str, str] = MappingProxyType({"XM430-W350": "MX-64"})
 """Servos that nobody has published numbers of, and the known one that is built alike."""
 
 
-def servo(name: str) -> ServoFacts:
+def servo(name: str) -> ServoFacts | None:
     """The servo of that name; upper and lower case, and hyphens, make no difference.
 
     Args:
-        name: One of ``SERVOS``.
+        name: Of a servo.
 
-    Raises:
-        ValueError: No such servo is known; the message lists those that are, and suggests one.
+    Returns:
+        None where the name is none of ``SERVOS``.
     """
-    plain = {_plain(known): facts for known, facts in SERVOS.items()}
-    found = plain.get(_plain(name))
-    if found is not None:
-        return found
-    for unknown, sister in SISTERS.items():
-        if _plain(unknown) == _plain(name):
-            raise ValueError(
-                f"nobody has published the inertia and friction of {unknown}; its sister is"
-                f" {sister}: choose that, or give its inertia and damping as numbers"
-            )
-    near = get_close_matches(_plain(name), plain, n=1, cutoff=0.5)
-    suggestion = f"did you mean {plain[near[0]].name}? Choose" if near else "choose"
-    raise ValueError(
-        f"servo {name!r} is not known; {suggestion} one of {', '.join(SERVOS)}, "
-        "or give its inertia and damping as numbers"
-    )
+    return next((facts for known, facts in SERVOS.items() if _plain(known) == _plain(name)), None)
+
+
+def sister(name: str) -> tuple[str, str] | None:
+    """A servo that nobody has published numbers of, and the known one that is built alike.
+
+    Args:
+        name: Of a servo, as for ``servo``.
+
+    Returns:
+        Both names as their maker writes them; None where no such servo is known.
+    """
+    return next((pair for pair in SISTERS.items() if _plain(pair[0]) == _plain(name)), None)
 
 
 def _plain(name: str) -> str:

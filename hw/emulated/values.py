@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable
 from typing import Any
+
+from haptic_wall.hw.names import did_you_mean
 
 
 def number(low: float, high: float, *, open_low: bool = False) -> Callable[[str], float]:
@@ -52,5 +53,4 @@ def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or nu
 def suggestion(found: str, known: Iterable[str], prefix: str = "") -> str:
     """The end of a message about an unknown name: the nearest known one, or all of them."""
     names = list(known)
-    near = difflib.get_close_matches(found, names, n=1)
-    return f"; did you mean {prefix}{near[0]}?" if near else f"; known are {', '.join(names)}"
+    return did_you_mean(found, names, prefix) or f"; known are {', '.join(names)}"

@@ -15,7 +15,7 @@ from haptic_wall.controller.theory import (
     passive_limit,
     peak,
 )
-from haptic_wall.controller.theory.servos import servo
+from haptic_wall.controller.theory.servos import SERVOS
 
 LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--delay", "0.002"]
 POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
@@ -64,7 +64,7 @@ def test_the_points_are_those_of_the_theory_in_the_order_asked(capsys):
 
 
 def test_a_rate_and_a_servo_stand_for_numbers(capsys):
-    facts = servo("MX-64")
+    facts = SERVOS["MX-64"]
     plain = ["--inertia", f"{facts.inertia}", "--damping", f"{facts.damping}"]
     there = ["--delay", "0.001", "--virtual-damping", "0.1"]
     named = asked(capsys, "--servo", "mx-64", "--rate", "1000", *there)

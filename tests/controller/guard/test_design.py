@@ -20,7 +20,8 @@ from haptic_wall.controller.guard.delay_parts import (
 from haptic_wall.controller.guard.design import Change, Improvement, improvements
 from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.types import GuardSettings, Request, Side, Situation
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,
