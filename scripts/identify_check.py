@@ -25,7 +25,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from haptic_wall.controller.bench.machine import machine, versions
-from haptic_wall.controller.commission.verdict import ASKED, Question
+from haptic_wall.controller.experiments.commission.verdict import ASKED, Question
 from haptic_wall.controller.experiments.identification import (
     Estimated,
     Identified,

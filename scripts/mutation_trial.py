@@ -235,20 +235,17 @@ def _try_folder(random: Random, folder: Path, base: Path, trial: Tried, limited:
 @contextlib.contextmanager
 def _still() -> Iterator[None]:
     """While steps of a commissioning move nothing, and fail."""
-    from haptic_wall.controller.commission import steps
+    from haptic_wall.controller.experiments.commission import steps
 
     def refuse(_bench: object) -> None:
         raise UnidentifiableError("nothing is moved here")
 
-    names = ("run_doctor", "run_identify", "run_delay", "run_rendered", "run_sweep")
-    before = {name: getattr(steps, name) for name in names}
-    for name in names:
-        setattr(steps, name, refuse)
+    before = dict(steps.RUN)
+    steps.RUN.update(dict.fromkeys(before, refuse))
     try:
         yield
     finally:
-        for name in names:
-            setattr(steps, name, before[name])
+        steps.RUN.update(before)
 
 
 KINDS: dict[str, Callable[..., None]] = {

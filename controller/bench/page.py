@@ -1,15 +1,14 @@
-"""The report as one HTML file that needs nothing else: pictures are embedded."""
+"""What the bench measured, as one HTML page."""
 
 from __future__ import annotations
 
-import base64
 import time
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any
 
 from haptic_wall.controller.bench import words
 from haptic_wall.controller.bench.picture import png
+from haptic_wall.controller.report.html import embedded, filled_in
 
 
 def page(report: Mapping[str, Any]) -> str:
@@ -18,29 +17,18 @@ def page(report: Mapping[str, Any]) -> str:
     Args:
         report: From ``report.measured``, or read from what ``--json`` printed.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = (
-        files("haptic_wall.controller.bench").joinpath("page.html.j2").read_text(encoding="utf-8")
-    )
     pictures = {
         name: [
-            (_embedded(png(histogram)), histogram["name"])
+            (embedded(png(histogram)), histogram["name"])
             for histogram in section["histograms"]
             if histogram["series"]
         ]
         for name, section in report["sections"].items()
     }
-    return environment.from_string(source).render(
+    return filled_in(
+        __package__,
         r=report,
         words=words,
         pictures=pictures,
         written=time.strftime("%Y-%m-%d %H:%M"),
     )
-
-
-def _embedded(picture: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")

@@ -31,10 +31,10 @@ from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.commission.outcome import Step
-    from haptic_wall.controller.commission.plan import Announcement
-    from haptic_wall.controller.commission.sequence import Ended
-    from haptic_wall.controller.commission.store import CommissionStore
+    from haptic_wall.controller.experiments.commission.outcome import Step
+    from haptic_wall.controller.experiments.commission.plan import Announcement
+    from haptic_wall.controller.experiments.commission.sequence import Ended
+    from haptic_wall.controller.experiments.commission.store import CommissionStore
 
 _REACH = 0.6
 
@@ -78,7 +78,7 @@ def command(
 
     Exit status: that of the first step that failed.
     """
-    from haptic_wall.controller.commission.plan import announce
+    from haptic_wall.controller.experiments.commission.plan import announce
 
     loaded = load_config(config, sets)
     if only_plan:
@@ -113,13 +113,14 @@ def _measured(
     loaded: Loaded, reach: float, store: CommissionStore, seconds: float
 ) -> tuple[Ended, dict[str, Any]]:
     """Take the steps, in about so many seconds; the report, written unless nothing was measured."""
-    from haptic_wall.controller.commission.report import report
-    from haptic_wall.controller.commission.sequence import run_steps
-    from haptic_wall.controller.commission.steps import Bench
+    from haptic_wall.controller.experiments.commission.report import report
+    from haptic_wall.controller.experiments.commission.sequence import run_steps
+    from haptic_wall.controller.experiments.commission.steps import Bench
+    from haptic_wall.controller.report.commission.picture import PLOTS
 
     with writing("--out", store.folder):
         with moving(loaded.config, seconds):
-            ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say))
+            ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say, PLOTS))
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
             working("writing the report", DRAWING_S),
@@ -137,7 +138,11 @@ def _store(
     fresh: bool,
     only_look: bool = False,
 ) -> CommissionStore:
-    from haptic_wall.controller.commission.store import CONFIG, CommissionStore, settings_of
+    from haptic_wall.controller.experiments.commission.store import (
+        CONFIG,
+        CommissionStore,
+        settings_of,
+    )
 
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
@@ -189,12 +194,12 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
 
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     """The report's data, and its page written."""
-    from haptic_wall.controller.commission.page import page
-    from haptic_wall.controller.commission.picture import draw_allowed
-    from haptic_wall.controller.commission.report import report
-    from haptic_wall.controller.commission.store import ALLOWED
-    from haptic_wall.controller.commission.verdict import Question
+    from haptic_wall.controller.experiments.commission.report import report
+    from haptic_wall.controller.experiments.commission.store import ALLOWED
+    from haptic_wall.controller.experiments.commission.verdict import Question
     from haptic_wall.controller.experiments.kept_folder import without_link
+    from haptic_wall.controller.report.commission.page import page
+    from haptic_wall.controller.report.commission.picture import draw_allowed
 
     folder = store.folder
     data = report(ended, name, folder)
@@ -211,7 +216,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
 
 
 def _text(report: dict[str, Any], folder: Path) -> str:
-    from haptic_wall.controller.commission import words
+    from haptic_wall.controller.report.commission import words
 
     lines = [*_wrapped(words.headline(report), "")]
     parts = (

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 
 from haptic_wall import __version__
 from haptic_wall.controller.paper.items import Made
 from haptic_wall.controller.paper.table2 import worst_text
+from haptic_wall.controller.report.html import filled_in
 from haptic_wall.controller.system.file_kinds import Kind
 from haptic_wall.controller.system.whole_file import whole
 
@@ -34,17 +34,9 @@ def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Pa
     Raises:
         OSError: It cannot be written.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = (
-        files("haptic_wall.controller.paper").joinpath("page.html.j2").read_text(encoding="utf-8")
-    )
     worst = {m.item.name: worst_text(m.table) for m in made if m.table is not None}
     page = folder / PAGE
-    text = environment.from_string(source).render(made=made, worst=worst, version=__version__)
+    text = filled_in(__package__, made=made, worst=worst, version=__version__)
     with whole(page, KIND, force=force) as part:
         part.write_text(text, encoding="utf-8")
     return page

@@ -11,7 +11,7 @@ from haptic_wall.controller.logs.recording import cut, parted
 from scripts.mutation_trial import KINDS, tried
 from scripts.mutations import COUNTS, FAULTS, NAMES, PAGE, PART
 from scripts.uncertainty import PART as COMPUTED
-from tests.controller.commission.test_commission import SIMULATED, call, steps_taken
+from tests.controller.experiments.commission.test_commission import SIMULATED, call, steps_taken
 from tests.docs.pages import ROOT
 
 SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}

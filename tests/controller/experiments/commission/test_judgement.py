@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.commission import agreement, words
-from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.commission.verdict import Question, verdict
+from haptic_wall.controller.experiments.commission import agreement
+from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
+from haptic_wall.controller.experiments.commission.verdict import Question, verdict
 from haptic_wall.controller.experiments.sweep_device import Device
 from haptic_wall.controller.experiments.sweep_plan import reach
+from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 
 

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from haptic_wall.controller.commission.outcome import Outcome, Step
+from haptic_wall.controller.experiments.commission.outcome import Outcome, Step
 from haptic_wall.controller.experiments.kept_folder import first_wrong
 from haptic_wall.controller.experiments.sweep_result import PointResult
 

@@ -1,4 +1,4 @@
-"""The picture of the verdict: what the guard allows over the virtual damping, and why no more."""
+"""The steps' pictures, and that of the verdict: what the guard allows over the virtual damping."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.commission.verdict import Question
+from haptic_wall.controller.experiments.commission.outcome import Step
+from haptic_wall.controller.experiments.commission.steps import Plot
+from haptic_wall.controller.experiments.commission.verdict import Question
+from haptic_wall.controller.report.delay import plot_delay
+from haptic_wall.controller.report.identify import plot_identification
+from haptic_wall.controller.report.rendered import plot_rendering
 from haptic_wall.controller.report.style import (
     BLUE,
     FAINT,
@@ -22,10 +27,18 @@ from haptic_wall.controller.report.style import (
     grid,
     picture,
 )
+from haptic_wall.controller.report.sweep import plot_sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+PLOTS: dict[Step, Plot] = {
+    "identify": plot_identification,
+    "delay": plot_delay,
+    "rendered": plot_rendering,
+    "sweep": plot_sweep,
+}
+"""What draws each step's picture"""
 _POINTS = 241
 _BEYOND = 1.8
 """Of the best virtual damping, how far it is drawn"""

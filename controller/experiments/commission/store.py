@@ -13,9 +13,13 @@ from typing import Any, Final, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from haptic_wall import __version__
-from haptic_wall.controller.commission.found import file_name, picture_name, read_outcome
-from haptic_wall.controller.commission.outcome import STEPS, Outcome, Step
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.commission.found import (
+    file_name,
+    picture_name,
+    read_outcome,
+)
+from haptic_wall.controller.experiments.commission.outcome import STEPS, Outcome, Step
 from haptic_wall.controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
 from haptic_wall.controller.settings.config import Config
 

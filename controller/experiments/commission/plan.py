@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import loop_delay, rendering
+from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.contact_transient import FASTEST
 from haptic_wall.controller.experiments.holding import torque_limit_of
 from haptic_wall.controller.experiments.identification import SECONDS, announcement, bounds_of

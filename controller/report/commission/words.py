@@ -6,13 +6,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from haptic_wall.controller.experiments.commission.report import INCOMPLETE, NOT_MEASURED
 from haptic_wall.controller.experiments.identify_text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]
-
-COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
-"""What ``status`` of a report may be"""
 
 _CLOSE = 1.05
 """Limits within this factor of the smallest are said to lie together"""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from haptic_wall.controller.commission import steps
-from haptic_wall.controller.commission.outcome import STEPS, TITLES, Outcome, Step, done
-from haptic_wall.controller.commission.plan import has_doctor
-from haptic_wall.controller.commission.steps import Bench, Draw, Measured, identified
-from haptic_wall.controller.commission.store import settings_of
 from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, Outcome, Step, done
+from haptic_wall.controller.experiments.commission.plan import has_doctor
+from haptic_wall.controller.experiments.commission.steps import RUN, Bench, identified
+from haptic_wall.controller.experiments.commission.store import settings_of
 from haptic_wall.controller.experiments.kept_folder import without_link
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
@@ -26,7 +25,6 @@ from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1
-_RUN: Mapping[Step, str] = {step: f"run_{step}" for step in STEPS}
 _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
 """Steps that compare with the identified servo, and are planned by it"""
 
@@ -73,8 +71,8 @@ def run_steps(bench: Bench) -> Ended:
             why_not = _obstacle(step, outcomes, config)
             try:
                 with interrupting():
-                    outcome, draw = (
-                        (Outcome(step, "skipped", basis, why_not), None)
+                    outcome, shown = (
+                        (Outcome(step, "skipped", basis, why_not), ())
                         if why_not is not None
                         else _taken(step, replace(bench, config=config), basis)
                     )
@@ -87,8 +85,8 @@ def run_steps(bench: Bench) -> Ended:
             if outcome.reason is not None:
                 bench.tell(f"{step}: {outcome.state}: {outcome.reason}")
             try:
-                if draw is not None:
-                    outcomes[step] = _drawn(outcome, draw, bench)
+                if shown and step in bench.plots:
+                    outcomes[step] = _drawn(outcome, shown, bench)
             except KeyboardInterrupt:
                 bench.tell(f"{step}: interrupted")
                 interrupted = True
@@ -125,43 +123,42 @@ def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> s
     return None
 
 
-def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, Draw | None]:
-    """Take a step; whatever ends it short is in what is returned, and what draws its picture.
+def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ...]]:
+    """Take a step; whatever ends it short is in what is returned, and what its plot shows.
 
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
-    take: Callable[[Bench], Measured] = getattr(steps, _RUN[step])
 
-    def failed(error: Exception | str, status: int, ends_all: bool = False) -> tuple[Outcome, None]:
+    def failed(error: Exception | str, status: int, ends_all: bool = False) -> Outcome:
         seconds = time.monotonic() - began
-        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds), None
+        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds)
 
     try:
-        data, draw = take(bench)
+        data, shown = RUN[step](bench)
     except ExperimentTrippedError as error:
         text = f"{error.stop_reason}: {error}"
-        return failed(text, exit_status(error.stop_reason), error.gone)
+        return failed(text, exit_status(error.stop_reason), error.gone), ()
     except ServoError as error:
-        return failed(error, HARDWARE, ends_all=True)
+        return failed(error, HARDWARE, ends_all=True), ()
     except HapticWallError as error:
-        return failed(error, error.exit_status)
+        return failed(error, error.exit_status), ()
     seconds = time.monotonic() - began
     if step == "doctor" and data["fatal"]:
         status = HARDWARE if not data["reached"] else WRONG
-        outcome, _ = failed(_fatal_text(data), status, ends_all=True)
-        return replace(outcome, data=data), None
-    return Outcome(step, "done", basis, seconds=seconds, data=data), draw
+        outcome = failed(_fatal_text(data), status, ends_all=True)
+        return replace(outcome, data=data), ()
+    return Outcome(step, "done", basis, seconds=seconds, data=data), shown
 
 
-def _drawn(outcome: Outcome, draw: Draw, bench: Bench) -> Outcome:
+def _drawn(outcome: Outcome, shown: tuple[Any, ...], bench: Bench) -> Outcome:
     """The step, which is kept, with its picture if that can be drawn."""
     picture = bench.picture(outcome.step)
     try:
         with whole(without_link(picture), PICTURE, force=True) as part:
-            draw(part)
+            bench.plots[outcome.step](*shown, bench.name, part)
         return bench.store.keep(replace(outcome, picture=picture.name))
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         bench.tell(f"{outcome.step}: its picture could not be drawn ({error}); its data are kept")

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from tests.controller.commission.test_commission import (
+from tests.controller.experiments.commission.test_commission import (
     PNG,
     SIMULATED,
     call,

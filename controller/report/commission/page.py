@@ -1,18 +1,17 @@
-"""The report as one HTML file that needs nothing else: pictures are embedded."""
+"""The report of a commissioning as one HTML page."""
 
 from __future__ import annotations
 
-import base64
 import time
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.commission import words
-from haptic_wall.controller.commission.store import AGAIN
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.commission.store import AGAIN
 from haptic_wall.controller.experiments.kept_folder import kept_bytes
+from haptic_wall.controller.report.commission import words
+from haptic_wall.controller.report.html import embedded, filled_in
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 """How every picture begins"""
@@ -35,22 +34,13 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
     Raises:
         UserError: A picture is not there, or is none.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = (
-        files("haptic_wall.controller.commission")
-        .joinpath("page.html.j2")
-        .read_text(encoding="utf-8")
-    )
     pictures = [
         (step["step"], _embedded(folder / step["picture"], step["step"]), _CAPTIONS[step["step"]])
         for step in report["steps"]
         if step["state"] == "done" and step["picture"]
     ]
-    return environment.from_string(source).render(
+    return filled_in(
+        __package__,
         r=report,
         written=time.strftime("%Y-%m-%d %H:%M"),
         headline=words.headline(report),
@@ -70,4 +60,4 @@ def _embedded(path: Path, step: str) -> str:
     content = kept_bytes(path, AGAIN.format(step))
     if not content.startswith(_PNG):
         raise UserError(f"--out {path.parent}: {path.name} is no PNG picture; {AGAIN.format(step)}")
-    return "data:image/png;base64," + base64.b64encode(content).decode("ascii")
+    return embedded(content)

@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall import __version__
-from haptic_wall.controller.commission import agreement
-from haptic_wall.controller.commission.outcome import STEPS, TITLES, done
-from haptic_wall.controller.commission.sequence import Ended
-from haptic_wall.controller.commission.store import AGAIN, CONFIG, SWEEP
-from haptic_wall.controller.commission.verdict import Question, verdict
-from haptic_wall.controller.commission.words import COMPLETE, INCOMPLETE, NOT_MEASURED
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.commission import agreement
+from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done
+from haptic_wall.controller.experiments.commission.sequence import Ended
+from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG, SWEEP
+from haptic_wall.controller.experiments.commission.verdict import Question, verdict
 from haptic_wall.controller.experiments.sweep_store import JSON
 
+COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
+"""What ``status`` may be"""
 _CONFIG_TEXT = "config_text"
 
 

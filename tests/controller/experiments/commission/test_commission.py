@@ -10,21 +10,22 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.commission import picture, plan, steps
-from haptic_wall.controller.commission.sequence import run_steps
-from haptic_wall.controller.commission.steps import Bench, Measured
-from haptic_wall.controller.commission.store import CommissionStore, settings_of
+from haptic_wall.controller.experiments.commission import plan, steps
+from haptic_wall.controller.experiments.commission.sequence import run_steps
+from haptic_wall.controller.experiments.commission.steps import Bench, Measured
+from haptic_wall.controller.experiments.commission.store import CommissionStore, settings_of
 from haptic_wall.controller.experiments.identification import UnidentifiableError
 from haptic_wall.controller.experiments.sweep_plan import Setting
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
+from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from scripts.ordinary_servos import Effects, ordinary
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
 PNG = b"\x89PNG\r\n\x1a\n"
 """How one begins"""
@@ -89,7 +90,7 @@ def report_of(folder, capsys, *words):
 
 def nothing_moves(monkeypatch):
     for name in steps_taken(monkeypatch, {}):
-        monkeypatch.setattr(steps, name, lambda _bench, name=name: pytest.fail(name))
+        monkeypatch.setitem(steps.RUN, name, lambda _bench, name=name: pytest.fail(name))
 
 
 def test_a_rerun_measures_nothing_again_and_says_the_same(commissioned, capsys, monkeypatch):
@@ -218,11 +219,11 @@ def rendered_data(_bench):
 
 
 DATA = {
-    "run_doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
-    "run_identify": identify_data,
-    "run_delay": delay_data,
-    "run_rendered": rendered_data,
-    "run_sweep": lambda _bench: {"points": []},
+    "doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
+    "identify": identify_data,
+    "delay": delay_data,
+    "rendered": rendered_data,
+    "sweep": lambda _bench: {"points": []},
 }
 
 
@@ -240,7 +241,7 @@ def steps_taken(monkeypatch, ends):
         return run
 
     for name in DATA:
-        monkeypatch.setattr(steps, name, step(name))
+        monkeypatch.setitem(steps.RUN, name, step(name))
     # What is planned and drawn has tests of its own, and takes most of the time.
     monkeypatch.setattr(plan, "short_sweep", lambda _config: (Setting(0.0, 3),))
     monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(PNG))
@@ -253,10 +254,10 @@ def states(report):
 
 def test_without_a_model_only_what_needs_none_goes_on(tmp_path, capsys, monkeypatch):
     error = UnidentifiableError("the servo does not move: see that the shaft is not blocked")
-    called = steps_taken(monkeypatch, {"run_identify": error})
+    called = steps_taken(monkeypatch, {"identify": error})
     status, report = report_of(tmp_path, capsys)
     assert status == 4
-    assert called == ["run_identify", "run_delay"]
+    assert called == ["identify", "delay"]
     assert states(report) == {
         "doctor": "skipped",
         "identify": "failed",
@@ -272,15 +273,15 @@ def test_without_a_model_only_what_needs_none_goes_on(tmp_path, capsys, monkeypa
 
 def test_a_trip_ends_its_step_alone(tmp_path, capsys, monkeypatch):
     trip = ExperimentTrippedError("trip:overspeed", "too fast")
-    called = steps_taken(monkeypatch, {"run_delay": trip})
+    called = steps_taken(monkeypatch, {"delay": trip})
     status, report = report_of(tmp_path, capsys)
     assert status == 3
     assert states(report)["delay"] == "failed" and states(report)["sweep"] == "done"
-    assert called[-1] == "run_sweep"
+    assert called[-1] == "sweep"
     # What failed is tried again, what is done is not.
     again = steps_taken(monkeypatch, {"nothing": None})
     assert report_of(tmp_path, capsys)[0] == 0
-    assert again == ["run_delay"]
+    assert again == ["delay"]
 
 
 @pytest.mark.parametrize(
@@ -288,17 +289,17 @@ def test_a_trip_ends_its_step_alone(tmp_path, capsys, monkeypatch):
     [ServoLostError("it answers no more"), ExperimentTrippedError("trip:hardware_error", "hot")],
 )
 def test_nothing_moves_after_a_servo_was_lost(tmp_path, capsys, monkeypatch, error):
-    called = steps_taken(monkeypatch, {"run_delay": error})
+    called = steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
     assert status in (3, 4)
-    assert called == ["run_identify", "run_delay"]
+    assert called == ["identify", "delay"]
     assert states(report)["sweep"] == "skipped"
     assert (tmp_path / "config.yaml").exists(), "what was identified is kept"
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
 def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, error):
-    steps_taken(monkeypatch, {"run_delay": error})
+    steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
     assert status == 130 and report["interrupted"]
     assert states(report)["delay"] == "not taken"
@@ -306,11 +307,11 @@ def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, 
     assert (tmp_path / "report.html").exists()
     called = steps_taken(monkeypatch, {"nothing": None})
     assert report_of(tmp_path, capsys)[0] == 0
-    assert called == ["run_delay", "run_rendered", "run_sweep"]
+    assert called == ["delay", "rendered", "sweep"]
 
 
 def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, monkeypatch):
-    steps_taken(monkeypatch, {"run_rendered": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"rendered": KeyboardInterrupt()})
     assert call("commission", *SIMULATED, "--out", tmp_path) == 130
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("INCOMPLETE, without rendered, sweep: simulated can hold a wall of")
@@ -321,7 +322,7 @@ def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, 
 
 
 def test_a_servo_that_was_not_identified_is_headlined_not_measured(tmp_path, capsys, monkeypatch):
-    steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
+    steps_taken(monkeypatch, {"identify": UnidentifiableError("stuck")})
     assert call("commission", *SIMULATED, "--out", tmp_path) == 4
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("NOT MEASURED: simulated was not identified; by the belief of its")
@@ -334,7 +335,7 @@ def test_where_nothing_was_measured_no_folder_is_left(tmp_path, capsys, monkeypa
     if there:
         folder.mkdir()
         (folder / "mine.txt").write_text("mine")
-    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"identify": KeyboardInterrupt()})
     status, report = report_of(folder, capsys)
     assert status == 130
     assert (report["status"], report["report"]) == ("not measured", None)
@@ -349,18 +350,18 @@ def test_an_interruption_leaves_what_an_earlier_commissioning_measured(
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys)
     before = sorted(path.name for path in tmp_path.iterdir())
-    steps_taken(monkeypatch, {"run_identify": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"identify": KeyboardInterrupt()})
     assert report_of(tmp_path, capsys, *SIMULATED, "--set=wall.stiffness=3", "--fresh")[0] == 130
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
 def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkeypatch):
     """A delay that was measured beside a belief is measured again beside what is identified."""
-    steps_taken(monkeypatch, {"run_identify": UnidentifiableError("stuck")})
+    steps_taken(monkeypatch, {"identify": UnidentifiableError("stuck")})
     report_of(tmp_path, capsys)
     called = steps_taken(monkeypatch, {"nothing": None})
     assert report_of(tmp_path, capsys)[0] == 0
-    assert called == ["run_identify", "run_delay", "run_rendered", "run_sweep"]
+    assert called == ["identify", "delay", "rendered", "sweep"]
 
 
 def test_another_model_undoes_what_was_measured_beside_the_one_before(
@@ -370,7 +371,7 @@ def test_another_model_undoes_what_was_measured_beside_the_one_before(
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys, *REAL, "--yes")
     (tmp_path / "identify.json").unlink()
-    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"delay": KeyboardInterrupt()})
     assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 130
     called = steps_taken(monkeypatch, {"nothing": None})
     assert call("commission", *REAL, "--out", tmp_path) == 2
@@ -381,9 +382,9 @@ def test_another_model_undoes_what_was_measured_beside_the_one_before(
 def test_an_interruption_takes_nothing_of_what_was_measured_from_the_report(
     tmp_path, capsys, monkeypatch
 ):
-    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"delay": KeyboardInterrupt()})
     report_of(tmp_path, capsys, *REAL, "--yes")
-    steps_taken(monkeypatch, {"run_doctor": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"doctor": KeyboardInterrupt()})
     status, report = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 130
     assert states(report)["identify"] == "done"
@@ -397,7 +398,7 @@ def test_fresh_begins_anew(tmp_path, capsys, monkeypatch):
     called = steps_taken(monkeypatch, {"nothing": None})
     words = [*SIMULATED, "--set=wall.stiffness=3", "--fresh"]
     assert report_of(tmp_path, capsys, *words)[0] == 0
-    assert called == ["run_identify", "run_delay", "run_rendered", "run_sweep"]
+    assert called == ["identify", "delay", "rendered", "sweep"]
 
 
 def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
@@ -454,7 +455,7 @@ def doctor_data(name, **more):
 def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, capsys, monkeypatch):
     called = steps_taken(monkeypatch, {"nothing": None})
     wrong = doctor_data("direction", fatal=["direction"])
-    monkeypatch.setattr(steps, "run_doctor", lambda _bench: Measured(wrong))
+    monkeypatch.setitem(steps.RUN, "doctor", lambda _bench: Measured(wrong))
     status, report = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 1
     assert called == []
@@ -463,9 +464,9 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, caps
 
 
 def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, monkeypatch):
-    real = steps.run_doctor
+    real = steps.RUN["doctor"]
     called = steps_taken(monkeypatch, {"nothing": None})
-    monkeypatch.setattr(steps, "run_doctor", real)
+    monkeypatch.setitem(steps.RUN, "doctor", real)
     status, report = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 4
     assert called == []
@@ -475,19 +476,19 @@ def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, 
 def test_what_costs_only_stiffness_is_told_and_does_not_end_it(tmp_path, capsys, monkeypatch):
     called = steps_taken(monkeypatch, {"nothing": None})
     found = doctor_data("return delay", fatal=[])
-    monkeypatch.setattr(steps, "run_doctor", lambda _: Measured(found))
+    monkeypatch.setitem(steps.RUN, "doctor", lambda _: Measured(found))
     status, _ = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 0
-    assert called[-1] == "run_sweep"
+    assert called[-1] == "sweep"
     assert "return delay" in (tmp_path / "report.html").read_text()
 
 
 def test_who_moves_a_servo_again_looks_at_it_again(tmp_path, capsys, monkeypatch):
-    steps_taken(monkeypatch, {"run_sweep": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"sweep": KeyboardInterrupt()})
     assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 130
     called = steps_taken(monkeypatch, {"nothing": None})
     assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 0
-    assert called == ["run_doctor", "run_sweep"]
+    assert called == ["doctor", "sweep"]
 
 
 def test_the_plan_moves_nothing(tmp_path, capsys, monkeypatch):
@@ -505,7 +506,7 @@ def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(
         assert call("commission", *SIMULATED, "--plan", *words) == 0
         return capsys.readouterr().out
 
-    steps_taken(monkeypatch, {"run_delay": KeyboardInterrupt()})
+    steps_taken(monkeypatch, {"delay": KeyboardInterrupt()})
     new, begun = tmp_path / "new", tmp_path / "begun"
     assert "kept" not in planned("--out", new) and not new.exists()
     report_of(begun, capsys)
@@ -530,13 +531,13 @@ def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
         return Measured(delay_data(_bench))
 
     steps_taken(monkeypatch, {"nothing": None})
-    monkeypatch.setattr(steps, "run_delay", looks)
+    monkeypatch.setitem(steps.RUN, "delay", looks)
     config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
     store = CommissionStore(tmp_path, settings_of(config, 0.6), "it", json.dumps, False)
     assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
 
 
-def fails(_path):
+def fails(*_given):
     raise RuntimeError("no font")
 
 
@@ -545,13 +546,13 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
 ):
     steps_taken(monkeypatch, {"nothing": None})
 
-    def measured(bench):
-        return Measured(delay_data(bench), lambda path: (kept(), fails(path)))
-
-    def kept():
+    def kept(_found, name, path):
         assert json.loads((tmp_path / "delay.json").read_text())["state"] == "done"
+        assert name == "simulated" and path.parent == tmp_path
+        fails()
 
-    monkeypatch.setattr(steps, "run_delay", measured)
+    monkeypatch.setitem(steps.RUN, "delay", lambda bench: Measured(delay_data(bench), (None,)))
+    monkeypatch.setitem(picture.PLOTS, "delay", kept)
     monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: fails(path))
     assert call("commission", *SIMULATED, "--out", tmp_path, "--json") == 0
     answer, told = capsys.readouterr()
@@ -564,11 +565,12 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
 def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
     tmp_path, capsys, monkeypatch
 ):
-    def interrupts(_path):
+    def interrupts(*_given):
         raise KeyboardInterrupt
 
     steps_taken(monkeypatch, {"nothing": None})
-    monkeypatch.setattr(steps, "run_delay", lambda b: Measured(delay_data(b), interrupts))
+    monkeypatch.setitem(steps.RUN, "delay", lambda bench: Measured(delay_data(bench), (None,)))
+    monkeypatch.setitem(picture.PLOTS, "delay", interrupts)
     status, report = report_of(tmp_path, capsys)
     assert status == 130
     assert states(report)["delay"] == "done" and states(report)["rendered"] == "not taken"

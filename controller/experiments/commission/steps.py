@@ -5,19 +5,19 @@ Its picture is drawn by whoever has kept the data: a drawing that fails must not
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from haptic_wall.controller.commission.found import picture_name
-from haptic_wall.controller.commission.outcome import Step
-from haptic_wall.controller.commission.plan import BURSTS, DELAY_STEPS
-from haptic_wall.controller.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
-from haptic_wall.controller.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.commission.found import picture_name
+from haptic_wall.controller.experiments.commission.outcome import Step
+from haptic_wall.controller.experiments.commission.plan import BURSTS, DELAY_STEPS
+from haptic_wall.controller.experiments.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
+from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.identification import identify
 from haptic_wall.controller.experiments.identified_config import identified_config
 from haptic_wall.controller.experiments.identify_text import report as identify_report
@@ -29,15 +29,12 @@ from haptic_wall.controller.experiments.sweep_plan import Setting
 from haptic_wall.controller.experiments.sweep_result import PointResult
 from haptic_wall.controller.experiments.sweep_store import Asked, SweepStore
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
-from haptic_wall.controller.report.delay import plot_delay
-from haptic_wall.controller.report.identify import plot_identification
-from haptic_wall.controller.report.rendered import plot_rendering
-from haptic_wall.controller.report.sweep import plot_sweep
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 
 Tell = Callable[[str], None]
-Draw = Callable[[Path], None]
+Plot = Callable[..., None]
+"""Draws what a step hands it, then the configuration's name as the title, as PNG to a path"""
 
 _HARMLESS = frozenset(
     {
@@ -69,6 +66,8 @@ class Bench:
     """How far the shaft may come while it is identified [rad]"""
     store: CommissionStore
     tell: Tell
+    plots: Mapping[Step, Plot] = field(default_factory=dict)
+    """What draws each step's picture; a step that is missing has none"""
 
     @property
     def logs(self) -> Path:
@@ -84,8 +83,8 @@ class Measured(NamedTuple):
     """What a step has found."""
 
     data: dict[str, Any]
-    draw: Draw | None = None
-    """Draws its picture as PNG; None: it has none"""
+    shown: tuple[Any, ...] = ()
+    """What its plot is handed; empty: nothing is drawn"""
 
 
 def run_doctor(bench: Bench) -> Measured:
@@ -115,10 +114,7 @@ def run_identify(bench: Bench) -> Measured:
     found = identify(bench.config, bench.logs, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
     bench.store.keep_config(text)
-    return Measured(
-        {**identify_report(found), "config_text": text},
-        lambda path: plot_identification(found, bench.name, path),
-    )
+    return Measured({**identify_report(found), "config_text": text}, (found,))
 
 
 def identified(text: str, config: Config) -> Config:
@@ -152,16 +148,13 @@ def run_delay(bench: Bench) -> Measured:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
     found = measure_delay(config, bench.logs, DELAY_STEPS, BURSTS, 0, bench.tell)
-    return Measured(
-        delay_report(found, config.period_s, config.belief().delay.high),
-        lambda path: plot_delay(found, bench.name, path),
-    )
+    return Measured(delay_report(found, config.period_s, config.belief().delay.high), (found,))
 
 
 def run_rendered(bench: Bench) -> Measured:
     """Measure what is rendered of the configured wall."""
     found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
-    return Measured(rendering_report(found), lambda path: plot_rendering(found, bench.name, path))
+    return Measured(rendering_report(found), (found,))
 
 
 def run_sweep(bench: Bench) -> Measured:
@@ -190,7 +183,14 @@ def run_sweep(bench: Bench) -> Measured:
     if not finished:
         raise ExperimentInterruptedError(f"interrupted; {len(store.done)} points are kept")
     store.write()
-    return Measured(
-        store.report(bench.name),
-        lambda path: plot_sweep(store.points(), Device.of(config), bench.name, path),
-    )
+    return Measured(store.report(bench.name), (store.points(), Device.of(config)))
+
+
+RUN: dict[Step, Callable[[Bench], Measured]] = {
+    "doctor": run_doctor,
+    "identify": run_identify,
+    "delay": run_delay,
+    "rendered": run_rendered,
+    "sweep": run_sweep,
+}
+"""What takes each step"""

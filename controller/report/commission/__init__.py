@@ -1,0 +1,1 @@
+"""A commissioning in words, pictures and one page."""

@@ -1,0 +1,35 @@
+"""HTML pages that need no other file: a template filled in, with its pictures embedded."""
+
+from __future__ import annotations
+
+import base64
+from importlib.resources import files
+from typing import Any
+
+
+def filled_in(package: str, **values: Any) -> str:  # noqa: ANN401 - whatever the template shows
+    """The text of a page: the template ``page.html.j2`` of a package with its values.
+
+    Args:
+        package: The package that the template lies in.
+        values: By the names that the template knows them by; text is escaped.
+
+    Raises:
+        jinja2.UndefinedError: The template names a value that is not given.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    source = files(package).joinpath("page.html.j2").read_text(encoding="utf-8")
+    return environment.from_string(source).render(**values)
+
+
+def embedded(png: bytes) -> str:
+    """A picture as the address that a page shows it by.
+
+    Args:
+        png: The PNG file's content.
+    """
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
