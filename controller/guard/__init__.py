@@ -1,1 +1,1 @@
-"""The guard: which stiffness and damping are stable for what is believed of the servo."""
+"""Decides which stiffness and damping may be commanded, from the believed servo values."""

@@ -1,4 +1,4 @@
-"""Belief of the controller about the servo, with bounds; apart from the servo's truth."""
+"""The believed servo values, each with bounds; kept apart from the true (simulated) values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A believed value and the range the truth is believed to lie in: low <= value <= high."""
+    """A believed value with its bounds: low <= value <= high."""
 
     value: float
     low: float
@@ -15,13 +15,13 @@ class Bounded:
 
     @classmethod
     def exactly(cls, value: float) -> Bounded:
-        """A value believed without doubt."""
+        """Return a value whose bounds coincide with it."""
         return cls(value, value, value)
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """The servo as the controller believes it to be."""
+    """The servo parameters as the controller believes them to be."""
 
     inertia: Bounded
     """[kg·m²]"""
@@ -30,12 +30,12 @@ class Belief:
     coulomb: Bounded
     """Coulomb friction [N·m]; the guard counts it as zero, reports name it"""
     delay: Bounded
-    """From a torque being sent to its action [s]: the device's own lag"""
+    """The device's own lag [s]: from sending a torque until it acts"""
     torque_gain: Bounded
-    """Torque that acts per torque commanded [1]"""
+    """Ratio of the acting torque to the commanded torque [1]"""
 
     @property
     def is_known(self) -> bool:
-        """Whether all that the guard counts with is known exactly."""
+        """Whether every parameter that the guard uses has coinciding bounds."""
         counted = (self.inertia, self.damping, self.delay, self.torque_gain)
         return all(each.low == each.high for each in counted)

@@ -1,4 +1,4 @@
-"""The limits of a servo in its loop over the virtual damping, for ``haptic-wall boundary``."""
+"""Limits of a servo and its loop as functions of the virtual damping (``haptic-wall boundary``)."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from haptic_wall.controller.theory.checks import FloatArray
 WallSide = Literal["one", "both"]
 
 EVERY_DAMPING = GuardSettings(mode="off")
-"""No damping is cut: what is asked for is evaluated."""
+"""Guard settings that evaluate every damping as asked, without clamping it."""
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A servo in a loop, whose limits are asked for."""
+    """The servo and the loop whose limits are computed."""
 
     situation: Situation
-    """With ranges where something is not known exactly. The delay is all of t_d."""
+    """Servo, with bounds where a value is uncertain, and loop; its delay is the whole t_d."""
     delay_parts: DelayParts
-    """What t_d at its longest is made of, as far as it is known"""
+    """The parts of the longest t_d, as far as they are known"""
     side: WallSide = "one"
     """``one``: the wall never pulls; ``both``: it also pulls"""
     velocity_samples: int = 1
 
     @property
     def request(self) -> Request:
-        """The wall as the guard is asked for it; its stiffness plays no part."""
+        """Return the wall to evaluate; its stiffness has no effect on the limits."""
         return Request(0.0, 0.0, "both" if self.side == "both" else "above", self.velocity_samples)
 
     def plants(self, count: int) -> Plants:
-        """The least safe corner of what is believed, ``count`` times."""
+        """Return the least safe corner of the belief, ``count`` times."""
         return Plants.at_corner(self.situation, np.zeros(count))
 
 
@@ -54,23 +54,23 @@ class Curve:
     passive: FloatArray
     """[N·m/rad]"""
     frequency: FloatArray
-    """Of the oscillation at the exact limit [Hz]; 0 where no stiffness is stable"""
+    """Frequency of the oscillation at the exact limit [Hz]; 0 where no stiffness is stable"""
 
     def smallest(self, side: WallSide) -> FloatArray:
-        """The smallest limit of a wall of that side [N·m/rad]; passivity is not counted."""
+        """Return the smallest limit for a wall of that side [N·m/rad], without the passive one."""
         found = replace(self.found, one_sided=None) if side == "both" else self.found
         return found.smallest()
 
 
 def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> Curve:
-    """The limits at each virtual damping.
+    """Compute the limits at each virtual damping.
 
     Args:
         question: The servo and its loop.
         virtual_damping: B, any sign [N·m·s/rad].
 
     Raises:
-        ValueError: Something is outside of its domain; the message names it.
+        ValueError: A value lies outside its domain; the message names it.
     """
     damping = np.asarray(virtual_damping, dtype=np.float64)
     p = question.plants(damping.size)
@@ -87,13 +87,13 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
 
 
 def ceiling(question: Question) -> float:
-    """Virtual damping above which no stiffness is stable [N·m·s/rad]."""
+    """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
     p, n = question.plants(1), question.velocity_samples
     return float((max_virtual_damping(p.inertia, p.damping, p.period, p.delay, n) / p.gain)[0])
 
 
 def highest(question: Question) -> dict[str, float]:
-    """The greatest stiffness that any virtual damping makes stable, two-sided."""
+    """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
     p, n = question.plants(1), question.velocity_samples
     top = peak(p.inertia, p.damping, p.period, p.delay, n)
     return {
@@ -104,6 +104,6 @@ def highest(question: Question) -> dict[str, float]:
 
 
 def default_dampings(question: Question) -> tuple[float, ...]:
-    """No virtual damping, and shares of the ceiling to 90 %, in two digits [N·m·s/rad]."""
+    """Return virtual dampings from zero to 90 % of the ceiling, in two digits [N·m·s/rad]."""
     top = ceiling(question)
     return tuple(float(f"{share * top:.2g}") for share in _DEFAULT_SHARES)

@@ -1,4 +1,4 @@
-"""The answer of ``haptic-wall boundary``: limits over the virtual damping, and what would help."""
+"""Assembles the answer of ``haptic-wall boundary``: limits, and the effect of improvements."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _CHANGES: tuple[Change, ...] = (
 
 
 def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:
-    """The whole answer as plain values.
+    """Return the whole answer as plain values.
 
     Args:
         question: The servo and its loop.
         virtual_damping: B of each point, at least one [N·m·s/rad].
 
     Raises:
-        ValueError: Something is outside of its domain; the message names it.
+        ValueError: A value lies outside its domain; the message names it.
     """
     points = curve(question, virtual_damping)
     answered = design(question, points)
@@ -87,11 +87,11 @@ def _settings(question: Question) -> dict[str, Any]:
 
 
 def design(question: Question, points: Curve) -> dict[str, Any]:
-    """Limit of the stiffest wall among the points, and what each improvement would buy.
+    """Return the limit of the stiffest wall among the points, and the effect of each improvement.
 
     Args:
         question: The servo and its loop.
-        points: The limits at the virtual dampings that are to choose from.
+        points: The limits at the candidate virtual dampings.
     """
     best = int(np.argmax(points.smallest(question.side)))
     damping = float(points.virtual_damping[best])
@@ -131,15 +131,15 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
 
 
 def unknown(question: Question, damping: float) -> dict[str, Any] | None:
-    """Stiffness guaranteed over all of the ranges, and what each of them costs; two-sided.
+    """Return the stiffness guaranteed over all bounds, and the cost of each bound; two-sided walls.
 
     Args:
         question: The servo and its loop.
         damping: Virtual damping [N·m·s/rad].
 
     Returns:
-        None where all is known, or where the servo may have no damping at all: then nothing can
-        be guaranteed.
+        None where every value is known exactly, or where the servo's own damping may be zero: then
+        no stiffness can be guaranteed.
     """
     belief = question.situation.belief
     known = {
@@ -177,12 +177,12 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
 
 
 def describe(improvement: Improvement, question: Question, damping: float) -> str:
-    """A change in a few words, with its numbers.
+    """Describe a change in a few words, with its numbers.
 
     Args:
         improvement: The change.
-        question: What it is an improvement of.
-        damping: Virtual damping as it is [N·m·s/rad].
+        question: The servo and loop that it improves.
+        damping: The present virtual damping [N·m·s/rad].
     """
     situation, parts = question.situation, question.delay_parts
     period, low = situation.period, situation.belief.damping.low

@@ -1,4 +1,4 @@
-"""Parts of a delay: which one is the largest, and how short that one might be."""
+"""Splits a delay into named parts, finds the largest, and estimates how short it could become."""
 
 from __future__ import annotations
 
@@ -6,51 +6,52 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 WIRE, ADAPTER, HOLD, SAMPLE_AGE = "wire", "adapter", "hold", "sample_age"
-"""Parts of the delay that are known here by name."""
+"""Names of the delay's parts."""
 SHORT_TIMER = 1e-3
-"""The shortest latency timer of common USB adapters that is safe to set [s]."""
+"""Shortest latency timer of common USB adapters that is safe to set [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class DelayParts:
-    """Parts of the total delay."""
+    """The total delay as named parts."""
 
     period: float
-    """[s]; half of it, the hold, counts as delay"""
+    """[s]; half of it, the zero-order hold, counts as delay"""
     named: Mapping[str, float]
     """The parts of t_d by name, each >= 0 [s]"""
 
     @property
     def delay(self) -> float:
-        """t_d: all but the hold [s]."""
+        """Return t_d, the delay without the hold [s]."""
         return sum(self.named.values())
 
     @property
     def total(self) -> float:
-        """Half a period for the hold, and t_d: what the damping is divided by [s]."""
+        """Return t_d and half a period for the hold [s]: the divisor of the linear limit."""
         return self.period / 2 + self.delay
 
     def sizes(self) -> dict[str, float]:
-        """Each part and the hold by name, largest first [s]."""
+        """Return each part and the hold by name, largest first [s]."""
         sizes = {**self.named, HOLD: self.period / 2}
         return dict(sorted(sizes.items(), key=lambda item: -item[1]))
 
     def largest(self) -> tuple[str, float]:
-        """Name and size [s] of the largest part, the hold counted."""
+        """Return name and size [s] of the largest part, the hold included."""
         return next(iter(self.sizes().items()))
 
     def with_part(self, name: str, size: float) -> DelayParts:
-        """The same with one part, or the hold, of another size [s]."""
+        """Return a copy in which one part, or the hold, has another size [s]."""
         if name == HOLD:
             return replace(self, period=2 * size)
         return replace(self, named={**self.named, name: size})
 
 
 def shorter(parts: DelayParts, slow_replies: bool) -> float:
-    """How much of its largest part a delay might do with [s].
+    """Estimate to which size the largest part of a delay could be reduced [s].
 
-    Half, of most; of a sample's age, where replies take several periods, a period and
-    ``SHORT_TIMER``: the age at most where the adapter has that one.
+    It is half of most parts. A sample's age, where replies take several periods, could be one
+    period
+    and ``SHORT_TIMER``: the greatest age with an adapter set to that timer.
 
     Args:
         parts: The delay.
@@ -63,5 +64,5 @@ def shorter(parts: DelayParts, slow_replies: bool) -> float:
 
 
 def ms(seconds: float) -> str:
-    """A time of this size as text: in milliseconds, three digits, nothing below a microsecond."""
+    """Format a time in milliseconds, with three digits and no more than microseconds."""
     return f"{round(1e3 * seconds, 3):.3g} ms"

@@ -1,8 +1,7 @@
-"""Find the limit of a wall, and what each improvement of servo, bus or wall would buy.
+"""Finds which limit binds a wall, and what each improvement of servo, bus or wall would allow.
 
-The one place that says so: the guard's reasons and ``haptic-wall boundary`` both ask here. Every
-answer is the limits evaluated anew with one thing changed, so improvements do not add up: with
-two of them at once another limit may bind.
+The guard's reasons and ``haptic-wall boundary`` both use this module. Each answer evaluates the
+limits anew with one change. Improvements do not add up: with two of them another limit may bind.
 """
 
 from __future__ import annotations
@@ -39,35 +38,35 @@ Change = Literal[
     "two_sided",
     "belief",
 ]
-"""``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``, the hold counted;
-``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud`` ``FAST_BAUD``;
-``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a wall that
-also pulls; ``belief`` the servo known to be as its believed values say."""
+"""Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
+the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
+``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
+wall that also pulls; ``belief`` the servo known exactly, at its believed values."""
 
 WORTH_NAMING = 1.02
-"""An improvement by less than this factor buys nothing: limits are found to about 1 %."""
+"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
 FAST_BAUD = 4_000_000
 FINER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Improvement:
-    """Effect of one change."""
+    """The limit after one change."""
 
     change: Change
     stiffness: float
-    """The smallest limit then [N·m/rad]"""
+    """The smallest limit after the change [N·m/rad]"""
     binding: str
     """The name of that limit"""
     damping: float
-    """Virtual damping then [N·m·s/rad]"""
+    """Virtual damping after the change [N·m·s/rad]"""
 
     def factor(self, now: float) -> float | None:
-        """How many times the stiffness ``now`` [N·m/rad] it allows; None where that is 0."""
+        """Return the new limit as a multiple of ``now`` [N·m/rad]; None where ``now`` is 0."""
         return self.stiffness / now if now > 0 else None
 
     def buys(self, now: float) -> bool:
-        """Whether it allows more than the stiffness ``now`` [N·m/rad] by more than 2 %."""
+        """Whether the new limit exceeds ``now`` [N·m/rad] by more than 2 %."""
         return self.stiffness > WORTH_NAMING * now
 
 
@@ -80,21 +79,22 @@ def improvements(
     changes: Sequence[Change],
     thorough: bool = False,
 ) -> list[list[Improvement]]:
-    """Compute what each change would allow, for each of several delays at once.
+    """Compute the limit after each change, for several delays at once.
 
     Args:
-        request: The wall that is asked for; its stiffness plays no part.
-        settings: How cautious the guard is; in mode ``off`` every B may be had.
+        request: The requested wall; its stiffness has no effect.
+        settings: The guard's settings; in mode ``off`` any B may be commanded.
         situation: The belief about the servo, the period, encoder and torque limit.
-        parts: What each delay, the device's own at its longest included, is made of.
-        found: The limits as they are, at the belief's corner, one per delay.
-        changes: What to try. What does not apply (an encoder where none is, a two-sided wall in
-            place of one, a baud rate without a part ``wire``) is left out of the answer.
+        parts: The parts of each delay, the device's own longest lag included.
+        found: The present limits, at the belief's corner, one per delay.
+        changes: Changes to try. The answer leaves out changes that do not apply (a finer encoder
+            where there is none, a two-sided wall in place of one, a baud rate without a part
+            ``wire``).
         thorough: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good
             one, in a fraction of the time.
 
     Returns:
-        The improvements for each delay, the greatest stiffness first.
+        The improvements for each delay, the highest stiffness first.
     """
     answers: list[list[Improvement]] = [[] for _ in parts]
     if not parts:
@@ -114,7 +114,7 @@ def improvements(
         asked.append(damping)
         tried.append(change)
     tolerance = 1e-4 if thorough else LOOKED_UP
-    # a servo that is known is one plant, any other change leaves the whole box to look at
+    # an exactly known servo is one plant; every other change needs the whole box
     for known in (True, False):
         some = [i for i, change in enumerate(tried) if (change == "belief") is known]
         if not some:
@@ -155,7 +155,7 @@ def _corner(situation: Situation, parts: Sequence[DelayParts]) -> Plants:
 
 
 def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) -> bool:
-    """Whether there is anything to change."""
+    """Whether the change is possible in this situation."""
     belief = situation.belief
     match change:
         case "belief":
@@ -175,7 +175,7 @@ def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) 
 def _changed(
     change: Change, corner: Plants, situation: Situation, parts: Sequence[DelayParts]
 ) -> Plants:
-    """The plants of the belief's corner with one change."""
+    """Return the plants of the belief's corner with one change."""
     match change:
         case "damping":
             return replace(corner, damping=2 * corner.damping)
@@ -184,7 +184,7 @@ def _changed(
         case "delay":
             return replace(corner, delay=corner.delay / 2)
         case "belief":
-            # at its longest the device's own delay is in the parts already
+            # the parts already include the device's own longest delay
             rest = np.maximum(corner.delay - situation.belief.delay.high, 0.0)
             return Plants.nominal(situation, rest)
         case "largest_part":
@@ -221,11 +221,11 @@ def _highest_damping(request: Request, settings: GuardSettings, plants: Plants) 
 def _promising_damping(
     request: Request, settings: GuardSettings, situation: Situation, plants: Plants
 ) -> FloatArray:
-    """A virtual damping at which much stiffness is allowed: not the best, but next to no work.
+    """Return a virtual damping that allows a high stiffness: not the best, but found at once.
 
-    The exact limit falls below the linear one about in proportion to the share of the ceiling,
-    and the one-sided limit below it once more by about the same. That guides the choice only:
-    what is allowed there is evaluated properly.
+    Relative to the linear limit, the exact limit falls about in proportion to the fraction of the
+    ceiling, and the one-sided limit falls below the exact one by about the same. This approximation
+    guides only the choice; the limits at the chosen damping are evaluated properly.
     """
     if settings.mode == "passive":
         return np.zeros_like(plants.damping)  # virtual damping costs passivity
@@ -247,13 +247,13 @@ def _promising_damping(
 
 
 _POINTS, _ROUNDS = 17, 6
-_WITHIN = 1e-4  # share of the range that is left out at both ends, where no stiffness is allowed
+_WITHIN = 1e-4  # fraction of the range left out at both ends, where no stiffness is allowed
 
 
 def _searched_damping(
     request: Request, settings: GuardSettings, situation: Situation, plants: Plants
 ) -> FloatArray:
-    """The virtual damping at which the most stiffness is allowed, to 1e-5 of its range."""
+    """Return the virtual damping with the highest limit, to 1e-5 of its range."""
     lowest = -plants.damping / plants.gain
     highest = _highest_damping(request, settings, plants)
     low, high = lowest * (1 - _WITHIN), highest * (1 - _WITHIN)

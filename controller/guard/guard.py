@@ -1,8 +1,9 @@
-"""Which stiffness and damping may be commanded: pure, off the tick, with the reason of each clamp.
+"""Decides which stiffness and damping may be commanded, with the reason of each clamp.
 
-Virtual damping first: at most a share of the ceiling above which no stiffness is stable. Then the
-stiffness: at most ``margin`` times the smallest limit at that damping. Both at the corner of the
-belief that is least safe: lowest inertia and damping, longest delay, highest torque gain.
+It is a pure computation outside the tick. It first limits the virtual damping to a fraction of the
+ceiling above which no stiffness is stable. It then limits the stiffness to ``margin`` times the
+smallest limit at that damping. Both use the least safe corner of the belief: lowest inertia and
+damping, longest delay, highest torque gain.
 """
 
 from __future__ import annotations
@@ -49,22 +50,23 @@ def decide(
     explained: bool = True,
     reduced: bool = False,
 ) -> list[Decision]:
-    """Decide what may be commanded, for each of several delays at once.
+    """Decide which stiffness and damping may be commanded, for several delays at once.
 
     Args:
-        request: The wall that is asked for.
-        settings: How cautious to be.
+        request: The requested wall.
+        settings: The guard's settings.
         situation: The belief about the servo, the period, and its limits.
-        delays: Inserted delay plus age of the sample, without the device's own lag, each >= 0 [s].
-        inserted: The inserted part of each of them [s]; only the reasons tell them apart.
-        explained: Give the reasons too, which takes several times as long.
-        reduced: Less than is decided is commanded, which the reasons then call allowed.
+        delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
+        inserted: The inserted part of each delay [s]; only the reasons use it.
+        explained: Also give the reasons, which takes several times as long.
+        reduced: Something else commands less than this decision; the reasons then say "allowed".
 
     Returns:
         One decision per delay, in order.
 
     Raises:
-        ValueError: The request or the situation is outside of its domain; the message names it.
+        ValueError: A value of the request or situation lies outside its domain; the message names
+            it.
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
     corner = Plants.at_corner(situation, before_device)
@@ -108,7 +110,7 @@ def _explained(
     found: Found,
     reduced: bool,
 ) -> list[Decision]:
-    """The decisions with their reasons, and what each remedy would allow in numbers."""
+    """Return the decisions with their reasons and the limit that each remedy would give."""
     parts = [
         DelayParts(
             situation.period,

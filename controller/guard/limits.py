@@ -1,7 +1,7 @@
-"""The guard's limits for many plants at once, in commanded units.
+"""Evaluates the guard's limits for many plants at once, in commanded units.
 
-What acts is the torque gain times what is commanded, so a limit is evaluated at ``gain * B`` and
-divided by the gain.
+The acting torque is the torque gain times the commanded torque. A limit is therefore evaluated at
+``gain * B`` and divided by the gain.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 
 LOOKED_UP = 0.05
-"""How far below what is computed the table of the one-sided limit may lie"""
+"""Largest fraction by which the table underestimates the one-sided limit."""
 
 CORNER_ALONE = 0.94
-"""Fraction of the one-sided limit at the corner that is counted where friction is light: the worst
-that a search found over the box is 0.943 (`scripts/belief_box`). The exact limit is counted as it
-is at the corner: the same search found 0.997 of it, 0.987 with velocities over several samples."""
+"""Fraction of the corner's one-sided limit that the guard uses where friction is light: the worst
+that a search found over the box is 0.943 (`scripts/belief_box`). The exact limit is used as it is
+at the corner: the same search found 0.997 of it, 0.987 with velocities over several samples."""
 BETWEEN_MEMBERS = 0.96
-"""What is taken of the one-sided limit's least over the evaluated members: between them the limit
-is up to 3 % lower (`scripts/belief_box` searches for more). 1 where the servo is known exactly."""
+"""Fraction of the least one-sided limit over the evaluated members that the guard uses: between the
+members the limit is up to 3 % lower (`scripts/belief_box` searches for more). 1 where the servo is
+known exactly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Damping and limits for each plant, in commanded units."""
+    """Permitted damping and stiffness limits of each plant, in commanded units."""
 
     ceiling: FloatArray
     damping: FloatArray
@@ -48,7 +49,7 @@ class Found:
     passive: FloatArray | None
 
     def limits(self, i: int) -> Limits:
-        """The limits of the plant at ``i``."""
+        """Return the limits of plant ``i``."""
 
         def at(values: FloatArray | None) -> float | None:
             return None if values is None else float(values[i])
@@ -56,7 +57,7 @@ class Found:
         return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
 
     def take(self, index: IntArray) -> Found:
-        """Select the results of the plants at ``index``."""
+        """Return the results of the plants at ``index``."""
 
         def at(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[index]
@@ -72,7 +73,7 @@ class Found:
         )
 
     def smallest(self) -> FloatArray:
-        """The smallest limit of each plant [N·m/rad]."""
+        """Return the smallest limit of each plant [N·m/rad]."""
         named = (getattr(self, f.name) for f in fields(Limits))
         least: FloatArray = np.min([values for values in named if values is not None], axis=0)
         return least
@@ -86,23 +87,24 @@ def evaluate(
     tolerance: float = 1e-4,
     asked: FloatArray | None = None,
 ) -> Found:
-    """Damping that may be commanded, and the limits of the stiffness at it.
+    """Compute the permitted damping and the stiffness limits at it.
 
     Args:
-        request: The wall that is asked for.
-        settings: How cautious to be; in mode ``off`` the damping is as asked.
+        request: The requested wall.
+        settings: The guard's settings; in mode ``off`` the damping is as requested.
         situation: The torque limit and the encoder step.
-        plants: What to evaluate.
+        plants: Plants to evaluate.
         tolerance: Wanted relative accuracy of the one-sided limit. With ``LOOKED_UP`` or more it
-            is taken from the table, on the safe side; with less, contacts are simulated.
-        asked: Virtual damping asked of each plant, where not the request's of all [N·m·s/rad].
+            comes from the table, on the safe side; with less, contacts are simulated.
+        asked: Requested virtual damping of each plant, where it differs from the request's
+            [N·m·s/rad].
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
     nothing_stable = max_virtual_damping(m, b, t, t_d, n)
     ceiling = nothing_stable / g
     if settings.mode == "passive":
-        # beyond it not even the damper alone is passive, for whole delays
+        # above it, for whole delays, even the damper alone is not passive
         ceiling = np.minimum(ceiling, b / g)
     damping = np.full_like(ceiling, request.damping) if asked is None else asked
     if settings.mode != "off":
@@ -138,16 +140,16 @@ def evaluate_box(
     tolerance: float = 1e-4,
     asked: FloatArray | None = None,
 ) -> Found:
-    """``evaluate`` with each limit the least over all that the belief admits.
+    """Compute the same as ``evaluate``, with each limit the least over the whole belief.
 
-    The damping that may be commanded comes from the corners, where the ceiling is least. At that
-    damping each limit is evaluated at members of the belief's box around each corner.
+    The permitted damping comes from the corners, where the ceiling is least. At that damping each
+    limit is evaluated at members of the belief's box around each corner.
 
     Args:
         request: As for ``evaluate``.
         settings: As for ``evaluate``.
         situation: As for ``evaluate``; its belief's bounds are the box.
-        corners: ``Plants.at_corner``, or corners with something changed.
+        corners: ``Plants.at_corner``, or changed corners.
         tolerance: As for ``evaluate``.
         asked: As for ``evaluate``, one for each corner.
     """
@@ -174,8 +176,8 @@ def evaluate_box(
 
 _MOST_EVALUATED = 64
 _evaluated: dict[tuple[object, ...], Found] = {}
-"""What has been evaluated, but for the quantisation: a servo that says only after its start what
-its torque limit is must not wait, with torque on, until all is evaluated anew."""
+"""Cached results, without the quantisation limit. A servo may report its torque limit only after
+its start, with torque on; that change alone must not cause a new evaluation."""
 
 
 def _evaluate_box(
@@ -186,7 +188,7 @@ def _evaluate_box(
     tolerance: float,
     asked: FloatArray | None,
 ) -> Found:
-    """``evaluate_box`` without what was evaluated before."""
+    """Compute ``evaluate_box`` without the cache."""
     at_corner = evaluate(request, settings, situation, corners, tolerance, asked)
     box = Box.of(situation)
     at_members = at_corner
@@ -220,10 +222,10 @@ def _evaluate_box(
 def passive_over_delays(
     request: Request, situation: Situation, corners: Plants, damping: FloatArray
 ) -> FloatArray:
-    """The passive limit, the least over the delays that the belief admits [N·m/rad].
+    """Return the least passive limit over the delays that the belief admits [N·m/rad].
 
     Args:
-        request: Only over how many samples it takes the velocity.
+        request: The wall; only its number of velocity samples is used.
         situation: The belief.
         corners: The corners, with the longest delay.
         damping: Commanded virtual damping at each [N·m·s/rad].
@@ -231,8 +233,8 @@ def passive_over_delays(
     lag, period = situation.belief.delay, situation.period
     longest = corners.delay
     shortest = np.maximum(longest - (lag.high - lag.low), 0.0)
-    # between whole periods it is highest somewhere in the middle, so it is least at a whole one or
-    # at the ends
+    # between two whole periods the limit has its maximum inside, so it is least at a whole period
+    # or at the ends of the range
     count = int((lag.high - lag.low) / period) + 2
     whole = np.ceil(shortest / corners.period)[:, None] + np.arange(count)
     delays = np.concatenate(
@@ -241,7 +243,7 @@ def passive_over_delays(
     delays = np.clip(delays, shortest[:, None], longest[:, None])
     rows = [corners.damping, corners.gain * damping, corners.period]
     every = np.stack([*(np.repeat(row, delays.shape[1]) for row in rows), delays.ravel()])
-    # whole delays are the same for many corners, and each takes half a millisecond
+    # many corners share the same whole delays, and each evaluation takes half a millisecond
     distinct, which = np.unique(every, axis=1, return_inverse=True)
     b, acting, t, t_d = distinct
     limits = passive_limit(b, acting, t, t_d, request.velocity_samples)[which.ravel()]
@@ -256,11 +258,11 @@ def quantisation_limit(
     damping: FloatArray,
     period: FloatArray,
 ) -> FloatArray | None:
-    """Stiffness at which one count commands ``quantisation_share`` of the torque limit.
+    """Return the stiffness at which one count commands ``quantisation_share`` of the torque limit.
 
     Args:
-        request: The wall; only over how many samples it takes the velocity.
-        settings: The share.
+        request: The wall; only its number of velocity samples is used.
+        settings: The fraction of the torque limit.
         situation: The torque limit and the encoder step.
         damping: Commanded virtual damping [N·m·s/rad].
         period: Of each plant [s].
@@ -278,10 +280,10 @@ def quantisation_limit(
 def unstable_nominally(
     request: Request, situation: Situation, before_device: FloatArray
 ) -> NDArray[np.bool_]:
-    """Whether what is asked is unstable for the belief without bounds and without friction.
+    """Whether the requested wall is unstable for the nominal belief without friction.
 
     Args:
-        request: The wall that is asked for.
+        request: The requested wall.
         situation: The belief.
         before_device: Delay without the device's own lag [s].
     """

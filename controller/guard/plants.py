@@ -1,11 +1,11 @@
-"""Plants to evaluate: the corner of what is believed of a servo, and members of the whole box.
+"""The plants to evaluate: the least safe corner of the belief, and members of its whole box.
 
 The damping ceiling and the linear limit are least at one corner: lowest inertia and damping,
-longest delay and period, highest torque gain. The others are not always: more inertia lowers the
-exact limit a little where there is little damping, a wall that never pulls meets the device at
-other phases when the inertia, the gain or the delay change, and a device with much viscous damping
-comes in faster than it is at the wall, so that more damping lowers the one-sided limit; with a
-shorter delay a wall can stop being passive. So those limits are the least over members of the box.
+longest delay and period, highest torque gain. The other limits may be lower elsewhere. More inertia
+lowers the exact limit a little where there is little damping. Inertia, gain and delay change the
+phases at which a one-sided wall meets the device. A device with much viscous damping enters faster
+than it moves at the wall, so that more damping lowers the one-sided limit. A wall may lose its
+passivity at a shorter delay. These limits are therefore the least over members of the box.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 LIGHT = 0.1
-"""Largest b T / m at which the least damping is the least safe; also what the table reaches."""
+"""Largest b T / m at which the least damping is the least safe; the table also ends there."""
 _INERTIAS: tuple[float, ...] = (1.0, 1.03, 1.07, 1.12, 1.2, 1.5)
 _DAMPINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Plants:
-    """Plants to evaluate, arrays of one length."""
+    """Plants to evaluate, as arrays of one length."""
 
     inertia: FloatArray
     damping: FloatArray
@@ -38,7 +38,7 @@ class Plants:
 
     @classmethod
     def at_corner(cls, situation: Situation, before_device: FloatArray) -> Plants:
-        """The corner of the belief where the ceiling and the linear limit are least.
+        """Return the corner of the belief where the ceiling and the linear limit are least.
 
         Args:
             situation: The belief and the period.
@@ -56,7 +56,7 @@ class Plants:
 
     @classmethod
     def nominal(cls, situation: Situation, before_device: FloatArray) -> Plants:
-        """The belief without its bounds.
+        """Return the plants of the nominal values, without bounds.
 
         Args:
             situation: The belief and the period.
@@ -73,11 +73,11 @@ class Plants:
         )
 
     def take(self, index: IntArray) -> Plants:
-        """The plants at ``index``."""
+        """Return the plants at ``index``."""
         return Plants(*(getattr(self, f.name)[index] for f in fields(self)))
 
     def followed_by(self, *others: Plants) -> Plants:
-        """These plants, then the others."""
+        """Return these plants and then the others, in one set."""
         return Plants(
             *(
                 np.concatenate([getattr(each, f.name) for each in (self, *others)])
@@ -88,9 +88,10 @@ class Plants:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """The members that are evaluated for each corner, the corner itself first; flat arrays.
+    """The members to evaluate around each corner, the corner first; flat arrays.
 
-    All have the corner's delay: over random boxes a shorter one lowers no limit but the passive.
+    All members have the corner's delay: over random boxes a shorter delay lowers only the passive
+    limit.
     """
 
     inertia: FloatArray
@@ -102,10 +103,11 @@ class Box:
 
     @classmethod
     def of(cls, situation: Situation) -> Box:
-        """Members of a belief's box: the corner alone where there is little friction.
+        """Return the members of a belief's box: the corner alone where friction is light.
 
-        There the least over the box lies so close below the corner that a factor covers it
-        (``limits.CORNER_ALONE``); searching it at each start would take a second.
+        With light friction the least limit over the box lies so close below the corner's that a
+        factor
+        covers it (``limits.CORNER_ALONE``); a search at each start would take a second.
 
         Args:
             situation: The belief and the period.
@@ -121,11 +123,11 @@ class Box:
 
     @property
     def size(self) -> int:
-        """How many members for each corner."""
+        """Return the number of members for each corner."""
         return self.inertia.size
 
     def around(self, corners: Plants) -> Plants:
-        """The members of each corner, one corner's after the other's."""
+        """Return the members of all corners, corner after corner."""
 
         def each(values: FloatArray) -> FloatArray:
             return np.repeat(values, self.size)
@@ -143,12 +145,12 @@ class Box:
 
 
 def _within(factors: Sequence[float], most: float) -> FloatArray:
-    """The factors below the greatest, and the greatest."""
+    """Return the factors below ``most``, then ``most``."""
     return np.array([*(each for each in factors if each < most), most])
 
 
 def _more_damping(belief: Belief) -> FloatArray:
-    """What the damping of members is above the lowest [N·m·s/rad]."""
+    """Return by how much the damping of each member exceeds the lowest [N·m·s/rad]."""
     low, high = belief.damping.low, belief.damping.high
     if not low < high:
         return np.zeros(1)
@@ -157,6 +159,6 @@ def _more_damping(belief: Belief) -> FloatArray:
 
 
 def is_heavy(situation: Situation) -> bool:
-    """Whether friction may be so strong that more of it can lower the one-sided limit."""
+    """Whether friction may be so strong that more of it lowers the one-sided limit."""
     belief = situation.belief
     return belief.damping.high * situation.period > LIGHT * belief.inertia.low

@@ -1,4 +1,4 @@
-"""The guard's reasons as sentences: what was asked, what is commanded, why, and what helps."""
+"""Writes the guard's reasons as sentences: request, command, binding limit, remedies."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ REMEDIES: tuple[Change, ...] = (
     "encoder",
     "two_sided",
 )
-"""What is tried where the stiffness is bound."""
+"""Changes that are tried where the stiffness is bound."""
 
 _SENTENCES = 4
-"""As many as one reads; of the remedies the best are kept, two at least."""
+"""Largest number of sentences; the best remedies are kept, at least two."""
 
 
 def explain(
@@ -46,15 +46,15 @@ def explain(
     remedies: Sequence[Improvement],
     reduced: bool = False,
 ) -> tuple[str, ...]:
-    """Sentences for a person, in order of importance; none where all that was asked is commanded.
+    """Return sentences for a person, most important first; none where nothing was clamped.
 
     Args:
         decision: The decision to explain.
         settings: The guard's settings.
-        situation: What the wall is rendered on.
-        parts: What its delay is made of.
-        remedies: What the changes would allow, the best first; empty where K is not bound.
-        reduced: Something else than the guard commands less.
+        situation: The servo and loop that render the wall.
+        parts: The parts of the delay.
+        remedies: The improvements, the best first; empty where K is not bound.
+        reduced: Something other than the guard commands less.
     """
     if settings.mode == "off":
         return _off(decision)

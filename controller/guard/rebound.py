@@ -1,4 +1,4 @@
-"""Between which speeds a one-sided wall is guaranteed to return no device faster than it came."""
+"""Finds the speeds of entry at which a one-sided wall returns no device faster than it came."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from haptic_wall.controller.theory.rebound import (
 
 @dataclass(frozen=True, slots=True)
 class Rebound:
-    """The speeds of entry for which the promise of the one-sided limit holds."""
+    """The range of entry speeds in which the promise of the one-sided limit holds."""
 
     lowest: float | None
-    """Below it encoder counts may throw the device back faster [rad/s]; None: at no speed, or the
-    wall is two-sided and promises nothing of the kind"""
+    """Below this speed encoder counts may return the device faster than it came [rad/s]. None: the
+    promise holds at no speed, or the wall is two-sided and promises none."""
     highest: float | None
-    """Above it the torque may saturate during the contact [rad/s]; 0: nothing is promised at any
-    speed; None: the wall is two-sided"""
+    """Above this speed the torque may saturate during the contact [rad/s]. 0: the promise holds at
+    no speed; None: the wall is two-sided."""
 
     def report(self) -> dict[str, float | None]:
-        """Both, by their names in the report."""
+        """Return both speeds under their names in the report."""
         return {"rebound_speed": self.lowest, "rebound_speed_high": self.highest}
 
 
@@ -46,10 +46,10 @@ def rebound(
     delay: float,
     torque_limit: float | None = None,
 ) -> Rebound:
-    """The speeds for what is commanded, over all servos that the belief admits.
+    """Compute the speeds for the commanded wall, over all servos that the belief admits.
 
-    The low end counts with the least Coulomb friction that is believed in and is found by
-    simulating contacts, a tenth of a second to a second of work; the high end is a formula.
+    The low end uses the least believed Coulomb friction. It is found by simulating contacts, which
+    takes 0.1 s to 1 s. The high end is a formula.
 
     Args:
         stiffness: Commanded K [N·m/rad].
@@ -57,9 +57,9 @@ def rebound(
         side: Of the wall.
         velocity_samples: N of the velocity difference.
         situation: The belief, the period, the encoder step.
-        delay: Total t_d, the device's own lag at its highest included [s].
-        torque_limit: What the torque is cut at [N·m]: the smaller of the servo's limit and a clip
-            of the wall's own. Default: the situation's.
+        delay: Total t_d, the device's own highest lag included [s].
+        torque_limit: Torque at which the command saturates [N·m]: the smaller of the servo's limit
+            and the wall's own clip. Default: the situation's.
     """
     if side == "both":
         return NOT_ONE_SIDED

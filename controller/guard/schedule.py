@@ -1,19 +1,21 @@
-"""The guard's gain schedule: decisions by sample age and by served interval, picked in the tick.
+"""The gain schedule: guard decisions in bins of sample age and served interval, picked in the tick.
 
-The guard's mathematics takes milliseconds to seconds, a tick has microseconds. So the decisions
-are computed before the start, for bins of the sample age and bins of the interval between the
-ticks that really happen, and the tick only picks the pair of bins.
+The guard's mathematics takes milliseconds to seconds; a tick has microseconds. The decisions are
+therefore computed before the start, for bins of the sample age and bins of the interval between
+executed ticks. The tick only picks the pair of bins.
 
-The interval counts as the sampling period of the theory. Over a block of ``RUN_S`` it is
-``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With an age a
-the mean age of the torque that acts is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
-ticks and ticks whose reading failed lengthen D. Ticks in which no reply is due yet do not: they
-raise the age.
+The interval takes the place of the sampling period in the theory. Over a block of ``RUN_S`` it is
+``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With a sample
+age
+a, the mean age of the acting torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
+ticks and failed readings lengthen D. A tick in which no reply is due yet does not: it raises the
+age.
 
-Each of the two is smoothed by the same rule. Over a window, a high percentile picks the bin. A run
-above the bin lowers the gains at once, without waiting for the window; a single hiccup does
-neither. Going back takes ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact
-or at the surface, because raising K at a penetration x puts the energy ΔK x²/2 into the spring.
+The same rule smooths both. A high percentile over a window picks the bin. A run of observations
+above the bin lowers the gains at once, without waiting for the window; a single hiccup has no
+effect. Raising the gains needs ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of
+contact or at the surface, because raising K at penetration x puts the energy ΔK x²/2 into the
+spring.
 
 See docs/decisions/served-interval.md.
 """
@@ -29,40 +31,41 @@ if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import Decision
 
 RUN = 10
-"""The least number of ages in a row above the bin that lower at once."""
+"""Smallest number of consecutive ages above the bin that lowers the gains at once."""
 RUN_S = 0.05
-"""How long such a run is at high rates [s]: shorter ones are hiccups, in which not even a wall at
-twice its limit gets going (its oscillation grows by some per cent)."""
+"""Duration of such a run at high rates [s]. Shorter ones are hiccups: within them even a wall at
+twice its limit oscillates only a few per cent more."""
 SETTLE = 50
-"""Ages that are enough to begin with."""
+"""Number of ages that is enough to settle the schedule at the start."""
 RAISE_WINDOWS = 5
-"""Windows in a row that must allow a lower bin before it is taken."""
+"""Consecutive windows that must allow a lower bin before it is taken."""
 RUN_BLOCKS = 2
-"""Blocks in a row above the bin that lower at once: one stall lies in one block."""
+"""Consecutive blocks above the bin that lower the gains at once: one stall lies in one block."""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
-"""Served intervals that decisions are computed for [periods]."""
+"""Upper ends of the bins of the served interval [periods]."""
 IRREGULAR_CAP = 0.5
-"""Factor on ``guard.damping_cap`` in all bins but the first: damping near the ceiling of the
-weighted interval is above the ceiling of the longest ones, and some repeated patterns then grow at
-0.8 of the limit."""
+"""Factor on ``guard.damping_cap`` in all bins but the first. Damping near the ceiling of the
+weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
+at 0.8 of the limit."""
 LONGEST_NS = 60_000_000
-"""Longer intervals than this are left out, but for the first ``_LEAST`` [ns]."""
+"""Longer intervals are ignored, except the first ``_LEAST`` [ns]."""
 _LEAST = 7
 WITHIN = 1.05
-"""A bin also takes intervals up to this factor longer: jitter of 22 % of a period adds 5 %, one
-lost reading in fifty 4 %."""
+"""A bin also covers intervals longer by up to this factor: jitter of 22 % of a period adds 5 %, one
+lost reading in fifty adds 4 %."""
 
 
 def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
-    """Sample ages of the bins [ns]: fine where buses are quick, coarse where they are slow.
+    """Return the upper ends of the age bins [ns]: fine for quick buses, coarse for slow ones.
 
-    They reach to 20 ms and three periods, so that at low rates too a pipelined sample, a period
-    old, and the loss of the one after it are not counted as younger than they are. Where replies
-    take several periods it is three of their times.
+    They reach to 20 ms and three periods. At low rates this covers a pipelined sample, which is one
+    period old, and the loss of the next one. Where a reply takes several periods they reach to
+    three
+    reply times.
 
     Args:
         period_ns: The sampling period [ns].
-        reply_ns: How long replies take, where that is several periods [ns].
+        reply_ns: Time that a reply takes, where that is several periods [ns].
     """
     microseconds = [*range(0, 600, 10), *range(600, 2000, 100), *range(2000, 20_001, 1000)]
     microseconds += range(22_000, 3 * max(period_ns, reply_ns) // 1000 + 2000, 2000)
@@ -70,7 +73,7 @@ def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
 
 
 def interval_bins_ns(period_ns: int) -> list[int]:
-    """Served intervals of the bins [ns], the period first.
+    """Return the upper ends of the interval bins [ns], the period first.
 
     Args:
         period_ns: The sampling period [ns].
@@ -80,12 +83,12 @@ def interval_bins_ns(period_ns: int) -> list[int]:
 
 
 def inserted_delay(steps: int, period: float, interval: float) -> float:
-    """How long the delay ring delays where a tick happens once in ``interval`` [s].
+    """Return the delay of the ring where one tick happens per ``interval`` [s].
 
     A torque leaves the ring in the first tick that is at least ``steps`` periods later.
 
     Args:
-        steps: Periods that the ring counts.
+        steps: Length of the ring [periods].
         period: Of the grid [s].
         interval: From one executed tick to the next [s].
     """
@@ -93,14 +96,14 @@ def inserted_delay(steps: int, period: float, interval: float) -> float:
 
 
 class BinFilter:
-    """Picks one bin out of a sequence of observed ones: down at once on a run, up slowly.
+    """Picks one bin from a sequence of observed bins: lowers at once on a run, raises slowly.
 
     Args:
-        bins: How many there are.
-        percentile: Which percentile of a window must be covered [%].
+        bins: Number of bins.
+        percentile: Percentile of a window that the bin must cover [%].
         window: Observations in a window.
-        run: Observations in a row above the bin that lower at once.
-        settle: Observations that are enough for ``settle`` to take a lower bin.
+        run: Consecutive observations above the bin that lower the gains at once.
+        settle: Observations that ``settle`` needs before it takes a lower bin.
         spare: Observations that a window, however short, always leaves uncovered.
     """
 
@@ -136,7 +139,7 @@ class BinFilter:
         self.bin = 0
 
     def observe(self, found: int) -> None:
-        """Count one observation that belongs to the bin ``found``."""
+        """Count one observation in the bin ``found``."""
         self._counts[found] += 1
         self._seen += 1
         if found > self.bin:
@@ -150,13 +153,13 @@ class BinFilter:
             self._end_window()
 
     def take_raise(self) -> None:
-        """Take the lower bin that enough windows have allowed, if they have: the spring rests."""
+        """Take the lower bin if enough windows allowed it; call with an unloaded spring."""
         if self._raise_windows >= RAISE_WINDOWS and self._raise_bin < self.bin:
             self.bin = self._raise_bin
             self._raise_windows = 0
 
     def settle(self) -> None:
-        """Take the bin that the observations ask for, higher or lower, and start afresh."""
+        """Take the bin of the observations so far, higher or lower, and restart."""
         if self._seen:
             found = self._percentile_bin()
             self.bin = found if self._seen >= self._settle else max(found, self.bin)
@@ -164,7 +167,7 @@ class BinFilter:
         self._run = self._raise_windows = 0
 
     def _lower(self, found: int) -> None:
-        """Take a higher bin; what was counted toward leaving the one before is void."""
+        """Take a higher bin and discard the windows counted toward leaving the one before."""
         self.bin = found
         self._run = self._raise_windows = 0
 
@@ -194,16 +197,17 @@ class BinFilter:
 
 
 class GainSchedule:
-    """Picks the decision for the ages and the intervals it is shown.
+    """Picks the decision that holds for the observed ages and intervals.
 
     Args:
         decisions: For each interval one for each age: ``len(intervals_ns)`` rows of
             ``len(ages_ns)``.
-        ages_ns: The ages the decisions were made for [ns], rising.
-        intervals_ns: The intervals they were made for [ns], rising, the period first.
-        percentile: Which percentile of a window must be covered [%].
+        ages_ns: The ages of the decisions [ns], rising.
+        intervals_ns: The intervals of the decisions [ns], rising, the period first.
+        percentile: Percentile of a window that the bins must cover [%].
         window: Ticks in a window.
-        run: Ages in a row above the bin that lower at once, and periods in a block of intervals.
+        run: Consecutive ages above the bin that lower the gains at once; also the periods in a
+            block of intervals.
     """
 
     def __init__(
@@ -231,39 +235,40 @@ class GainSchedule:
         self.decision = decisions[0][0]
 
     def anew(self) -> GainSchedule:
-        """One for the same bins that has seen nothing."""
+        """Return a schedule with the same bins and no observations."""
         return GainSchedule(
             self._rows, self._ages, self._intervals, self._percentile, self._window, self._run
         )
 
     @property
     def decisions(self) -> list[Decision]:
-        """All of them; ``index`` counts in this order."""
+        """Return all decisions; ``index`` counts in this order."""
         return [each for row in self._rows for each in row]
 
     @property
     def index(self) -> int:
-        """Where the decision that holds stands in ``decisions``."""
+        """Return the index of the present decision in ``decisions``."""
         return self._interval.bin * (self._oldest + 1) + self._age.bin
 
     @property
     def age_ns(self) -> int:
-        """The sample age that the decision counts with [ns]."""
+        """Return the sample age of the present decision [ns]."""
         return self._ages[self._age.bin]
 
     @property
     def interval_ns(self) -> int:
-        """The interval that the decision counts as the period [ns]."""
+        """Return the interval that the present decision uses as the period [ns]."""
         return self._intervals[self._interval.bin]
 
     def observe(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
-        """Count one tick; whether another decision holds from now on.
+        """Count one tick; return whether the decision changed.
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
-            interval_ns: From the last tick whose reading did not fail to this one [ns]; 0: the
-                reading of this one failed, and the interval goes on.
-            may_raise: The wall's spring is at rest, so the stiffness may go up.
+            interval_ns: From the last tick with a reading to this one [ns]; 0: the reading of this
+                tick
+                failed, and the interval continues.
+            may_raise: The wall's spring is unloaded, so the stiffness may be raised.
         """
         age, interval = self._age, self._interval
         age.observe(min(bisect_left(self._ages, age_ns), self._oldest))
@@ -279,9 +284,9 @@ class GainSchedule:
         return self.decision is not before
 
     def settle(self) -> None:
-        """End the warm-up: take the bins it asks for, lower or higher, and start afresh.
+        """End the warm-up: take the bins that its observations ask for, and restart.
 
-        Fewer than ``SETTLE`` ages since the last window ended are no reason for a lower bin of it.
+        Fewer than ``SETTLE`` ages since the last window ended cannot cause a lower bin.
         """
         self._age.settle()
         self._interval.settle()

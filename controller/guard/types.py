@@ -1,4 +1,4 @@
-"""Questions to the guard, its knowledge, and its answers: plain values."""
+"""The guard's input and output as plain values: request, settings, situation, limits, decision."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Mode = Literal["stable", "passive", "off"]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """The wall that is asked for."""
+    """The requested wall."""
 
     stiffness: float
-    """K >= 0, as large as one likes [N·m/rad]"""
+    """K >= 0, without an upper end [N·m/rad]"""
     damping: float
     """Virtual damping B, any sign [N·m·s/rad]"""
     side: Side
@@ -33,15 +33,15 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class GuardSettings:
-    """How cautious the guard is."""
+    """Settings of the guard: mode, margin and fractions."""
 
     mode: Mode = "stable"
     margin: float = 0.8
-    """Share of the smallest limit that may be commanded, 0 < margin < 1"""
+    """Fraction of the smallest limit that may be commanded, 0 < margin < 1"""
     damping_cap: float = 0.7
-    """Share of the damping ceiling that may be commanded, 0 < cap < 1"""
+    """Fraction of the damping ceiling that may be commanded, 0 < cap < 1"""
     quantisation_share: float = 0.1
-    """Share of the torque limit that one encoder count may command"""
+    """Fraction of the torque limit that one encoder count may command"""
 
     def __post_init__(self) -> None:
         for name in ("margin", "damping_cap"):
@@ -54,18 +54,18 @@ class GuardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Servo and loop that the wall is rendered on."""
+    """The servo and the loop that render the wall."""
 
     belief: Belief
     period: float
-    """Sampling period, the longest to be expected [s]"""
+    """Sampling period, the longest expected [s]"""
     torque_limit: float
     """[N·m]"""
     position_step: float
     """Encoder step [rad]; 0: the position is not quantised"""
     slow_replies: bool = False
-    """A reply takes several periods, as it does where an adapter's latency timer is long; only the
-    reasons speak of it"""
+    """A reply takes several periods, as with a long latency timer of the adapter; only the reasons
+    use it"""
 
     def __post_init__(self) -> None:
         if not self.torque_limit > 0:
@@ -78,51 +78,53 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Stiffness limits at the commanded damping [N·m/rad]; None where one does not apply."""
+    """Stiffness limits at the commanded damping [N·m/rad]; None where a limit does not apply."""
 
     linear: float | None
     """(b + B) / (T/2 + t_d)"""
     exact: float | None
-    """The two-sided loop is stable below"""
+    """The two-sided loop is stable below it"""
     one_sided: float | None
-    """A wall that never pulls returns no device faster than it came; None when two-sided"""
+    """Below it a wall that never pulls returns no device faster than it came; None when two-sided
+    """
     quantisation: float | None
-    """One encoder count commands a small share of the torque limit; None without an encoder"""
+    """Below it one encoder count commands a small fraction of the torque limit; None without an
+    encoder"""
     passive: float | None
-    """Stable with any passive hand; None unless in mode ``passive``"""
+    """Below it the wall is stable with any passive hand; None unless in mode ``passive``"""
 
     def smallest(self) -> tuple[str, float]:
-        """Name and value of the smallest limit that applies."""
+        """Return name and value of the smallest limit that applies."""
         named = [(f.name, getattr(self, f.name)) for f in fields(self)]
         return min(((n, v) for n, v in named if v is not None), key=lambda pair: pair[1])
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Stiffness and damping that may be commanded at one delay, and why."""
+    """The stiffness and damping that may be commanded at one delay, with the reasons."""
 
     request: Request
     delay: float
-    """Total t_d that was counted, the device's own lag at its highest included [s]"""
+    """Total t_d that was used, the device's own highest lag included [s]"""
     period: float
-    """The sampling period that was counted: the interval that is really served [s]"""
+    """The sampling period that was used: the served interval [s]"""
     stiffness: float
     """Commanded K [N·m/rad]"""
     damping: float
     """Commanded B [N·m·s/rad]"""
     limits: Limits
     damping_ceiling: float
-    """Commanded damping above which the mode's promise holds for no stiffness [N·m·s/rad]"""
+    """Commanded damping above which no stiffness fulfils the mode's promise [N·m·s/rad]"""
     margin: float
     binding: str | None
-    """Name of the limit that bound K; None: none did"""
+    """Name of the limit that bound K; None: no limit did"""
     reasons: tuple[str, ...]
     only_friction: bool
-    """Without Coulomb friction this would be unstable for the nominal belief (mode off only)"""
+    """The nominal belief would be unstable without Coulomb friction (mode off only)"""
 
 
 def decision_report(decision: Decision) -> dict[str, object]:
-    """The decision for a JSON report: no NaN, no infinity, None for what does not apply."""
+    """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply."""
     return {
         "requested": {
             "stiffness": decision.request.stiffness,

@@ -1,1 +1,1 @@
-"""Laws that can be rendered, wall and program, and the parts that shape their torque."""
+"""Rendered laws (wall and program), and the parts that shape their torque."""

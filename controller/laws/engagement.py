@@ -1,9 +1,9 @@
 """Decides when the wall may come on around the shaft: never while its spring is loaded.
 
 A spring of stiffness K that appears around a shaft at penetration p holds K p²/2 at once, and gives
-it to the shaft: 0.05 J at K 10 and 0.1 rad, which is 2.9 rad/s of a servo with a horn. So the wall
-waits, without torque, until its elastic torque K |p| has stayed within a small torque for 50 ms.
-The same criterion holds for a stiffness that rises while the wall is on: ΔK |p|.
+it to the shaft: 0.05 J at K 10 and 0.1 rad, which accelerates a servo with a horn to 2.9 rad/s. The
+wall therefore waits, without torque, until its elastic torque K |p| has stayed small for 50 ms. The
+same criterion holds for a stiffness that rises while the wall is on: ΔK |p|.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from dataclasses import dataclass
 from haptic_wall.controller.laws.wall import Law
 
 MOST_TORQUE = 0.1
-"""Elastic torque that counts as no blow on any servo [N·m]: 1 N at the tip of a 10 cm horn"""
+"""Largest elastic torque at which any wall may come on [N·m]: 1 N at the tip of a 10 cm horn"""
 STALL_SHARE = 0.05
-"""The same as a fraction of the servo's stall torque, for small servos [1]"""
+"""The same limit as a fraction of the servo's stall torque, for small servos [1]"""
 LEAST_STEPS = 2.0
-"""Encoder steps within which a spring always counts as unloaded [1]: a reading may be off by one"""
+"""Encoder steps within which a spring always counts as unloaded [1]: a reading may be one step off
+"""
 REST_S = 0.05
 """How long the spring must stay unloaded before the wall comes on [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class EngageLimits:
-    """When a spring counts as unloaded."""
+    """The criterion for an unloaded spring."""
 
     torque: float
     """Largest elastic torque [N·m]"""
@@ -35,16 +36,16 @@ class EngageLimits:
     """Ticks for which the spring must stay unloaded, >= 1"""
 
     def room(self, stiffness: float) -> float:
-        """Largest penetration [rad] at which a spring of ``stiffness`` [N·m/rad] is unloaded."""
+        """Return the largest penetration [rad] that leaves a spring [N·m/rad] unloaded."""
         least = LEAST_STEPS * self.position_step
         return max(self.torque / stiffness, least) if stiffness > 0.0 else math.inf
 
 
 def engage_torque(asked: float | None, stall_torque: float) -> float:
-    """The elastic torque up to which a wall may come on [N·m].
+    """Return the elastic torque up to which a wall may come on [N·m].
 
     Args:
-        asked: ``safety.engage_torque`` [N·m]; None: taken from the servo.
+        asked: ``safety.engage_torque`` [N·m]; None: derived from the servo.
         stall_torque: Of the servo [N·m].
     """
     return min(MOST_TORQUE, STALL_SHARE * stall_torque) if asked is None else asked
@@ -54,9 +55,9 @@ class Engagement:
     """Decides, tick by tick, whether the wall may come on; O(1).
 
     Args:
-        limits: When a spring counts as unloaded.
-        start_room: Penetration up to which the wall may come on at the start, however much that
-            loads its spring [rad]; infinite: it comes on at once, wherever the shaft is.
+        limits: The criterion for an unloaded spring.
+        start_room: Penetration up to which the wall may come on at the start, whatever the load of
+            its spring [rad]; infinite: it comes on at once, wherever the shaft is.
     """
 
     __slots__ = ("_need", "_rested", "_start_room", "limits")
@@ -76,7 +77,7 @@ class Engagement:
         """Take the position of a tick in which the wall is off.
 
         Args:
-            stiffness: That would come on [N·m/rad].
+            stiffness: Stiffness that would come on [N·m/rad].
             penetration: Of the shaft [rad], signed; 0 outside a one-sided wall.
         """
         if self.may_rise(stiffness, penetration) or abs(penetration) <= self._start_room:
@@ -85,10 +86,10 @@ class Engagement:
             self._rested = 0
 
     def may_rise(self, rise: float, penetration: float) -> bool:
-        """Whether the stiffness may rise at once without a blow.
+        """Whether the stiffness may rise at once without loading the spring much.
 
         Args:
-            rise: By how much [N·m/rad].
+            rise: Increase of the stiffness [N·m/rad].
             penetration: Of the shaft [rad], signed; 0 outside a one-sided wall. NaN: no.
         """
         limits = self.limits
@@ -97,20 +98,20 @@ class Engagement:
         return rise * away <= limits.torque or away <= LEAST_STEPS * limits.position_step
 
     def restart(self) -> None:
-        """The wall went off: from now on it comes on again only after a rest."""
+        """Record that the wall went off; it comes on again only after a rest."""
         self._start_room = 0.0
         self._need = self.limits.periods
         self._rested = 0
 
 
 def place_text(position: float) -> str:
-    """A position [rad] in degrees and turns."""
+    """Format a position [rad] in degrees and turns."""
     degrees, turns = round(math.degrees(position), 1), round(position / math.tau, 2)
     return f"{degrees + 0.0:.1f}° ({turns + 0.0:.2f} turns)"  # + 0.0: never -0.0
 
 
 def start_text(law: Law, side: str, position: float) -> str:
-    """Where the wall and the shaft are before the wall comes on.
+    """Say where the wall and the shaft are before the wall comes on.
 
     Args:
         law: The wall.
@@ -129,15 +130,15 @@ def start_text(law: Law, side: str, position: float) -> str:
 def waiting_text(
     law: Law, side: str, position: float, stiffness: float, room: float, torque_limit: float
 ) -> str:
-    """Why the wall does not come on, where the shaft is, and where it must go.
+    """Say why the wall does not come on, where the shaft is, and where it must go.
 
     Args:
         law: The wall.
         side: Its side, as in the configuration.
         position: Of the shaft [rad].
-        stiffness: That would come on [N·m/rad].
+        stiffness: Stiffness that would come on [N·m/rad].
         room: Largest penetration at which it comes on [rad].
-        torque_limit: The most that the servo makes [N·m].
+        torque_limit: Largest torque of the servo [N·m].
     """
     away = position - law.position
     if not law.in_contact(position) or abs(away) <= room:

@@ -1,13 +1,13 @@
-"""Time-domain passivity control: damping put in where the wall gives more energy than it took.
+"""Time-domain passivity control: injects damping where the wall gives more energy than it took.
 
-The wall's balance is what it took from the motion, by the torque that really acted, less what its
-spring holds. A spring without delay takes and gives back: the balance stays. Sampling and delay
-make the wall give more than it took, and the balance falls below zero; then as much damping is
-put in as takes the deficit back. Energy taken earlier is not saved up: it would hide an hour of
-oscillation.
+The wall's balance is the energy that the acting torque took from the motion, less the energy stored
+in the spring. An undelayed spring returns all it took, and the balance stays constant. Sampling and
+delay make the wall return more; the balance falls below zero, and the control injects enough
+damping
+to recover the deficit. A positive balance is not saved up: it would hide an hour of oscillation.
 
 Source: Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE T-RA 18(1),
-2002: the series arrangement, with the spring's energy set apart and no credit.
+2002: the series arrangement, without the spring's energy and without credit.
 """
 
 from __future__ import annotations
@@ -15,22 +15,23 @@ from __future__ import annotations
 import math
 
 _SMOOTH = 0.2
-"""Share of a new velocity in the smoothed one: over some five samples."""
+"""Weight of a new velocity in the smoothed one: a mean over about five samples."""
 
 
 class PassivityControl:
-    """Injected damping, sample by sample; plain floats, O(1).
+    """Computes the injected damping, sample by sample; plain floats, O(1).
 
     Args:
         period: T [s].
-        slowest: Below this speed the deficit is taken back as if it moved this fast [rad/s];
-            without it a standstill would ask for endless damping.
+        slowest: Lower limit of the speed in the computation [rad/s]; without it a standstill would
+            ask for infinite damping.
 
     Attributes:
-        cap: Largest damping injected [N·m·s/rad]: beyond the peak of the boundary more would lower
+        cap: Largest injected damping [N·m·s/rad]: more, beyond the peak of the boundary, would
+            lower
             the critical stiffness. May be changed at any time.
-        injected: Damping to be added to the wall's now [N·m·s/rad].
-        balance: Energy the wall took and did not store or give back [J]; never above 0.
+        injected: Damping to add to the wall's now [N·m·s/rad].
+        balance: Energy the wall took and neither stored nor returned [J]; never above 0.
     """
 
     __slots__ = (
@@ -57,14 +58,14 @@ class PassivityControl:
     def update(
         self, position: float, penetration: float, stiffness: float, torque: float, periods: int
     ) -> float:
-        """Take a sample; the damping to be added from now on [N·m·s/rad].
+        """Take a sample; return the damping to add from now on [N·m·s/rad].
 
         Args:
             position: [rad]
             penetration: Of the spring, signed; 0 out of contact [rad].
-            stiffness: In force [N·m/rad].
-            torque: Mean torque that acted since the sample before [N·m].
-            periods: From the sample before to this one, >= 1.
+            stiffness: Present stiffness [N·m/rad].
+            torque: Mean torque that acted since the last sample [N·m].
+            periods: From the last sample to this one, >= 1.
         """
         moved = position - self._last
         self._last = position

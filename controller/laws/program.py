@@ -1,8 +1,9 @@
-"""Program of an experiment, phase after phase, in place of the guarded wall.
+"""Renders the program of an experiment, phase after phase, in place of the guarded wall.
 
-A phase is a spring and a damper about a centre that may travel, and a torque beside them: enough
-to move the shaft somewhere and hold it, to let it go at a wall, to shake it and to let it coast.
-It ends by its time, or before, when the shaft has come too far or has come to rest.
+A phase is a spring and a damper about a centre that may travel, and an additional torque. Phases
+can move the shaft and hold it, release it at a wall, excite it, and let it coast. A phase ends
+after
+its time, or earlier when the shaft has gone too far or has come to rest.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ Wave = Literal["constant", "sine"]
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """One part of a program; positions count from where the shaft was when the program began.
+    """One part of a program; positions count from the shaft's position when the program began.
 
     Attributes:
-        seconds: How long it lasts at most, in executed periods [s].
+        seconds: Longest duration, in executed periods [s].
         stiffness: Of the spring about the centre [N·m/rad].
         damping: Of the damper on the estimated velocity [N·m·s/rad].
-        center: Where the centre goes [rad].
-        speed: How fast it travels there from where the shaft is [rad/s]; None: it jumps.
-        integral: What the spring lacks to reach the centre against friction grows at this rate
-            [N·m/(rad·s)]; stable while it is below stiffness × all damping / inertia.
+        center: Goal of the centre [rad].
+        speed: Speed at which the centre travels from the shaft to its goal [rad/s]; None: it jumps.
+        integral: Gain of an integral action that overcomes friction [N·m/(rad·s)]; stable while it
+            is below stiffness × total damping / inertia.
         side: ``both``, or a one-sided wall at the centre that never pulls.
-        torque: Amplitude of the torque beside spring and damper [N·m].
-        wave: ``constant``, or a ``sine`` whose frequency goes evenly from one to the other.
+        torque: Amplitude of the additional torque [N·m].
+        wave: ``constant``, or a ``sine`` with a linear frequency sweep.
         from_hz: Frequency of the sine at the beginning of the phase [Hz].
-        to_hz: At the end of ``seconds`` [Hz].
+        to_hz: Frequency at the end of ``seconds`` [Hz].
         reach: The phase ends when the shaft is further than this from the centre's goal [rad].
-        still_s: It ends when the shaft has kept still for so long, the centre too [s].
-        still_band: Motion within this width is none [rad].
+        still_s: The phase ends when the shaft and the centre have rested for this time [s].
+        still_band: Motion within this width counts as rest [rad].
     """
 
     seconds: float
@@ -56,21 +57,21 @@ class Phase:
 
 
 class Program:
-    """Renders phases one after the other; stands where a ``Wall`` stands in the tick.
+    """Renders phases one after the other; used in the tick in place of a ``Wall``.
 
     Args:
         phases: At least one.
         period: Sampling period [s].
-        torque_limit: No phase asks for more than this [N·m].
+        torque_limit: No phase commands more than this [N·m].
 
     Attributes:
-        guarded: Never: what a phase asks for is what is commanded.
+        guarded: Always false: the guard does not change the phases' values.
         done: All phases are over; the torque is zero from then on.
-        phase: Number of the one in force, from 0.
-        stiffness: [N·m/rad], of the phase in force.
-        damping: [N·m·s/rad]
-        injected: Nothing.
-        position: Where the centre is [rad], in the servo's own count.
+        phase: Number of the present phase, from 0.
+        stiffness: Of the present phase [N·m/rad].
+        damping: Of the present phase [N·m·s/rad].
+        injected: Always zero.
+        position: Position of the centre [rad], in the servo's own count.
 
     Raises:
         ValueError: There is no phase.
@@ -120,11 +121,11 @@ class Program:
         self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
-        """Always: a program has no outside."""
+        """Return true: a program acts at every position."""
         return True
 
     def torque(self, position: float, velocity: float) -> float:
-        """Torque [N·m] at a position [rad] and an estimated velocity [rad/s]; one a period."""
+        """Return the torque [N·m] at a position [rad] and velocity [rad/s]; call once a period."""
         if self.done:
             return 0.0
         if self.phase < 0:
@@ -176,7 +177,7 @@ class Program:
         return self._still * self._period >= phase.still_s
 
     def _travel(self, phase: Phase) -> None:
-        """Move the centre on toward its goal."""
+        """Move the centre one step toward its goal."""
         if phase.speed is None:
             return
         step = phase.speed * self._period
@@ -185,7 +186,7 @@ class Program:
         self.position = self._goal if arrives else self.position + math.copysign(step, away)
 
     def _beside(self, phase: Phase) -> float:
-        """The torque beside spring and damper [N·m]."""
+        """Return the additional torque [N·m]."""
         if phase.wave == "constant":
             return phase.torque
         share = min(1.0, self._ticks * self._period / phase.seconds)

@@ -6,10 +6,10 @@ from typing import Protocol
 
 
 class VelocityEstimator(Protocol):
-    """Estimates velocity from positions that arrive one a period, some of them missing."""
+    """Estimates the velocity from positions that arrive once a period, some of them missing."""
 
     def update(self, position: float, periods: float) -> float:
-        """Velocity [rad/s] from a new position [rad], ``periods`` after the last good one.
+        """Return the velocity [rad/s] at a new position [rad], ``periods`` after the last good one.
 
         ``periods`` is greater than 0 and need not be whole: a tick may be late. The first call has
         no history and returns 0.
@@ -18,9 +18,9 @@ class VelocityEstimator(Protocol):
 
 
 class BackwardDifference:
-    """``(x[k] - x[k-1]) / T``: the estimator the stability theory is written for.
+    """Computes ``(x[k] - x[k-1]) / T``: the estimator that the stability theory assumes.
 
-    After lost readings the difference is divided by the periods that really passed.
+    After lost readings it divides the difference by the periods that really passed.
 
     Args:
         period: Sampling period T [s].
@@ -33,15 +33,15 @@ class BackwardDifference:
         self._last: float | None = None
 
     def update(self, position: float, periods: float) -> float:
-        """See ``VelocityEstimator``."""
+        """Return the velocity; see ``VelocityEstimator``."""
         last, self._last = self._last, position
         return 0.0 if last is None else (position - last) / (periods * self._period)
 
 
 class SampleDifference:
-    """``(x[k] - x[k-N]) / (N T)``: a finer velocity step, for (N-1)/2 periods more lag.
+    """Computes ``(x[k] - x[k-N]) / (N T)``: a finer velocity step, for (N-1)/2 periods more lag.
 
-    While fewer than N periods are known it uses those there are.
+    While fewer than N periods are known it uses the known ones.
 
     Args:
         period: Sampling period T [s].
@@ -57,11 +57,11 @@ class SampleDifference:
         self._history: list[tuple[float, float]] = []
 
     def update(self, position: float, periods: float) -> float:
-        """See ``VelocityEstimator``."""
+        """Return the velocity; see ``VelocityEstimator``."""
         self._index += periods
         history = self._history
         history.append((self._index, position))
-        # The oldest one kept is the youngest that is at least N periods old.
+        # Keep, of the positions at least N periods old, only the youngest.
         while len(history) > 2 and history[1][0] <= self._index - self._samples:
             del history[0]
         index, oldest = history[0]
@@ -71,5 +71,5 @@ class SampleDifference:
 
 
 def velocity_estimator(period: float, samples: int) -> VelocityEstimator:
-    """The estimator over ``samples`` periods [1] of ``period`` [s]."""
+    """Return the estimator over ``samples`` periods [1] of ``period`` [s]."""
     return BackwardDifference(period) if samples == 1 else SampleDifference(period, samples)

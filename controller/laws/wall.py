@@ -7,27 +7,27 @@ from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
 SIGNS: dict[Side, int] = {"above": 1, "below": -1, "both": 0}
-"""Into which direction the wall goes on from its surface; 0: it has none"""
+"""Direction in which the wall continues from its surface; 0: it has no surface"""
 
 
 class Law(Protocol):
     """Decides the torque of a tick: the guarded wall, or an experiment's program.
 
     Attributes:
-        stiffness: In force [N·m/rad]
-        damping: [N·m·s/rad]
-        injected: Damping added to it by passivity control [N·m·s/rad]
-        position: What the stiffness counts from [rad]
-        clip: Largest torque it commands [N·m]; inf: any.
+        stiffness: Present stiffness [N·m/rad]
+        damping: Present damping [N·m·s/rad]
+        injected: Damping added by passivity control [N·m·s/rad]
+        position: Zero of the spring [rad]
+        clip: Largest commanded torque [N·m]; inf: no limit.
         phase: Of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
-        scale: Of the stiffness, while an oscillation is answered [1].
-        damping_scale: Of the damping [1].
+        scale: Derating of the stiffness after an oscillation [1].
+        damping_scale: Derating of the damping [1].
         elastic_limit: Largest torque of the spring alone [N·m].
     """
 
     guarded: bool
-    """Its stiffness and damping are the guard's to set"""
+    """The guard sets its stiffness and damping"""
     one_sided: bool
     stiffness: float
     damping: float
@@ -45,7 +45,7 @@ class Law(Protocol):
         ...
 
     def torque(self, position: float, velocity: float) -> float:
-        """Torque [N·m] at a position [rad] and an estimated velocity [rad/s]; once a tick."""
+        """Return the torque [N·m] at a position [rad] and a velocity [rad/s]; call once a tick."""
         ...
 
 
@@ -58,12 +58,12 @@ class Wall:
     Attributes:
         stiffness: [N·m/rad]
         damping: [N·m·s/rad]
-        injected: Damping added to it by passivity control [N·m·s/rad]
-        position: Where the wall's surface is [rad].
-        clip: Largest torque of spring and damper together [N·m]; inf: any.
-        one_sided: It never pulls, and so has an outside.
-        scale: Of the stiffness, while an oscillation is answered [1].
-        damping_scale: Of the damping, with what is injected [1].
+        injected: Damping added by passivity control [N·m·s/rad]
+        position: Position of the wall's surface [rad].
+        clip: Largest torque of spring and damper together [N·m]; inf: no limit.
+        one_sided: The wall never pulls, and so has an outside.
+        scale: Derating of the stiffness after an oscillation [1].
+        damping_scale: Derating of the damping, the injected included [1].
         elastic_limit: Largest torque of the spring alone [N·m]. Where it is lowered along with the
             stiffness, a spring that saturates gets softer too.
     """
@@ -108,7 +108,7 @@ class Wall:
         return self._sign == 0 or self._sign * (position - self.position) > 0.0
 
     def torque(self, position: float, velocity: float) -> float:
-        """Torque of the wall [N·m] at a position [rad] and an estimated velocity [rad/s]."""
+        """Return the wall's torque [N·m] at a position [rad] and an estimated velocity [rad/s]."""
         torque = -self.stiffness * self.scale * (position - self.position)
         limit = self.elastic_limit
         if torque > limit:
@@ -124,8 +124,8 @@ class Wall:
         sign = self._sign
         if sign == 0:
             return torque
-        # Outside nothing acts; inside a one-sided wall pushes outward or not at all. Written
-        # so that NaN falls through and is seen by the safety checks.
+        # A one-sided wall is zero outside and never pulls inside. NaN falls through the
+        # comparisons, so that the safety checks see it.
         if sign * (position - self.position) <= 0.0 or sign * torque >= 0.0:
             return 0.0
         return torque

@@ -1,4 +1,4 @@
-"""The stability theory of sampled virtual walls. Needs numpy only, knows no bus and no hardware."""
+"""The stability theory of sampled virtual walls; needs numpy only and imports no other room."""
 
 from haptic_wall.controller.theory.exact import (
     CriticalPoint,

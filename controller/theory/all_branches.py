@@ -1,8 +1,8 @@
-"""Every crossing of the boundary that can be the lowest: for any damping and velocity difference.
+"""Solves the boundary with every branch of its curve: for any damping and velocity difference.
 
-With long differences or heavy damping another branch of the curve than the first, or a real pole
-at ``z = -1``, can be the lowest crossing; so the first turns of ``F`` are scanned for sign changes,
-and each is refined. It takes a hundred times as long as ``first_branch``.
+With long differences or heavy damping the lowest crossing can lie on another branch than the first,
+or be a real pole at ``z = -1``. This solver scans the first turns of ``F`` for sign changes and
+refines each. It takes a hundred times as long as ``first_branch``, the principal solver.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from haptic_wall.controller.theory.roots import dips, refined
 
 
 def ceiling(loop: HeldLoop) -> FloatArray:
-    """Virtual damping at which the lowest crossing has come down to zero.
+    """Return the virtual damping at which the lowest crossing reaches zero stiffness.
 
     Args:
         loop: Settings along the first axis, one column.
     """
-    # alpha = 0 where F is parallel to D = U 2 sin(N w/2) / N; at the zeros of D it means nothing
+    # alpha = 0 where F is parallel to D = U 2 sin(N w/2) / N; the zeros of D are no solutions
 
     def along(w: FloatArray) -> NDArray[np.complex128]:
-        """F conj(U)."""
+        """Return F conj(U)."""
         parallel: NDArray[np.complex128] = loop.inverse_plant(w) * np.exp(
             0.5j * (loop.samples * w - np.pi)
         )
@@ -42,7 +42,7 @@ def ceiling(loop: HeldLoop) -> FloatArray:
 
 
 def crossing(loop: HeldLoop, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The lowest crossing at ``beta``: (alpha, w).
+    """Return the lowest crossing at ``beta`` as (alpha, w).
 
     Args:
         loop: Settings along the first axis, one column.
@@ -64,10 +64,10 @@ def crossing(loop: HeldLoop, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _real_pole(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
-    """The line ``alpha + reach beta = constant`` on which a pole is at z = -1.
+    """Return the line ``alpha + reach beta = constant`` on which a pole is at z = -1.
 
     Returns:
-        (constant, reach); constant is inf where the line is on the side of negative stiffness.
+        (constant, reach); constant is inf where the line lies at negative stiffness.
     """
     n = loop.samples[:, 0]
     reach = np.where(n % 2 == 1, 2.0 / n, 0.0)
@@ -78,24 +78,24 @@ def _real_pole(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
 def _crossings(
     loop: HeldLoop, function: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The first zeros of ``function`` over 0 < w < pi, which is negative at w = 0+.
+    """Find the first zeros of ``function`` over 0 < w < pi; the function is negative at w = 0+.
 
     Returns:
-        (w, found), both settings × crossings; w means nothing where not found.
+        (w, found), both settings × crossings; w has no meaning where not found.
     """
     # two turns of the delayed plant, at 32 points or more per turn of the difference
     span = np.minimum(np.pi, 4 * np.pi / (loop.delay + 1))
     steps = 80 + 16 * int(np.max(loop.samples))
     grid = span * np.linspace(0.0, 1.0, steps + 1)
-    # Near the ceiling, and where the curve turns back, two zeros are within one cell; over w,
-    # since the function vanishes at 0.
+    # Near the ceiling, and where the curve turns back, one cell holds two zeros. The division by w
+    # removes the zero at w = 0.
     first = grid[:, :1] + 1e-3 * grid[:, 1:2]
     hidden = dips(lambda w: function(w) / w, np.column_stack([first, grid[:, 1:]]))
     grid = np.sort(np.column_stack([grid, hidden]), axis=1)
     above = function(grid[:, 1:]) > 0
     before = np.column_stack([np.zeros(span.size, dtype=np.bool_), above[:, :-1]])
-    # stable sort: the crossings first, in order of frequency. With heavy damping the lowest one can
-    # be any of them: the long difference N has a turn of its own between its N zeros.
+    # stable sort: the crossings first, in order of frequency. With heavy damping any of them can be
+    # the lowest, because the long difference turns once between its N zeros.
     most = max(int(np.max(np.count_nonzero(above != before, axis=1))), 1)
     cell = np.argsort(above == before, axis=1, kind="stable")[:, :most]
     rows = np.arange(span.size)[:, None]

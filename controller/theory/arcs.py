@@ -1,8 +1,8 @@
-"""How far an admittance 1 / (R + j X) reaches in a direction, over ranges of R and X.
+"""Finds the least extent of an admittance 1 / (R + j X) in a direction, over ranges of R and X.
 
-It stays in a region between four arcs of circles, one for each bound. The function looked for is
-harmonic there, so it is least on the boundary: where an arc touches a line across the direction,
-or at a corner.
+The admittance stays in a region between four circular arcs, one for each bound. The extent is a
+harmonic function there, so its least value lies on the boundary: where an arc touches a line across
+the direction, or at a corner.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 def least_reach(
     a: ComplexArray, r: tuple[float, float], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Least Re(a / (R + j X)) over R in ``r`` and X in low to high.
+    """Return the least Re(a / (R + j X)) over R in ``r`` and X from low to high.
 
     Args:
-        a: The direction looked in, and how far a unit of admittance goes.
+        a: The direction, times the length that one unit of admittance stands for.
         r: Least and greatest R, > 0.
         low: Least X.
         high: Greatest X.
@@ -44,7 +44,7 @@ def least_reach(
 
 
 def _cotangent(a: ComplexArray) -> FloatArray:
-    """cot(arg(a) / 2) = (|a| + Re a) / Im a."""
+    """Return cot(arg(a) / 2) = (|a| + Re a) / Im a."""
     half = np.tan(np.angle(a) / 2)
     result: FloatArray = 1 / np.where(half == 0, 1e-300, half)
     return result

@@ -1,4 +1,4 @@
-"""The exact stability boundary of the sampled loop, in closed form for every delay.
+"""Solves the exact stability boundary of the sampled loop, in closed form for every delay.
 
 On the unit circle ``z = exp(j w)`` the characteristic equation is linear in the stiffness and the
 virtual damping (dimensionless ``alpha`` and ``beta``)::
@@ -6,12 +6,13 @@ virtual damping (dimensionless ``alpha`` and ``beta``)::
     alpha + beta D(w) = F(w),    F = -1 / G_d(z),    D = (1 - z^-N) / N
 
 so that ``beta(w) = Im F / Im D`` and ``alpha(w) = Re F - beta(w) Re D`` give the whole boundary
-(D-decomposition). The wall is stable from ``alpha = 0`` to the lowest crossing at its ``beta``, and
-no stiffness is stable outside of ``-delta < beta < beta_max``, where the lowest crossing has come
-down to zero.
+(D-decomposition). The wall is stable from ``alpha = 0`` to the lowest crossing at its ``beta``. No
+stiffness is stable outside ``-delta < beta < beta_max``; at ``beta_max`` the lowest crossing
+reaches
+zero.
 
-One-sample differences with light damping take the first branch of the curve (``first_branch``);
-all else is scanned for every crossing (``all_branches``).
+The principal solver (``first_branch``) handles one-sample differences with light damping. The full
+solver (``all_branches``) handles everything else.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from haptic_wall.controller.theory.loop import HeldLoop
 
 __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 
-# settings solved at once: what fits the processor's cache, and what bounds the scan's memory
+# settings solved at once: the first fits the processor's cache, the second bounds the scan's memory
 _LIGHT_CHUNK, _SCAN_CHUNK = 2048, 512
 _AT_CEILING = 1e-9
 _TINY = 1e-16
@@ -36,7 +37,7 @@ _PEAK_POINTS, _PEAK_ROUNDS = 17, 9  # each narrows the bracket eight times: to 1
 
 
 def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Virtual damping above which no stiffness, however small, is stable; flat arrays.
+    """Return the virtual damping above which no stiffness is stable; flat arrays.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -56,7 +57,7 @@ def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> Float
 def critical(
     delta: FloatArray, beta: FloatArray, delay: FloatArray, samples: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Critical stiffness at ``beta``, and the frequency [rad/sample] of the oscillation there.
+    """Return the critical stiffness at ``beta``, and the frequency [rad/sample] there.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -69,7 +70,7 @@ def critical(
     """
     alpha, w = np.zeros_like(beta), np.zeros_like(beta)
     some, light = beta > -delta, _light(delta, delay, samples)
-    # so little damping that the linear condition is exact to rounding
+    # with so little damping the linear condition is exact to rounding
     late = delay + samples
     tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
     alpha[tiny] = (delta[tiny] + beta[tiny]) / (delay[tiny] + 0.5)
@@ -83,7 +84,7 @@ def critical(
         w[part] = np.where(below, at, 0.0)
     for part in _parts(some & ~light & ~tiny, _scan_chunk(samples)):
         plant = _loop(delta[part], delay[part], samples[part]).column()
-        # so near the ceiling the lowest crossing can round to below zero, and be taken for none
+        # this near the ceiling the lowest crossing can round to below zero and be missed
         below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)
         scanned = HeldLoop.of(delta[part], delay[part], samples[part]).column()
         a, at = all_branches.crossing(scanned, np.where(below, beta[part], 0.0))
@@ -94,7 +95,7 @@ def critical(
 def highest(
     delta: FloatArray, delay: FloatArray, samples: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The greatest critical stiffness over all virtual damping: (alpha, beta, w); flat arrays.
+    """Return the highest critical stiffness over all virtual dampings as (alpha, beta, w), flat.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -115,7 +116,7 @@ def highest(
 
 
 def _searched(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Virtual damping of the greatest critical stiffness, by narrowing a bracket."""
+    """Find the virtual damping of the highest critical stiffness, by narrowing a bracket."""
     low, high = -delta, max_beta(delta, delay, samples)
     share, rows = np.linspace(0.0, 1.0, _PEAK_POINTS), np.arange(low.size)
     spread = [np.repeat(a, _PEAK_POINTS) for a in (delta, delay, samples)]
@@ -138,19 +139,19 @@ def _light(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> NDArray
 
 
 def _parts(which: NDArray[np.bool_], size: int) -> Iterator[NDArray[np.intp]]:
-    """The indices of the settings that are meant, some at a time."""
+    """Yield the indices of the selected settings, in parts of at most ``size``."""
     index = np.flatnonzero(which)
     for start in range(0, index.size, size):
         yield index[start : start + size]
 
 
 def _scan_chunk(samples: FloatArray) -> int:
-    """Settings scanned at once: fewer where longer differences take more points each."""
+    """Return how many settings to scan at once: longer differences need more points each."""
     return max(1, int(_SCAN_CHUNK / (1.0 + np.max(samples, initial=1.0) / 16.0)))
 
 
 def _loop(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:
-    """The loop; of one plant with many settings only once."""
+    """Return the loop; many settings of one plant share one."""
     arrays: list[NDArray[Any]] = [delta, delay, samples]
     if all(np.all(a == a[0]) for a in arrays):
         arrays = [a[:1] for a in arrays]

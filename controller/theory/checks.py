@@ -1,4 +1,4 @@
-"""Check the theory's arguments: finite numbers in their domain, broadcast; errors name them."""
+"""Checks the theory's arguments: finite, in their domain, broadcastable; errors name them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _MOST_SAMPLES = 10_000
 
 
 def number(name: str, value: ArrayLike) -> FloatArray:
-    """``value`` as an array of finite floats.
+    """Return ``value`` as an array of finite floats.
 
     Raises:
         ValueError: It is not a number, or not finite.
     """
     try:
         given = np.asarray(value)
-        # NumPy would take text, dates and the real part of complex numbers
+        # NumPy would accept text, dates and the real part of complex numbers
         array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
     except (TypeError, ValueError, OverflowError):
         array = None
@@ -33,10 +33,10 @@ def number(name: str, value: ArrayLike) -> FloatArray:
 
 
 def positive(name: str, value: ArrayLike) -> FloatArray:
-    """``value`` as an array of finite floats, each > 0.
+    """Return ``value`` as an array of finite floats, each > 0.
 
     Raises:
-        ValueError: One is not.
+        ValueError: A value is not.
     """
     array = number(name, value)
     _require(name, array, array > 0, "> 0")
@@ -44,10 +44,10 @@ def positive(name: str, value: ArrayLike) -> FloatArray:
 
 
 def not_negative(name: str, value: ArrayLike) -> FloatArray:
-    """``value`` as an array of finite floats, each >= 0.
+    """Return ``value`` as an array of finite floats, each >= 0.
 
     Raises:
-        ValueError: One is not.
+        ValueError: A value is not.
     """
     array = number(name, value)
     _require(name, array, array >= 0, ">= 0")
@@ -55,10 +55,10 @@ def not_negative(name: str, value: ArrayLike) -> FloatArray:
 
 
 def samples(name: str, value: ArrayLike) -> FloatArray:
-    """``value`` as an array of whole numbers from 1 to 10 000 (floats, for the arithmetic).
+    """Return ``value`` as an array of whole numbers from 1 to 10 000 (floats, for the arithmetic).
 
     Raises:
-        ValueError: One is not.
+        ValueError: A value is not.
     """
     array = number(name, value)
     _require(name, array, (array >= 1) & (array == np.floor(array)), "a whole number >= 1")
@@ -67,7 +67,7 @@ def samples(name: str, value: ArrayLike) -> FloatArray:
 
 
 def whole_number(name: str, value: ArrayLike) -> int:
-    """``value`` as one whole number >= 0.
+    """Return ``value`` as one whole number >= 0.
 
     Raises:
         ValueError: It is not.
@@ -79,7 +79,7 @@ def whole_number(name: str, value: ArrayLike) -> int:
 
 
 def scalar(check: Callable[[str, ArrayLike], FloatArray], name: str, value: ArrayLike) -> float:
-    """``value`` as one number that passes a check.
+    """Return ``value`` as one number that passes a check.
 
     Args:
         check: ``number``, ``positive``, ``not_negative`` or ``samples``.
@@ -96,10 +96,10 @@ def scalar(check: Callable[[str, ArrayLike], FloatArray], name: str, value: Arra
 
 
 def broadcast(**arrays: FloatArray) -> list[FloatArray]:
-    """All arrays in their common shape.
+    """Return all arrays in their common shape.
 
     Raises:
-        ValueError: They have none; the message names every shape.
+        ValueError: The shapes do not broadcast; the message names each of them.
     """
     try:
         return list(np.broadcast_arrays(*arrays.values()))

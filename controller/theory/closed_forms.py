@@ -1,8 +1,9 @@
-"""The paper's closed forms, characteristic polynomials and gain margin, as it prints them.
+"""The paper's closed forms, characteristic polynomials and gain margin, as printed there.
 
-Dimensionless, with ``eps = exp(-delta)``. Two of them circulate misprinted, (12) and (13); here are
-the forms that agree with the poles. (1), (12) and (13) cancel in double precision for light
-damping, as each docstring says: to compute with, take ``critical_stiffness``.
+Dimensionless, with ``eps = exp(-delta)``. Equations (12) and (13) circulate misprinted; this module
+has the forms that agree with the poles. (1), (12) and (13) lose digits in double precision for
+light
+damping, as each docstring says: use ``critical_stiffness`` for computation.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ _LOWEST_W = 1e-7
 
 
 def no_delay_limit(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equation (1): the exact boundary without delay, in closed form.
+    """Return the exact limit without delay, in closed form: equation (1).
 
-    It cancels in double precision, to a relative error of up to 1e-14 / delta²: good to 1e-9 from
-    delta = 0.01 on, to 1e-6 at 1e-4, and worth nothing below 1e-7.
+    It loses digits in double precision, with a relative error of up to 1e-14 / delta²: accurate to
+    1e-9 from delta = 0.01 on, to 1e-6 at 1e-4, and useless below 1e-7.
 
     Args:
         delta: Viscous damping > 0.
-        beta: Virtual damping between -delta and the ceiling; outside of it the value is no limit.
+        beta: Virtual damping between -delta and the ceiling; outside it the value is no limit.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
@@ -57,7 +58,7 @@ def no_delay_limit(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
 
 
 def no_delay_condition(delta: ArrayLike, alpha: ArrayLike, beta: ArrayLike) -> NDArray[np.bool_]:
-    """Equation (1) as a condition: whether 0 < alpha < ``no_delay_limit``.
+    """Whether 0 < alpha < ``no_delay_limit``: equation (1) as a condition.
 
     Args:
         delta: Viscous damping > 0.
@@ -72,15 +73,15 @@ def no_delay_condition(delta: ArrayLike, alpha: ArrayLike, beta: ArrayLike) -> N
 
 
 def characteristic_polynomial(delta: float, alpha: float, beta: float, delay: int) -> FloatArray:
-    """Equation (11) multiplied out, for any whole delay: 1 + z^-d G (alpha + beta (1 - 1/z)) = 0.
+    """Return equation (11) multiplied out: 1 + z^-d G (alpha + beta (1 - 1/z)) = 0, whole delays.
 
     With ``p = 1 - eps - delta`` and ``q = 1 - eps - delta eps`` the paper's form is::
 
         delta² (z - eps) (z - 1) z^(d+1) - p (alpha + beta) z²
             + [q (alpha + beta) + p beta] z - q beta = 0
 
-    It is returned divided by delta², its coefficients without cancellation: good for any delta,
-    also for 0.
+    The result is divided by delta², without cancellation in its coefficients: accurate for any
+        delta, also for 0.
 
     Args:
         delta: Viscous damping >= 0.
@@ -110,7 +111,7 @@ def characteristic_polynomial(delta: float, alpha: float, beta: float, delay: in
 
 
 def one_sample_polynomial(delta: float, alpha: float, beta: float) -> FloatArray:
-    """Equation (12): the characteristic polynomial for a delay of one period, as it stands.
+    """Return the characteristic polynomial for a delay of one period: equation (12) as printed.
 
     The z³ coefficient is -(1 + eps) delta²; misprints read +(1 - eps) delta².
 
@@ -143,7 +144,7 @@ def one_sample_polynomial(delta: float, alpha: float, beta: float) -> FloatArray
 
 
 def one_sample_determinant(delta: ArrayLike, alpha: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equation (13): a1 a2 a3 - a4 a1² - a0 a3², positive where a delay of one period is stable.
+    """Return (13), a1 a2 a3 - a4 a1² - a0 a3²: positive where one period of delay is stable.
 
     The last term is misprinted as a3 a0² elsewhere. The a_i are the coefficients of (12) after the
     bilinear transform, divided by a constant; the condition is Routh's.
@@ -169,7 +170,7 @@ def one_sample_determinant(delta: ArrayLike, alpha: ArrayLike, beta: ArrayLike) 
 
 
 def one_sample_limit(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equation (13) solved for alpha: the exact limit for a delay of one period.
+    """Return the exact limit for a delay of one period: equation (13) solved for alpha.
 
     The determinant is a cubic in alpha; the limit is its least positive root. Like (1) it cancels:
     relative error up to 1e-14 / delta².
@@ -206,7 +207,7 @@ def one_sample_limit(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
 def _routh_coefficients(
     delta: FloatArray, beta: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """a0 to a4 of (13), each as its value at alpha = 0 and its slope over alpha."""
+    """Return a0 to a4 of (13), each as its value at alpha = 0 and its slope over alpha."""
     eps = np.exp(-delta)
     lost = 1 - eps
     return (
@@ -225,7 +226,7 @@ def _routh_coefficients(
 
 
 def gain_margin(delta: float, beta: float, delay: float) -> float:
-    """Equation (15): alpha < Gm[1 / (1 / (z^-d G) + beta (z - 1) / z)], the least of all crossings.
+    """Return equation (15), Gm[1 / (1 / (z^-d G) + beta (z - 1) / z)]: the least of all crossings.
 
     Gain margin solvers that return the crossing nearest to a gain of 1 give a wrong limit here: at
     d = 3, beta = 0.01, delta = 1e-4 the margin nearest to 1 is 3.91, the least one .00284.
@@ -246,7 +247,7 @@ def gain_margin(delta: float, beta: float, delay: float) -> float:
     loop = HeldLoop.of(np.array(small), np.array(d), np.ones(()))
 
     def inverse(w: FloatArray) -> NDArray[np.complex128]:
-        """The inverse of the transfer function that the margin is taken of."""
+        """Return the inverse of the transfer function whose margin is computed."""
         inverted: NDArray[np.complex128] = virtual * loop.difference(w) - loop.inverse_plant(w)
         return inverted
 

@@ -1,4 +1,4 @@
-"""One contact with a wall that never pulls: how fast the device comes back out.
+"""Simulates one contact with a wall that never pulls, and finds the device's exit speed.
 
 Dimensionless (period 1, inertia 1, entry speed 1), exact between the instants at which the torque
 switches, many contacts at once. The wall fills the positions above 0. Its torque at a sample
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.response import HeldResponse, held_response
 
-_SWEEP = 8  # periods between two looks for contacts that are over
+_SWEEP = 8  # periods between two checks for contacts that are over
 _HALVINGS, _ENOUGH = 60, 1e-7  # steps at most, and the last one [periods]
 
 
@@ -46,16 +46,16 @@ class Contacts:
 
 
 def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
-    """Speed with which the device finally leaves, over the speed with which it came.
+    """Return the final exit speed over the entry speed of each contact.
 
-    It is the greatest speed outside of the wall, until the last commanded torque has ended: what
-    a delayed torque adds after the device has left counts too.
+    The exit speed is the greatest speed outside the wall until the last commanded torque has ended:
+    a delayed torque that acts after the device has left counts too.
 
     Args:
-        contacts: What to simulate.
-        floor: A contact that cannot come back faster than this is not followed to its end (one
-            with more than critical damping creeps out for ever): its result is then a bound
-            between the true value and the floor.
+        contacts: Contacts to simulate.
+        floor: A contact whose speed cannot exceed this any more is not simulated further (one with
+            more than critical damping creeps out for ever). Its result is a bound between the true
+            value and the floor.
     """
     result = np.empty_like(contacts.delta)
     place = np.arange(result.size)
@@ -71,7 +71,7 @@ def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
     for back in range(1, positions.shape[0]):
         positions[-back] = held_response(c.delta, c.phase - back).position_per_speed
     leaving = np.zeros_like(x)
-    pending = np.zeros_like(x)  # impulse commanded that has not acted yet
+    pending = np.zeros_like(x)  # commanded impulse that has not acted yet
     gone = np.zeros(result.size, dtype=np.int64)  # samples since the first one outside
     columns = np.arange(result.size)
     k = 0
@@ -111,10 +111,11 @@ def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
 def _outward(
     delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray, before: FloatArray
 ) -> FloatArray:
-    """Greatest outward speed outside of the wall during a step that ends outside, at (x, v).
+    """Return the greatest outward speed outside the wall in a step that ends outside, at (x, v).
 
-    Under a held torque the speed changes one way only, so it is greatest at the step's end or
-    where the device crossed the wall.
+    Under a held torque the speed changes monotonically. It is greatest at the step's end or where
+    the
+    device crossed the wall.
     """
     fastest: FloatArray = -v
     index = np.flatnonzero((before == 0) & (x <= 0) & (v < 0))
@@ -125,10 +126,11 @@ def _outward(
 
 
 def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
-    """Outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0, under torque u.
+    """Return the outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0.
 
-    Newton's method backwards in time, from where a steady acceleration would have been at 0, and
-    kept within the step by halving.
+    The torque u is held during the step. Newton's method goes backwards in time from the estimate
+    of
+    a constant acceleration; halving keeps it within the step.
 
     Returns:
         The speed; 0 where the step began outside.
@@ -145,22 +147,22 @@ def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArra
         position = x + back.position_per_speed * v - back.position_per_torque * u
         speed = back.speed_per_speed * v - back.position_per_speed * u
         low, high = np.where(position < 0, ago, low), np.where(position < 0, high, ago)
-        outward = speed < 0  # else it had not turned yet
+        outward = speed < 0  # else the device had not turned yet
         closer = ago + position / np.where(outward, speed, 1.0)
         inside = outward & (closer >= low) & (closer <= high)
         moved = np.where(inside, closer, 0.5 * (low + high)) - ago
         ago = ago + moved
         if np.max(np.abs(moved), initial=0.0) < _ENOUGH:
             break
-    result[place] = -(v + delta * x + u * ago)  # the balance of momentum since then
+    result[place] = -(v + delta * x + u * ago)  # momentum balance since that instant
     return result
 
 
 def _until_sample(delay: FloatArray) -> FloatArray:
-    """From a switch of the torque to the next sample [periods]: 1 - f."""
+    """Return the time from a switch of the torque to the next sample [periods]: 1 - f."""
     return 1.0 - (delay - np.floor(delay))
 
 
 def _plant(c: Contacts) -> tuple[HeldResponse, HeldResponse]:
-    """Response over a whole step, and from its start to the sample in it."""
+    """Return the response over a whole step, and from its start to the sample in it."""
     return held_response(c.delta, 1.0), held_response(c.delta, _until_sample(c.delay))

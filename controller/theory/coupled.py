@@ -1,10 +1,11 @@
-"""Coupled stability: the critical stiffness of a wall with a given hand on the device.
+"""Coupled stability: the critical stiffness of a wall while a given hand holds the device.
 
-The hand is a mass that moves with the device, a damper and a spring to the ground. The plant then
-is a damped oscillator; on the unit circle the loop is still linear in the wall's stiffness, so each
+The hand is a mass that moves with the device, and a damper and a spring to the ground. The plant is
+then a damped oscillator. On the unit circle the loop is still linear in the wall's stiffness, so
+each
 crossing of the circle is the zero of one real function of the frequency (see ``boundary``).
-Unlike on a free device, more stiffness can make an unstable loop stable: the limit is the end of
-the interval that begins at zero stiffness, 0 where the damper alone is unstable with the hand.
+Unlike on a free device, more stiffness can make an unstable loop stable. The limit is therefore the
+end of the stable interval that begins at zero stiffness; 0 where the damper alone is unstable.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _SMALL = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """Mass, damper and spring that hold the device; every number may be an array."""
+    """Mass, damper and spring of a hand that holds the device; every number may be an array."""
 
     mass: ArrayLike = 0.0
     """Moves with the device, >= 0 [kg·m²]"""
@@ -49,22 +50,22 @@ class HeldHand:
     step: FloatArray
     """Transition of (position, speed), less the identity; 2 × 2"""
     new: FloatArray
-    """What the torque of ``whole`` periods ago adds to them, per unit"""
+    """State change per unit of the torque of ``whole`` periods ago"""
     old: FloatArray
-    """The same of the torque before it, which acts during the fraction of the delay"""
+    """State change per unit of the torque before it, which acts during the fraction of the delay"""
     whole: int
     samples: int
 
     @classmethod
     def of(cls, delta: float, spring: float, delay: float, n_samples: int) -> HeldHand:
-        """For dimensionless damping and spring, and a delay in periods."""
+        """Return the response for dimensionless damping and spring, and a delay in periods."""
         whole = int(delay)
         full = _motion(delta, spring, 1.0)
         late = _motion(delta, spring, 1.0 - (delay - whole))
         return cls(full[:2, :2], late[:2, 2], full[:2, 2] - late[:2, 2], whole, n_samples)
 
     def inverse(self, w: FloatArray) -> ComplexArray:
-        """F(w) = -1 / G_d(exp(j w)), G_d from the torque commanded to the position."""
+        """Return F(w) = -1 / G_d(exp(j w)), G_d from the commanded torque to the position."""
         z_1 = 2j * np.sin(w / 2) * np.exp(0.5j * w)  # z - 1, without cancellation
         (e11, e12), (e21, e22) = self.step
         back = np.exp(-1j * w)
@@ -75,13 +76,13 @@ class HeldHand:
         return result
 
     def difference(self, w: FloatArray) -> ComplexArray:
-        """D(w) = (1 - exp(-j N w)) / N."""
+        """Return D(w) = (1 - exp(-j N w)) / N."""
         half = self.samples * w / 2
         result: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half) / self.samples
         return result
 
     def poles(self, alpha: complex, beta: complex) -> ComplexArray:
-        """Closed-loop poles: eigenvalues of one period of plant, torques under way, and past."""
+        """Return the closed-loop poles: eigenvalues of plant, delay ring and past positions."""
         torques = self.whole + 1
         size = 2 + torques + self.samples
         command = np.zeros(size, dtype=np.complex128)
@@ -113,10 +114,10 @@ def coupled_limit(
     hand: Hand,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Stiffness below which a two-sided wall is stable with this hand on the device.
+    """Return the stiffness below which a two-sided wall is stable with this hand on the device.
 
-    Exact for a linear hand, a held torque and any delay. With no hand it is
-    ``critical_stiffness``; a mere mass or damper is a device with more of it.
+    Exact for a linear hand, a held torque and any delay. With no hand it is ``critical_stiffness``;
+    a hand of only mass or damping adds to the device's own.
 
     Args:
         inertia: m > 0 of the device [kg·m²].
@@ -207,7 +208,7 @@ def is_stable(
 
 
 def _critical(plant: HeldHand, beta: float) -> float:
-    """Lowest crossing of the circle over alpha > 0, where the loop is stable before it."""
+    """Return the lowest crossing of the circle over alpha > 0, where the loop is stable below."""
     w = _zeros(plant, beta)
     alpha = (plant.inverse(w) - beta * plant.difference(w)).real
     alpha = np.sort(alpha[alpha > 0])
@@ -217,7 +218,7 @@ def _critical(plant: HeldHand, beta: float) -> float:
 
 
 def _zeros(plant: HeldHand, beta: float) -> FloatArray:
-    """Frequencies on 0 < w <= pi at which some alpha, of any sign, puts a pole on the circle."""
+    """Return the frequencies on 0 < w <= pi at which some alpha, of any sign, has a pole there."""
 
     def imaginary(w: FloatArray) -> FloatArray:
         result: FloatArray = (plant.inverse(w) - beta * plant.difference(w)).imag
@@ -233,9 +234,9 @@ def _zeros(plant: HeldHand, beta: float) -> FloatArray:
 
 
 def _motion(delta: float, spring: float, time: float) -> FloatArray:
-    """Exponential of the motion of (position, speed, held torque) over ``time``, less the identity.
+    """Return exp of the motion matrix of (position, speed, held torque) over ``time``, less 1.
 
-    By its series on a small part of the time, doubled until the whole is reached.
+    It sums the series for a small part of the time and doubles the result up to the whole.
     """
     a = np.array([[0.0, 1.0, 0.0], [-spring, -delta, 1.0], [0.0, 0.0, 0.0]]) * time
     doublings = max(0, int(np.ceil(np.log2(max(np.max(np.abs(a).sum(axis=1)), 1e-9) / _SMALL))))

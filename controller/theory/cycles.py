@@ -1,18 +1,19 @@
-"""Limit cycles by harmonic balance, of a wall with saturation, encoder, backlash or friction.
+"""Predicts limit cycles by harmonic balance: saturation, encoder, backlash or friction at a wall.
 
 To a sinusoid of amplitude A a nonlinearity in the loop is a gain N(A), complex where it lags. An
-oscillation keeps itself up where ``1 + N(A) L(e^{j w}) = 0``. The loop L is the exact one, sampled
-and delayed; only the harmonics of the oscillation are neglected, which the inertia filters.
+oscillation sustains itself where ``1 + N(A) L(e^{j w}) = 0``. The loop L is exact, sampled and
+delayed; only the harmonics of the oscillation are neglected, which the inertia filters.
 
-docs/limit-cycles.md holds the predictions against simulation. Backlash is met to a few per cent,
-saturation without a damper to 10 %. With a damper a saturated wall has many cycles, up to ten times
-as large as predicted and at a third of the frequency. Cycles of about a count are met roughly, and
-some that are listed as stable above the limit do not hold. Quantised walls also rattle where no
-cycle is predicted.
+docs/limit-cycles.md compares the predictions with simulation. They agree to a few per cent for
+backlash, and to 10 % for saturation without a damper. With a damper a saturated wall has many
+cycles, up to ten times as large as predicted and at a third of the frequency. Cycles of about a
+count
+agree roughly, and some that are listed as stable above the limit do not persist. Quantised walls
+also rattle where no cycle is predicted.
 
-Where the nonlinearity sits decides what it multiplies. A quantised position, backlash before the
+The place of the nonlinearity decides what it multiplies. A quantised position, backlash before the
 encoder and a saturated torque all multiply the whole wall, K and B together; Coulomb friction is an
-extra damping of the plant (see ``friction``). Each is taken alone.
+extra damping of the plant (see ``friction``). Each prediction has one nonlinearity only.
 """
 
 from __future__ import annotations
@@ -45,21 +46,21 @@ from haptic_wall.controller.theory.roots import dips, zeros
 
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
 
-_LARGEST = 64.0  # counts: beyond it a quantiser is a gain of 1 but for two thousandths
-_WIDEST, _TABLE = 1e7, 40_000  # widths of a backlash: beyond, its lag is less than 1e-7
+_LARGEST = 64.0  # counts: above it a quantiser's gain is 1 within 0.002
+_WIDEST, _TABLE = 1e7, 40_000  # backlash widths: above it the lag is less than 1e-7
 _NO_GAIN = -700.0  # as a logarithm
 _OUTSIDE = 1 + 1e-7
 
 
 class LimitCycle(NamedTuple):
-    """An oscillation that keeps itself up."""
+    """A self-sustained oscillation."""
 
     amplitude: float
     """Half of the position's travel from peak to peak [rad]"""
     frequency: float
     """[Hz]"""
     stable: bool
-    """Whether, to first order, motion near it comes to it, or leaves it both ways"""
+    """To first order, nearby motion converges to it (else it diverges from it)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +86,8 @@ class Quantisation:
     step: float
     """One count q [rad]"""
     at_edge: bool = False
-    """Whether the motion is about an edge between two counts (where a steady push can hold it)
-    rather than about the middle of one"""
+    """The motion is centred on the edge between two counts, where a steady push can hold it (else
+    on the middle of a count)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,7 @@ def limit_cycles(
     effect: Coulomb | Saturation | Quantisation | Backlash,
     velocity_samples: int = 1,
 ) -> list[LimitCycle]:
-    """The limit cycles of a two-sided wall that one nonlinearity makes, the smallest first.
+    """Return the limit cycles of a two-sided wall with one nonlinearity, the smallest first.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -120,8 +121,8 @@ def limit_cycles(
         velocity_samples: N of the velocity difference, >= 1.
 
     Returns:
-        Every cycle predicted, whether motion comes to it or leaves it. An empty list does not
-        promise rest: a quantised wall may rattle by less than a count all the same.
+        Every predicted cycle, stable or unstable. An empty list does not promise rest: a quantised
+        wall may still rattle by less than a count.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
@@ -166,21 +167,21 @@ class _Loop(NamedTuple):
     beta: float
 
     def wall(self, w: float) -> complex:
-        """Torque per position at ``w`` [rad/sample]."""
+        """Return the torque per position at ``w`` [rad/sample]."""
         return complex(self.alpha + self.beta * self.plant.difference(np.array(w)))
 
     def needed(self, w: FloatArray) -> ComplexArray:
-        """The gain N with 1 + N L = 0 at ``w`` [rad/sample]."""
+        """Return the gain N with 1 + N L = 0 at ``w`` [rad/sample]."""
         result: ComplexArray = self.plant.inverse(w) / (
             self.alpha + self.beta * self.plant.difference(w)
         )
         return result
 
     def comes_back(self, gain: Gain, a: float, w: float) -> bool:
-        """Whether an oscillation (a, w) that is disturbed returns to itself.
+        """Whether a disturbed oscillation (a, w) returns to itself.
 
-        To first order its growth follows the amplitude with the slope Im(N_a / -needed_w); and no
-        other mode may grow at the gain that it has.
+        To first order the growth of a disturbance follows the amplitude with the slope
+        Im(N_a / -needed_w). In addition no other mode may grow at the oscillation's gain.
         """
         da, dw = 1e-6 * a, 1e-6 * w
         slope = (gain(np.array(a + da)) - gain(np.array(a - da))) / (2 * da)
@@ -189,16 +190,16 @@ class _Loop(NamedTuple):
             return False
         now = complex(gain(np.array(a)))
         poles = self.plant.poles(now * self.alpha, now * self.beta)
-        # a lagging gain is that of the modes that turn forwards
+        # a lagging gain applies to the modes that turn forwards
         poles = poles[poles.imag > -1e-9]
         others = np.delete(poles, np.argmin(np.abs(poles - np.exp(1j * w))))
         return bool(np.all(np.abs(others) < _OUTSIDE))
 
 
 def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, float, bool]]:
-    """Cycles (amplitude, rad/sample, stable) with a real gain; the amplitude in units of its step.
+    """Return cycles (amplitude, rad/sample, stable) with a real gain; amplitude in steps.
 
-    The frequencies are those at which the gain that is needed is real and positive.
+    Their frequencies are those at which the needed gain is real and positive.
     """
 
     def out_of_phase(w: FloatArray) -> FloatArray:
@@ -206,7 +207,7 @@ def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, floa
 
     w = zeros(out_of_phase, _grid(out_of_phase, loop))
     w = w[loop.needed(w).real > 0]
-    # as fine as the ripples of a quantiser, which have kinks at every half count
+    # fine enough for the ripples of a quantiser, which have kinks at every half count
     counts = np.arange(0.5, _LARGEST, 0.5)[:, None]
     amplitudes = (counts + 0.5 * np.linspace(0, 1, 24, endpoint=False) ** 3).ravel()
     amplitudes = np.concatenate([np.geomspace(1e-3, 0.5, 200, endpoint=False), amplitudes])
@@ -220,17 +221,18 @@ def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, floa
 
 
 def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
-    """Cycles with a gain that lags more the smaller the amplitude, from 90° at half a width."""
-    # from half a width on, which is where it begins to follow
+    """Return cycles with a gain that lags, by up to 90° at an amplitude of half a width."""
+    # from half a width on, where the output begins to follow
     sizes = 0.5 + np.geomspace(1e-9, _WIDEST, _TABLE)
     gains = gain(sizes)
     lags, logs = np.angle(gains), np.log(np.abs(gains))
 
     def excess(w: FloatArray) -> FloatArray:
-        """How much more gain is needed than there is, as a logarithm.
+        """Return the needed gain over the available one, as a logarithm.
 
-        Beyond the angles that the gain can have it goes on as the gain does, to 1 without lag and
-        to 0 at 90°: near the limit the cycle is between the last point with a lag and the next.
+        Outside the angles that the gain can have it continues to 1 at no lag and to 0 at 90°: near
+        the
+        limit the cycle lies between the last grid point with a lag and the next.
         """
         needed = loop.needed(w)
         lag = np.angle(needed)
@@ -251,7 +253,7 @@ def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
 
 
 def _grid(function: Callable[[FloatArray], FloatArray], loop: _Loop) -> FloatArray:
-    """Frequencies between which ``function`` changes its sign at most once."""
+    """Return frequencies between which ``function`` changes its sign at most once."""
     count = 400 + 64 * (loop.plant.whole + loop.plant.samples)
     fine = np.geomspace(1e-5, 3e-2, 600, endpoint=False)
     grid = np.concatenate([fine, np.linspace(3e-2, np.pi, count, endpoint=False)])

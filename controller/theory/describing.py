@@ -1,6 +1,6 @@
-"""Describing functions: the gain that a nonlinearity is to a sinusoid of a given amplitude.
+"""Describing functions: the gain of a nonlinearity for a sinusoid of a given amplitude.
 
-The gain is that of the first harmonic; it is complex where the nonlinearity lags.
+It is the gain of the first harmonic, complex where the nonlinearity lags.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MANY = 1000.0  # counts
 
 
 def saturation_gain(amplitude: ArrayLike, limit: ArrayLike) -> FloatArray:
-    """Gain of a torque clipped at ``limit``, for a commanded torque of amplitude ``amplitude``.
+    """Return the gain of a torque clipped at ``limit``, for a commanded amplitude ``amplitude``.
 
     Raises:
         ValueError: An argument is not > 0; the message names it.
@@ -36,11 +36,11 @@ def saturation_gain(amplitude: ArrayLike, limit: ArrayLike) -> FloatArray:
 def quantisation_gain(
     amplitude: ArrayLike, step: ArrayLike, *, at_edge: bool = False
 ) -> FloatArray:
-    """Gain of rounding to counts of ``step``, for a position of amplitude ``amplitude``.
+    """Return the gain of rounding to counts of ``step``, for a position of amplitude ``amplitude``.
 
-    About the middle of a count it is 0 up to half a count, at most 4/pi, and tends to 1; about an
-    edge it is infinitely large for small amplitudes. From 1000 counts up it is given as 1, which it
-    is within 3e-5.
+    Centred on the middle of a count it is 0 up to half a count, at most 4/pi, and tends to 1;
+    centred on an edge it is infinite for small amplitudes. From 1000 counts up the result is 1,
+    exact within 3e-5.
 
     Raises:
         ValueError: An argument is not > 0; the message names it.
@@ -59,7 +59,7 @@ def quantisation_gain(
 
 
 def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
-    """Complex gain of a backlash of full width ``width``; 0 where the motion does not take it up.
+    """Return the complex gain of a backlash of full width ``width``; 0 for motion within it.
 
     Raises:
         ValueError: An argument is not > 0; the message names it.
@@ -75,7 +75,7 @@ def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
 
 
 def coulomb_damping(amplitude: ArrayLike, frequency: ArrayLike, friction: ArrayLike) -> FloatArray:
-    """Viscous damping [N·m·s/rad] that takes as much from a sinusoid as Coulomb friction does.
+    """Return the viscous damping [N·m·s/rad] that dissipates as much as Coulomb friction.
 
     Args:
         amplitude: Of the position, > 0 [rad].

@@ -1,6 +1,6 @@
-"""Settings of a wall as pure numbers: one period long, unit inertia.
+"""Converts the settings of a wall to dimensionless form: one period long, unit inertia.
 
-Everything the sampled loop does depends on four numbers (the paper's Table I):
+The behaviour of the sampled loop depends on four numbers only (the paper's Table I):
 ``delta = b T / m``, ``alpha = K T² / m``, ``beta = B T / m`` and ``d = t_d / T``.
 """
 
@@ -26,7 +26,7 @@ _MOST_DAMPING, _LONGEST = 1e100, 1e6
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Dimensionless settings, flat arrays of one common length, and the way back to units."""
+    """Dimensionless settings, as flat arrays of one length, and the factors back to SI units."""
 
     delta: FloatArray
     """Viscous damping, b T / m"""
@@ -43,10 +43,10 @@ class Settings:
     period: FloatArray
     """[s]"""
     shape: tuple[int, ...]
-    """The broadcast shape of what was asked"""
+    """The broadcast shape of the arguments"""
 
     def shaped(self, flat: FloatArray) -> FloatArray:
-        """A flat result in the shape that was asked for; a scalar for scalars."""
+        """Return a flat result in the shape of the arguments; a scalar for scalars."""
         result: FloatArray = flat.reshape(self.shape)[()]
         return result
 
@@ -59,7 +59,7 @@ def settings(
     delay: ArrayLike,
     velocity_samples: ArrayLike,
 ) -> Settings:
-    """Dimensionless form of settings in SI units.
+    """Return the dimensionless form of settings in SI units.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -99,7 +99,7 @@ def settings(
 
 
 def _computable(s: Settings) -> None:
-    """Refuse what double precision has no numbers for."""
+    """Raise for settings that double precision cannot represent."""
     largest = np.finfo(np.float64).max
     for good, message in (
         (s.delta <= _MOST_DAMPING, "inertia is too small: b T / m must be at most 1e100"),
@@ -126,7 +126,7 @@ class Dimensionless(NamedTuple):
 
 
 class Units(NamedTuple):
-    """The same in SI units; arrays of one shape."""
+    """A wall and its device in SI units; arrays of one shape."""
 
     damping: FloatArray
     """b [N·m·s/rad]"""
@@ -146,7 +146,7 @@ def to_dimensionless(
     period: ArrayLike,
     delay: ArrayLike,
 ) -> Dimensionless:
-    """Table I from left to right.
+    """Convert SI units to dimensionless numbers, by Table I.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -180,7 +180,7 @@ def to_si(
     inertia: ArrayLike,
     period: ArrayLike,
 ) -> Units:
-    """Table I from right to left, for a device and a period of your choice.
+    """Convert dimensionless numbers to SI units, for a given inertia and period, by Table I.
 
     Args:
         delta: b T / m >= 0.

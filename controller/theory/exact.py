@@ -14,7 +14,7 @@ from haptic_wall.controller.theory.dimensionless import settings
 
 @dataclass(frozen=True, slots=True)
 class CriticalPoint:
-    """Where the two-sided wall is on the edge of stability; arrays of one shape."""
+    """A point on the stability boundary of a two-sided wall; arrays of one shape."""
 
     stiffness: FloatArray
     """[N·m/rad]; 0 where no stiffness is stable"""
@@ -32,10 +32,10 @@ def critical_stiffness(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Stiffness below which a two-sided wall on a free device is stable.
+    """Return the stiffness below which a two-sided wall on a free device is stable.
 
     Exact for an inertia with viscous damping, a held torque, and any delay, fractions of a period
-    included. It says nothing of a wall that never pulls, nor of a hand on the device.
+    included. It does not cover a wall that never pulls, nor a hand on the device.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -66,7 +66,7 @@ def critical_point(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> CriticalPoint:
-    """``critical_stiffness`` together with the frequency of the oscillation there.
+    """Return ``critical_stiffness`` and the frequency of the oscillation there.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -95,10 +95,11 @@ def max_virtual_damping(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Ceiling of the virtual damping: above it no stiffness, however small, is stable.
+    """Return the ceiling of the virtual damping: above it no stiffness, however small, is stable.
 
-    (With N > 1 and delta = b T / m above about 1 a loop just above it, unstable with the least
-    stiffness, can be stable with more; that does not count: limits are of what begins at 0.)
+    With N > 1 and delta = b T / m above about 1, a loop just above the ceiling can be unstable at
+    the lowest stiffness and stable at a higher one. This is ignored: a limit ends the stable
+    interval that begins at 0.
 
     For whole delays of d periods and b -> 0 it is (2 m / T) tan(pi / (4 (d + 1))).
 
@@ -128,7 +129,7 @@ def peak(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> CriticalPoint:
-    """The greatest stiffness that any virtual damping makes stable, and that damping.
+    """Return the highest stiffness that any virtual damping makes stable, and that damping.
 
     Args:
         inertia: m > 0 [kg·m²].

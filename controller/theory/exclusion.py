@@ -1,25 +1,26 @@
-"""Proof that no member of a family of sampled loops has a pole on the unit circle.
+"""Proves by zero exclusion that no member of a family of sampled loops has a pole on the circle.
 
-By zero exclusion: a loop whose gain grows from next to nothing is stable until a pole reaches the
-unit circle ``z = exp(j w)``. With time in periods and per unit of inertia it does so where
+A loop whose gain grows from nearly zero is stable until a pole reaches the unit circle
+``z = exp(j w)``. With time in periods and per unit of inertia this happens where
 
     A(w) = P(w) v,    A = -(z - 1)(z - exp(-delta)) z^n,    v = rho (k + (B/T) D(w))
 
-(A/P = F and D of the module ``boundary``; n whole periods of delay, whose rest is in P;
-rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle, so what is
-to prove is: the point A lies outside of the triangle with the corners 0, P v_1, P v_2, for every
-frequency, damping and delay. A line between them proves it, and it stays between them over a
-whole box of (w, damping, delay) when its distance, less all that the derivatives allow, stays
-positive. Boxes where none of a few lines does are split.
+(A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P;
+rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof
+must show that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every
+frequency, damping and delay. A line between them shows it. The line separates them over a whole box
+of (w, damping, delay) when its distance, less the largest change that the derivatives allow, stays
+positive. A box in which none of a few lines separates them is split.
 
-At w = 0 all come down to 0. There k is eliminated: Im(A conj P) must not reach
+At w = 0 all of these vanish. There k is eliminated: Im(A conj P) must not reach
 Im(D) |P|² rho B/T, both divided by w.
 
 Inertia and damping are one variable x: each (delta, rho) of the family belongs to a member on two
 edges of the range, with the lowest inertia and ``x >= 1`` times the lowest damping, or with the
-lowest damping and ``1/x² >= 1`` times the lowest inertia (and a gain that is no greater). With
-sigma = min(x, 1), w = sigma omega: then rho/sigma² is constant, and where the loop oscillates
-omega hardly depends on x, so that long boxes do.
+lowest damping and ``1/x² >= 1`` times the lowest inertia (and a gain that is no greater). The
+frequency is w = sigma omega with sigma = min(x, 1). Then rho/sigma² is constant, and the omega of
+the
+oscillation hardly depends on x, so that long boxes suffice.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ from haptic_wall.controller.theory.intervals import (
 
 _FREQUENCY, _EDGE, _FRACTION = range(3)
 _FIRST_SPLIT = 8  # of the frequencies, geometrically
-_FEW = 500  # boxes that cost hardly more than one: then quarters instead of halves
+_FEW = 500  # this many boxes cost hardly more than one: split into quarters instead of halves
 _HAIR = 1e-9  # by which each box overlaps its neighbours, since its edges are rounded
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Common parameters of the members, and the ranges of those in which they differ."""
+    """Common parameters of the members, and the ranges of the parameters that differ."""
 
     gain: float
     """g T²/m at the greatest torque gain and the lowest inertia [rad/(N·m)]"""
@@ -58,7 +59,7 @@ class Family:
     delay: tuple[float, float]
     """[periods]"""
     stiffness: float
-    """K, proved up to it [N·m/rad]; 0 asks for the damping alone"""
+    """K, the upper end of the proved range [N·m/rad]; 0: proves the damping alone"""
     damper: float
     """B/T [N·m/rad]"""
     samples: int
@@ -67,11 +68,11 @@ class Family:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Whether a family was proved free of poles on the unit circle."""
+    """The result of a proof that a family has no poles on the unit circle."""
 
     proved: bool
     boxes: int
-    """Looked at"""
+    """Number of evaluated boxes"""
     suspect: tuple[float, float] | None
     """(x, delay in periods) of the member nearest to such a pole; None when proved"""
 
@@ -91,7 +92,7 @@ class _Boxes:
         return _Boxes(self.centre[:, chosen], self.half[:, chosen], self.whole[chosen])
 
     def split(self, along: IntArray) -> _Boxes:
-        """Both halves of each box."""
+        """Return both halves of each box."""
         columns = np.arange(along.size)
         half = self.half.copy()
         half[along, columns] *= 0.5
@@ -116,7 +117,7 @@ def exclude(family: Family, budget: int) -> Outcome:
 
     Args:
         family: The members.
-        budget: Boxes to look at before giving up.
+        budget: Number of boxes to evaluate before giving up.
     """
     shortest, longest = family.delay
     if 2 * _FIRST_SPLIT * (longest - shortest) > budget:
@@ -129,7 +130,7 @@ def exclude(family: Family, budget: int) -> Outcome:
         low, high = boxes.take(zero), boxes.take(~zero)
         bound_low, _, along_low = _distances(family, low, _at_zero)
         bound, here, along = _distances(family, high, _corners)
-        left_low, left = ~(bound_low > 0), ~(bound > 0)  # what is not a number is not proved
+        left_low, left = ~(bound_low > 0), ~(bound > 0)  # NaN is not proved
         rest = low.take(left_low).split(along_low[left_low])
         rest = rest.followed_by(high.take(left).split(along[left]))
         if rest.whole.size == 0:
@@ -146,7 +147,7 @@ def exclude(family: Family, budget: int) -> Outcome:
 
 
 def _first(family: Family) -> _Boxes:
-    """The whole family, cut at x = 1 and at whole delays."""
+    """Return the boxes of the whole family, split at x = 1 and at whole delays."""
     shortest, longest = family.delay
     whole = np.arange(np.floor(shortest), max(np.ceil(longest), np.floor(shortest) + 1))
     cuts = _highest_frequency(family) * 2.0 ** np.arange(1 - _FIRST_SPLIT, 1)
@@ -160,10 +161,11 @@ def _first(family: Family) -> _Boxes:
 
 
 def _highest_frequency(family: Family) -> float:
-    """An omega above which |A| > |P v| for all members.
+    """Return an omega above which |A| > |P v| for all members.
 
     |A| = s |z - eps| with s = |z - 1| = 2 sin(w/2) and |z - eps|² = (1 - eps)² + eps s², while
-    |P| <= |z - eps|/2 + 1 and |v| <= rho (K + |B|/T s): once above it, A stays above with s.
+    |P| <= |z - eps|/2 + 1 and |v| <= rho (K + |B|/T s): once |A| exceeds it, it stays above as s
+    grows.
     """
     x = np.array(family.edge)
     sigma = np.minimum(x, 1.0)
@@ -181,14 +183,14 @@ def _distances(
     boxes: _Boxes,
     corners: _Corners,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """How far the point is from the triangle, along the best line of each box.
+    """Return the distance of the point from the triangle, along the best line of each box.
 
     Returns:
         The least distance over the box (positive: certainly outside), the distance at its
         middle, and the variable along which splitting helps most.
     """
     half = boxes.half * (1 + _HAIR) + _HAIR**1.5 * np.abs(boxes.centre)
-    # x = 1 is an edge of boxes only
+    # x = 1 occurs only as an edge of boxes
     flat = (boxes.centre[_EDGE] >= 1.0).astype(np.float64)
     middle = corners(family, variables(boxes.centre, 0 * half, False), boxes.whole, flat)
     around = corners(family, variables(boxes.centre, half, True), boxes.whole, flat)
@@ -209,7 +211,7 @@ def _distances(
 
 
 def _lines(point: ComplexArray) -> ComplexArray:
-    """Unit normals of the lines that may separate 0 from a polygon; lines × boxes.
+    """Return unit normals of lines that may separate 0 from a polygon; lines × boxes.
 
     Args:
         point: The polygon's corners × boxes; two corners are those of ``_at_zero``.
@@ -230,7 +232,7 @@ def _unit(z: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
-    """What both forms of the condition are made of."""
+    """The factors that both forms of the condition share."""
 
     point: Jet
     """A / (omega sigma²)"""
@@ -245,14 +247,14 @@ class _Parts:
         sigma = x.scaled(1.0 - flat).plus(flat)
         w = omega * sigma
         delta = (x * sigma).scaled(family.delta)
-        rest = fraction.scaled(-1.0).plus(1.0)  # of a period, in which the new torque acts
+        rest = fraction.scaled(-1.0).plus(1.0)  # fraction of a period in which the new torque acts
         full_speed, full_torque = decay_moments(delta)
         late_speed, late_torque = decay_moments(rest * delta)
         new, new_speed = rest * rest * late_torque, rest * late_speed
         z_1 = turn_mean(w).scaled(1j)  # (z - 1)/w
         z_eps = omega * z_1 + (x * full_speed).scaled(family.delta)  # (z - eps)/sigma
         back = turned(w, -1.0)
-        change = w * z_1 * back  # 1 - 1/z, by which the new torque differs from the old
+        change = w * z_1 * back  # 1 - 1/z, the difference between the new torque and the old
         p = sigma * z_eps * (full_torque * back + new * change) + full_speed * (
             full_speed * back + new_speed * change
         )
@@ -265,7 +267,7 @@ class _Parts:
 
 
 def _corners(family: Family, at: list[Jet], whole: IntArray, flat: FloatArray) -> list[Jet]:
-    """The point A seen from each corner of the triangle; all divided by sigma²."""
+    """Return the vector from each corner of the triangle to the point A, divided by sigma²."""
     parts = _Parts.of(family, at, whole, flat)
     omega = at[_FREQUENCY]
     point = omega * parts.point
@@ -274,7 +276,7 @@ def _corners(family: Family, at: list[Jet], whole: IntArray, flat: FloatArray) -
 
 
 def _at_zero(family: Family, at: list[Jet], whole: IntArray, flat: FloatArray) -> list[Jet]:
-    """Two numbers whose imaginary parts must be negative; the stiffness is eliminated."""
+    """Return two numbers whose imaginary parts must be negative; the stiffness is eliminated."""
     parts = _Parts.of(family, at, whole, flat)
     mirrored = parts.p.conjugate()
     point = parts.point * mirrored

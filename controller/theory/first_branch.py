@@ -1,12 +1,13 @@
-"""The first branch of the boundary, by Newton's method: for light damping it is all there is.
+"""Solves the boundary on its first branch by Newton's method: the whole boundary for light damping.
 
 For one-sample differences (``D = s (s/2 + j c)``, names as in ``loop``) the curve is::
 
     beta(w) = Q / (c M),    alpha(w) = s (P - s Q / (2 c)) / M
 
-On the first branch ``beta`` rises from -delta at w = 0 to the ceiling at ``w_max``, where alpha has
-come back to zero: there the phase of F has turned by half a circle against that of D. So one
-equation in one unknown that has one solution gives the ceiling, and another one each limit.
+On the first branch ``beta`` rises from -delta at w = 0 to the ceiling at ``w_max``, where alpha is
+zero again: there the phase of F has turned by half a circle against that of D. One equation with
+one
+solution gives the ceiling, and another one gives each limit.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ _TINY = np.finfo(np.float64).tiny
 LIGHT = 0.5
 """Largest delta for which this is used: up to 2.7 the first branch is the whole boundary (N = 1)"""
 SHORT = 10.0
-"""Largest delta (d + 1) for which this is used: the branch gets flat near the ceiling beyond it"""
+"""Largest delta (d + 1) for which this is used: beyond it the branch gets flat near the ceiling"""
 
-# Steps before the last one, which carries the result along to first order. Each squares the error:
-# over the whole domain the guesses are off by up to 3e-5 and 0.2 (looked up: 1e-4).
+# Newton steps before the last one, which also corrects the result to first order. Each squares the
+# error; over the whole domain the guesses are off by up to 3e-5 and 0.2 (interpolated: 1e-4).
 _CEILING_STEPS = 2
 _GUESSED_STEPS, _LOOKED_UP_STEPS = 5, 1
 _TABLE = 129
 
 
 def ceiling(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
-    """End of the first branch: (w_max, beta_max).
+    """Return the end of the first branch: (w_max, beta_max).
 
     Newton's method on the phase of ``F conj(D)``, which rises to its zero there.
 
@@ -58,7 +59,7 @@ def _to_ceiling(at: PlantCurve) -> FloatArray:
 
 
 def _rise(at: PlantCurve) -> FloatArray:
-    """Slope d beta / d w, times c M."""
+    """Return the slope d beta / d w, times c M."""
     rise: FloatArray = at.dq - at.q * (at.dm / at.m - 0.25 * at.s / at.c)
     return rise
 
@@ -66,15 +67,15 @@ def _rise(at: PlantCurve) -> FloatArray:
 def crossing(
     loop: HeldLoop, beta: FloatArray, w_max: FloatArray, beta_max: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where the first branch passes ``beta``: (alpha, w).
+    """Return the point where the first branch passes ``beta``: (alpha, w).
 
     Newton's method in w², in which the branch is nearly straight.
 
     Args:
         loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
         beta: Virtual damping, -delta < beta < beta_max.
-        w_max: Of ``ceiling``.
-        beta_max: Of ``ceiling``.
+        w_max: From ``ceiling``.
+        beta_max: From ``ceiling``.
     """
     share = (beta + loop.delta) / (beta_max + loop.delta)
     if loop.delta.size == 1 and beta.size > _TABLE:
@@ -110,7 +111,7 @@ def _guessed(
 def _looked_up(
     loop: HeldLoop, share: FloatArray, w_max: FloatArray, beta_max: FloatArray
 ) -> FloatArray:
-    """By interpolation in the one branch of one plant."""
+    """Return a guess by interpolation in the branch, for many settings of one plant."""
     w = w_max * np.linspace(0.0, 1.0, _TABLE)
     at = loop.curve(w)
     shares = (at.q / (at.c * at.m) + loop.delta) / (beta_max + loop.delta)
@@ -120,15 +121,15 @@ def _looked_up(
 
 
 def summit(loop: HeldLoop, w_max: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The highest point of the first branch: (alpha, beta, w).
+    """Return the highest point of the first branch: (alpha, beta, w).
 
     Args:
         loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
-        w_max: Of ``ceiling``.
+        w_max: From ``ceiling``.
     """
 
     def fall(w: FloatArray) -> FloatArray:
-        """-d alpha / d w; alpha rises once and falls once on the branch."""
+        """Return -d alpha / d w; alpha rises once and falls once on the branch."""
         at = loop.curve(w)
         t = 0.5 * at.s / at.c
         real, imag = at.p / at.m, at.q / at.m

@@ -1,9 +1,9 @@
-"""Coulomb friction: what it makes passive with an encoder, and the kick from which motion grows.
+"""Coulomb friction: the passive stiffness with an encoder, and the kick above which motion grows.
 
 To a sinusoidal motion of amplitude A and angular frequency w, Coulomb friction c acts as a viscous
-damping ``b_x = 4 c / (pi A w)``: much at small amplitude, little at large. Above the critical
-stiffness there is therefore an *unstable* limit cycle: smaller motion dies, larger motion grows
-(until the torque saturates). Its amplitude is the kick from which a wall that seems stable is not.
+damping ``b_x = 4 c / (pi A w)``: large at small amplitudes, small at large ones. Above the critical
+stiffness there is therefore an *unstable* limit cycle: smaller motion decays, larger motion grows
+(until the torque saturates). Its amplitude is the largest kick that such a wall survives.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Onset(NamedTuple):
     """The unstable limit cycle of a wall above its critical stiffness, on a body with friction."""
 
     amplitude: FloatArray
-    """Position amplitude: smaller motion dies, larger grows [rad]"""
+    """Position amplitude [rad]: smaller motion decays, larger motion grows"""
     frequency: FloatArray
     """Frequency of the oscillation there [Hz]"""
 
@@ -39,7 +39,7 @@ class Onset(NamedTuple):
 def friction_limit(
     damping: ArrayLike, coulomb: ArrayLike, encoder_step: ArrayLike, period: ArrayLike
 ) -> FloatArray:
-    """Stiffness up to which a pure spring on a quantised position is passive.
+    """Return the stiffness up to which a pure spring on a quantised position is passive.
 
     It holds for a wall without virtual damping and without delay.
 
@@ -78,17 +78,17 @@ def onset_amplitude(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> Onset:
-    """Amplitude from which motion grows in a two-sided wall above its critical stiffness.
+    """Return the amplitude above which motion grows in a wall above its critical stiffness.
 
-    The extra damping ``b_x`` with which the wall would be on its exact boundary is solved for; the
+    It solves for the extra damping ``b_x`` that puts the two-sided wall on its exact boundary; the
     amplitude is ``4 c / (pi b_x w)``. Extra damping raises the ceiling of the virtual damping too,
-    so a virtual damping above the ceiling (or below -b) has an onset like any other.
+    so a virtual damping above the ceiling (or below -b) has an onset too.
 
     A first-harmonic result, within 5 % of exact simulation for small servos at 1 kHz with onsets
-    from 20 counts of 4096 to 1 rad. Where the friction that it takes is not small beside the
-    inertia (``b_x`` near ``m w``: far above the limit, with onsets of a count) the true onset is
-    larger, up to 1.5 times. It is that of a motion whose past is the oscillation's own: a body let
-    go from rest with no torques under way has another one.
+    from 20 counts of 4096 to 1 rad. Where the needed friction is not small beside the inertia
+    (``b_x`` near ``m w``: far above the limit, with onsets of a count) the true onset is larger, up
+    to 1.5 times. It assumes a motion that has oscillated before: a body released from rest with no
+    delayed torques has another onset.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -103,7 +103,7 @@ def onset_amplitude(
     Returns:
         Amplitude and frequency in the broadcast shape. The amplitude is inf where the wall is
         stable without friction (at or below the limit: nothing grows, the frequency is the one at
-        the limit), and 0 where it is not and there is no friction: everything grows.
+        the limit), and 0 where it is unstable and there is no friction: all motion grows.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
@@ -146,7 +146,7 @@ def _extra_damping(
     t_d: FloatArray,
     n: FloatArray,
 ) -> FloatArray:
-    """The ``b_x > 0`` with K_crit(b + b_x, B) = K: K_crit rises with the damping, without bound.
+    """Solve K_crit(b + b_x, B) = K for ``b_x > 0``: K_crit rises with the damping, without bound.
 
     False position (Illinois form) on (K_crit - K) / (K_crit + K), which is finite everywhere.
     """

@@ -1,9 +1,10 @@
-"""Limits that hold for every servo in a range: proved over the whole range, not at samples.
+"""Limits that hold for every servo in a range, proved over the whole range and not at samples.
 
-What is not known of a servo is a range each of inertia, damping, delay and torque gain. The least
-critical stiffness over it is nearly always at its least safe corner, but not always, and no sample
-can tell. Here the proof is by zero exclusion (module ``exclusion``): no member of the range has a
-pole on the unit circle, at any stiffness up to the limit. What cannot be proved is not claimed.
+The uncertainty of a servo is a range each of inertia, damping, delay and torque gain. The least
+critical stiffness is nearly always at the least safe corner of the range, but not always, and no
+sample can tell. The proof is by zero exclusion (module ``exclusion``): no member of the range has a
+pole on the unit circle, at any stiffness up to the limit. A limit that cannot be proved is not
+returned.
 """
 
 from __future__ import annotations
@@ -18,26 +19,26 @@ from haptic_wall.controller.theory.worst_member import Search, closed_in
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether every member of a range is stable."""
+    """The answer whether every member of a range is stable."""
 
     proved: bool
     counterexample: Member | None
     """An unstable member; None when proved, or when neither could be shown"""
     boxes: int
-    """Looked at for the proof"""
+    """Number of boxes evaluated for the proof"""
 
 
 @dataclass(frozen=True, slots=True)
 class GuaranteedLimit:
-    """A stiffness that is safe for a whole range, and how far it is from the greatest such."""
+    """A stiffness proved safe for a whole range, and an upper bound of all such."""
 
     stiffness: float
-    """Proved: up to it every member is stable [N·m/rad]; 0 if nothing is"""
+    """Proved: every member is stable up to it [N·m/rad]; 0: nothing is proved"""
     upper: float
     """Above it ``worst`` is unstable [N·m/rad]"""
     worst: Member
     boxes: int
-    """Looked at for the proof"""
+    """Number of boxes evaluated for the proof"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,36 +46,36 @@ class GuaranteedCeiling:
     """A virtual damping at which every member of a range is stable with some stiffness."""
 
     virtual_damping: float
-    """Proved [N·m·s/rad]; 0 if nothing is"""
+    """Proved [N·m·s/rad]; 0: nothing is proved"""
     upper: float
     """Above it ``worst`` is unstable, however small the stiffness [N·m·s/rad]"""
     worst: Member
     boxes: int
-    """Looked at for the proof"""
+    """Number of boxes evaluated for the proof"""
 
 
 @dataclass(frozen=True, slots=True)
 class UnknownCost:
-    """Cost of not knowing one thing."""
+    """Stiffness lost because one parameter is uncertain."""
 
     name: str
     """A field of ``Ranges``"""
     known_at: float
     limit: GuaranteedLimit
-    """If it were known exactly, and the others as before"""
+    """The limit if this parameter were known exactly, the others as before"""
     lost: float
-    """Share of that limit which is lost, 0 to 1"""
+    """Fraction of that limit which is lost, 0 to 1"""
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """The limit for what is believed, and what each unknown takes from it."""
+    """The limit for the believed ranges, and the loss caused by each uncertain parameter."""
 
     limit: GuaranteedLimit
     known: float
-    """The critical stiffness if everything were known [N·m/rad]"""
+    """The critical stiffness if every parameter were known exactly [N·m/rad]"""
     lost: float
-    """Share of ``known`` that is lost to all unknowns together, 0 to 1"""
+    """Fraction of ``known`` that all uncertainties together cost, 0 to 1"""
     unknowns: tuple[UnknownCost, ...]
     """In the order of the fields of ``Ranges``"""
 
@@ -86,7 +87,7 @@ def is_stable_over(
     period: float,
     velocity_samples: int = 1,
 ) -> Verdict:
-    """Whether a two-sided wall is stable on every servo of a range.
+    """Decide whether a two-sided wall is stable on every servo of a range.
 
     A proof covers every lower stiffness too, down to 0, and every lower torque gain.
 
@@ -118,15 +119,15 @@ def guaranteed_limit(
     velocity_samples: int = 1,
     tolerance: float = 1e-3,
 ) -> GuaranteedLimit:
-    """Stiffness up to which a two-sided wall is stable on every servo of a range.
+    """Return the stiffness up to which a two-sided wall is stable on every servo of a range.
 
     Args:
         ranges: What is known of the servo.
         virtual_damping: B, commanded [N·m·s/rad].
         period: T > 0 [s].
         velocity_samples: N of the velocity difference, >= 1.
-        tolerance: Wanted gap between what is proved and what is unstable, as a share between 0
-            and 1. Where no proof is found so closely, it is widened until one is.
+        tolerance: Wanted gap between the proved and the unstable stiffness, as a fraction between 0
+            and 1. Where no proof is found this close, the gap is widened until one is.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
@@ -138,7 +139,7 @@ def guaranteed_limit(
 def guaranteed_damping_ceiling(
     ranges: Ranges, period: float, velocity_samples: int = 1, tolerance: float = 1e-3
 ) -> GuaranteedCeiling:
-    """Virtual damping up to which every servo of a range is stable with some stiffness.
+    """Return the virtual damping up to which every servo of a range is stable with some stiffness.
 
     Args:
         ranges: What is known of the servo.
@@ -165,7 +166,7 @@ def cost_of_each_unknown(
     velocity_samples: int = 1,
     tolerance: float = 1e-3,
 ) -> Costs:
-    """How much stiffness is lost because something is known as a range only.
+    """Return the stiffness lost because parameters are known only as ranges.
 
     Args:
         ranges: What is known of the servo.

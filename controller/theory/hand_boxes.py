@@ -1,6 +1,6 @@
-"""Whether some hand of a range can put a pole on the unit circle: shown for all of them at once.
+"""Shows that no hand of a range can put a pole on the unit circle, for all hands at once.
 
-At the angle ``theta`` the device with its hand answers at the aliases
+At the angle ``theta`` the device with its hand responds at the aliases
 ``w_n = (theta + 2 pi n) / T`` with the admittances ``Y_n = 1 / (R + j X_n)``,
 ``X_n = M w_n - k / w_n``, and ::
 
@@ -8,9 +8,9 @@ At the angle ``theta`` the device with its hand answers at the aliases
 
 with ``H = K + (B / (N T)) (1 - e^{-j N theta})``. Over a range of hands each ``Y_n`` stays in a
 region bounded by four arcs, whose least extent in any direction has a closed form. If in one
-direction these extents add up to less than what reaches 0, no hand of the range has ``1 + L = 0``
-at that angle. It is shown over a whole cell of angles: ``X_n`` is taken over it, and ``C_n`` by the
-most it can change.
+direction the sum of these extents cannot reach -1, no hand of the range has ``1 + L = 0`` at that
+angle. The proof covers a whole cell of angles: the range of ``X_n`` is taken over the cell, and
+``C_n`` with its largest change.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ import numpy as np
 from haptic_wall.controller.theory.arcs import least_reach
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
-_NEAR = np.array([0, -1, 1])  # aliases of which the region is taken as it is
-_FAR = np.array([n for n in range(-24, 25) if abs(n) > 1])  # those that are only bounded
+_NEAR = np.array([0, -1, 1])  # aliases with their exact region
+_FAR = np.array([n for n in range(-24, 25) if abs(n) > 1])  # aliases with a bound only
 _DIRECTIONS = np.exp(2j * np.pi * np.arange(32) / 32)
 _ANGLES = 160
 _CELL_HALVINGS = 8
 
 
 class Box(NamedTuple):
-    """A range of device and hand together, each from the least to the most."""
+    """Combined ranges of device and hand, each from the least to the most."""
 
     mass: tuple[float, float]
     """> 0 [kg·m²]"""
@@ -54,10 +54,11 @@ class Wall(NamedTuple):
 
 
 def doubt(wall: Wall, box: Box) -> float | None:
-    """The frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
+    """Find the frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
 
-    None where none can have it, at any angle: cells of angles in which that is not shown at once
-    are halved, unless it is the width of the box that prevents it.
+    Returns None where no hand can reach it at any angle. Cells of angles in which this cannot be
+    shown
+    are halved, unless the width of the box prevents it.
 
     Args:
         wall: The wall.
@@ -80,7 +81,7 @@ def doubt(wall: Wall, box: Box) -> float | None:
 
 
 def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> FloatArray:
-    """How far 1 + L stays from 0 with all hands of the box, over the cell of each angle.
+    """Return the least distance of 1 + L from 0 over the hands of the box, for each angle's cell.
 
     Args:
         wall: The wall.
@@ -93,7 +94,7 @@ def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> Fl
     near, far = at + turns * _NEAR, at + turns * _FAR
     low, high = _reactance(box, near, width)
     weights, change = _weights(wall, near, width)
-    # what no hand can reach, in every direction: angles × aliases × directions
+    # least extents, in every direction: angles × aliases × directions
     extent = least_reach(
         weights[:, :, None] * np.conj(_DIRECTIONS), r, low[:, :, None], high[:, :, None]
     ).sum(axis=1)
@@ -112,11 +113,13 @@ def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> Fl
 
 
 def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
-    """Angles around the circle, and half the cell of each.
+    """Return angles around the circle, and half the cell of each.
 
-    They start at a tenth of the frequency that the wall's own spring gives the greatest mass, or
-    where the wall's torque lags by half a radian, or its damper's late part comes near its spring:
-    below all of these the springs outweigh the rest, and the loop cannot oscillate.
+    They start at the lowest of three angles: a tenth of the frequency of the greatest mass on the
+    wall's
+    own spring; where the wall's torque lags by half a radian; where the damper's delayed part
+    approaches
+    the spring. Below it the springs dominate, and the loop cannot oscillate.
     """
     late = wall.delay + wall.samples * wall.period
     w = min(0.1 * math.sqrt(wall.stiffness / box.mass[1]), 0.5 / late)
@@ -138,7 +141,7 @@ def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
 
 
 def _weights(wall: Wall, w: FloatArray, width: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """C_n at the aliases ``w`` (angles × aliases), and the most it changes within ``width``."""
+    """Return C_n at the aliases ``w`` (angles × aliases), its largest change within ``width``."""
     n = wall.samples
     theta = w * wall.period
     h = wall.stiffness + wall.virtual_damping / (n * wall.period) * (1 - np.exp(-1j * n * theta))
@@ -150,19 +153,19 @@ def _weights(wall: Wall, w: FloatArray, width: FloatArray) -> tuple[ComplexArray
 
 
 def _slowest(w: FloatArray, width: FloatArray) -> FloatArray:
-    """The least abs(w) within ``width``; cells do not reach down to 0."""
+    """Return the least abs(w) within ``width``; cells do not include 0."""
     return np.maximum(np.abs(w) - width, 1e-3 * np.abs(w))
 
 
 def _most_admittance(r: tuple[float, float], low: FloatArray, high: FloatArray) -> FloatArray:
-    """The greatest abs(1 / (R + jX)) over ranges of R and X."""
+    """Return the greatest abs(1 / (R + jX)) over ranges of R and X."""
     nearest = np.where((low > 0) | (high < 0), np.minimum(np.abs(low), np.abs(high)), 0.0)
     most: FloatArray = 1 / np.hypot(r[0], nearest)
     return most
 
 
 def _reactance(box: Box, w: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Range of M w - k/w over the box and over w - width to w + width (of one sign)."""
+    """Return the range of M w - k/w over the box and over w ± width (of one sign)."""
     slow, fast = _slowest(w, width), np.abs(w) + width
     low = box.mass[0] * slow - box.spring[1] / slow
     high = box.mass[1] * fast - box.spring[0] / fast

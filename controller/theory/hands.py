@@ -1,10 +1,13 @@
-"""Which hands a wall stays stable with: a verdict over ranges of mass, damping and spring.
+"""Decides whether a wall is stable with every hand of a range of mass, damping and spring.
 
-A loop that is stable with one hand is stable with all the hands of a range if none of them puts a
-pole on the unit circle (module ``hand_boxes``). Where that cannot be shown the range is halved,
-until it is, or a hand is found that is unstable. With no bounds on damping upwards and on the
-reactance it is the condition of ``passivity``, which is tried first: so a passive wall is shown
-stable with every hand at once.
+If the loop is stable with one hand, it is stable with all hands of a range in which none puts a
+pole
+on the unit circle (module ``hand_boxes``). Where that cannot be shown, the range is halved, until
+it
+is shown or an unstable hand is found. Without upper bounds on the damping and bounds on the
+reactance
+this is the condition of ``passivity``, which is tried first: a passive wall is shown stable with
+every hand at once.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ _REFINEMENTS = 12
 
 @dataclass(frozen=True, slots=True)
 class HandRange:
-    """Hands from the least to the most of each property; see ``Hand``."""
+    """Range of hands, from the least to the most of each property; see ``Hand``."""
 
     mass: tuple[float, float] = (0.0, 0.0)
     """[kg·m²]"""
@@ -47,7 +50,7 @@ class HandVerdict:
     """Verdict on a wall with the hands of a range."""
 
     stable: bool | None
-    """True: shown for every hand; False: ``worst`` makes it unstable; None: neither was managed"""
+    """True: shown for every hand; False: ``worst`` makes it unstable; None: neither was shown"""
     worst: Hand
     """The hand with the lowest critical stiffness found"""
     limit: float
@@ -65,7 +68,7 @@ def stable_hands(
     velocity_samples: int = 1,
     effort: int = 300,
 ) -> HandVerdict:
-    """Whether a two-sided wall is stable with every linear hand of a range, and the worst of them.
+    """Decide whether a two-sided wall is stable with every linear hand of a range; find the worst.
 
     ``stable=True`` is shown for all the hands of the range at once, over all angles around the unit
     circle. ``stable=False`` is shown by the poles with the hand named.
@@ -77,9 +80,9 @@ def stable_hands(
         virtual_damping: B [N·m·s/rad].
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
-        hands: The hands that are asked about.
+        hands: The range of hands.
         velocity_samples: N of the velocity difference, >= 1.
-        effort: How many parts of the range are looked at before it is given up, 10 ms for each.
+        effort: Number of parts of the range to evaluate before giving up, 10 ms each.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
@@ -145,7 +148,7 @@ def _limit(wall: Wall, hand: Hand) -> float:
 
 
 def _at(wall: Wall, box: Box, share: FloatArray) -> tuple[float, float, float]:
-    """The hand at the shares (0 to 1) of the ranges: by ratio, the spring beside the wall's."""
+    """Return the hand at the given fractions (0 to 1) of the ranges, on a geometric scale."""
     (m0, m1), (b0, b1), (k0, k1) = box
     x0, x1 = math.asinh(k0 / wall.stiffness), math.asinh(k1 / wall.stiffness)
     return (
@@ -160,7 +163,7 @@ def _middle(wall: Wall, box: Box) -> tuple[float, float, float]:
 
 
 def _halves(wall: Wall, box: Box, w: float) -> tuple[Box, Box] | None:
-    """The box cut across the side that spreads the impedance most at ``w``; None for a point."""
+    """Halve the box along the side that spreads the impedance most at ``w``; None for a point."""
     (m0, m1), (b0, b1), (k0, k1) = box
     spread = ((m1 - m0) * w, b1 - b0, (k1 - k0) / w)
     widest = int(np.argmax(spread))
@@ -173,7 +176,7 @@ def _halves(wall: Wall, box: Box, w: float) -> tuple[Box, Box] | None:
 
 
 def _worst(wall: Wall, box: Box) -> tuple[Hand, float]:
-    """The lowest critical stiffness on a grid over the box, and then around the lowest."""
+    """Find the lowest critical stiffness on a grid over the box, then around the lowest point."""
     found: dict[tuple[float, float, float], float] = {}
 
     def limit(share: FloatArray) -> float:

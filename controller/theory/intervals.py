@@ -2,10 +2,10 @@
 
 A ``Jet`` holds, for each of many boxes of a few real variables, a disc that contains every value
 of a function over the box, and one disc for each of its first derivatives. Sums and products of
-jets contain the sums and products of all that is in them, rounding included: each operation widens
-its discs by ``SLACK`` of their size, four times what rounding can move them. By the mean value
-theorem a function is then within a linear function of each box, up to the discs' radii, which
-shrink with the square of the box.
+jets contain the sums and products of all their members, rounding included: each operation widens
+its discs by ``SLACK`` of their size, four times the largest rounding error. By the mean value
+theorem each function then differs from a linear function by at most the discs' radii, which shrink
+with the square of the box.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 SLACK = 1e-15
-"""Share of a disc's size that each operation adds to its radius, against rounding"""
+"""Fraction of a disc's size that each operation adds to its radius, against rounding"""
 
 _SLACK_OF_SERIES = 1e-13  # fewer than 450 operations on positive terms
-_ASYMPTOTE_ABOVE = 60.0  # there what it leaves out is 1e-22
+_ASYMPTOTE_ABOVE = 60.0  # there the neglected term is 1e-22
 _TAYLOR_BELOW = 0.01  # the next term is 1e-16; the closed form loses 1e-14 to cancellation
 
 
@@ -36,15 +36,15 @@ class Jet:
     radius: FloatArray
 
     def __add__(self, other: Jet) -> Jet:
-        """Sum."""
+        """Return the sum."""
         return _widened(self.centre + other.centre, self.radius + other.radius)
 
     def __sub__(self, other: Jet) -> Jet:
-        """Difference."""
+        """Return the difference."""
         return _widened(self.centre - other.centre, self.radius + other.radius)
 
     def __mul__(self, other: Jet) -> Jet:
-        """Product, by the product rule."""
+        """Return the product, by the product rule."""
         a, b = self.centre, other.centre
         size_a, size_b = np.abs(a), np.abs(b)
         outer_a, outer_b = size_a + self.radius, size_b + other.radius
@@ -57,22 +57,22 @@ class Jet:
         return Jet(centre, radius + 4 * SLACK * largest)
 
     def plus(self, value: float | FloatArray) -> Jet:
-        """Sum with a real number, or one for each box."""
+        """Add a real number, or one for each box."""
         centre = self.centre.copy()
         centre[0] += value
         return _widened(centre, self.radius)
 
     def scaled(self, factor: complex | FloatArray) -> Jet:
-        """Product with a number, or a real one for each box."""
+        """Multiply by a number, or by a real one for each box."""
         return _widened(self.centre * factor, self.radius * np.abs(factor))
 
     def conjugate(self) -> Jet:
-        """The complex conjugate."""
+        """Return the complex conjugate."""
         return Jet(np.conj(self.centre), self.radius)
 
 
 def variables(centre: FloatArray, half: FloatArray, derivatives: bool) -> list[Jet]:
-    """A jet for each variable.
+    """Return a jet for each variable.
 
     Args:
         centre: Midpoints of the boxes, variables × boxes.
@@ -93,7 +93,7 @@ def variables(centre: FloatArray, half: FloatArray, derivatives: bool) -> list[J
 
 
 def turned(angle: Jet, factor: float | FloatArray) -> Jet:
-    """exp(j factor angle) of a real jet; factor a number, or one for each box."""
+    """Return exp(j factor angle) of a real jet; factor is a number, or one for each box."""
     turn = np.exp(1j * factor * angle.centre[0].real)
     size = np.abs(factor)
     # a chord is no longer than its arc
@@ -105,9 +105,10 @@ def turned(angle: Jet, factor: float | FloatArray) -> Jet:
 
 
 def turn_mean(angle: Jet) -> Jet:
-    """Mean of exp(j s angle) over 0 < s < 1, (exp(j angle) - 1) / (j angle), of a real jet.
+    """Return the mean of exp(j s angle) over 0 < s < 1, (exp(j angle) - 1) / (j angle).
 
-    Entire; its derivatives are at most 1/2 and 1/3 in size.
+    The angle is a real jet. The function is entire; its derivatives are at most 1/2 and 1/3 in
+    size.
     """
     t = angle.centre[0].real
     value = np.sinc(t / (2 * np.pi)) * np.exp(0.5j * t)
@@ -118,11 +119,13 @@ def turn_mean(angle: Jet) -> Jet:
 
 
 def decay_moments(x: Jet) -> tuple[Jet, Jet]:
-    """Integrals over 0 < s < 1 of exp(-x s) and of (1 - s) exp(-x s), of a real jet x >= 0.
+    """Return the integrals over 0 < s < 1 of exp(-x s) and of (1 - s) exp(-x s), for a jet x >= 0.
 
-    The position responses of a damped inertia to speed and to torque; entire functions of x,
-    whose derivatives are largest in size at x = 0: 1/2 and 1/3, 1/6 and 1/12, taken a hair larger
-    since boxes are widened by a hair.
+    They are the position responses of a damped inertia to speed and to torque: entire functions of
+    x,
+    whose derivatives are largest in size at x = 0: 1/2 and 1/3, 1/6 and 1/12. The code uses
+    slightly
+    larger values, because boxes are slightly widened.
     """
     at = np.maximum(x.centre[0].real, 0.0)
     zeroth, first, second = (_moment(at, j) for j in range(3))
@@ -137,7 +140,7 @@ def _composed(
     slope: FloatArray | ComplexArray,
     largest: tuple[float, float],
 ) -> Jet:
-    """The jet of f(x): value and slope at the centre, and the most its derivatives reach."""
+    """Return the jet of f(x) from value and slope at the centre and bounds of the derivatives."""
     reach = x.radius[0] * largest[1] + _SLACK_OF_SERIES
     centre = slope * x.centre
     radius = np.abs(x.centre) * reach + x.radius * (np.abs(slope) + reach)
@@ -146,7 +149,7 @@ def _composed(
 
 
 def _moment(x: FloatArray, power: int) -> FloatArray:
-    """Integral over 0 < s < 1 of s^power exp(-x s), by a series of positive terms."""
+    """Return the integral over 0 < s < 1 of s^power exp(-x s), by a series of positive terms."""
     some = np.minimum(x, _ASYMPTOTE_ABOVE)
     term = np.full_like(x, 1.0 / (power + 1))
     total = term.copy()

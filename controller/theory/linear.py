@@ -1,9 +1,9 @@
 """The linear condition: critical stiffness = sum of damping / sum of delay. Not a safe bound.
 
 It is the tangent of the exact boundary at the origin. The exact limit lies just below it for most
-settings, far below it for much virtual damping, and above it for little: see ``exact``, and
-``linear_error`` for how much. Here it is in SI units, and as the paper prints it; so is the
-passivity without delay that the paper sets beside it.
+settings, far below it for much virtual damping, and above it for little (see ``exact``, and
+``linear_error`` for the difference). The module has it in SI units and as the paper prints it, and
+the paper's passivity condition without delay.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ def linear_limit(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Critical stiffness by the linear condition, K = (b + B) / (T/2 + t_d).
+    """Return the critical stiffness of the linear condition, K = (b + B) / (T/2 + t_d).
 
-    Independent of the inertia, and to this order of the velocity's N.
+    It does not depend on the inertia, nor, to this order, on the velocity's N.
 
     Args:
         damping: Viscous damping b >= 0 [N·m·s/rad].
         virtual_damping: B [N·m·s/rad].
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
-        velocity_samples: N of the velocity difference, >= 1; changes nothing here.
+        velocity_samples: N of the velocity difference, >= 1; it has no effect here.
 
     Returns:
         Stiffness [N·m/rad] in the broadcast shape; 0 where b + B <= 0.
@@ -62,10 +62,11 @@ def linear_limit(
 
 
 def linear(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatArray:
-    """Equations (7)-(10) and (16): alpha < 2 (delta + beta) / (1 + 2 d), for any delay.
+    """Return the linear limit of alpha for any delay: equations (7)-(10) and (16).
 
-    In SI units it is ``linear_limit``: K < (b + B) / (T/2 + t_d). (16) are its lines in Fig. 6. It
-    is the tangent of the exact boundary where both dampings vanish, not a safe bound.
+    It is alpha < 2 (delta + beta) / (1 + 2 d); in SI units ``linear_limit``: K < (b + B) / (T/2 +
+    t_d). (16) are its lines in Fig. 6. It is the tangent of the exact boundary where both dampings
+    vanish, not a safe bound.
 
     Args:
         delta: Viscous damping >= 0.
@@ -90,7 +91,7 @@ def linear(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatArray:
 
 
 def linear_no_delay(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equation (4): alpha < 2 (delta + beta), the linear condition without delay.
+    """Return the linear limit without delay, alpha < 2 (delta + beta): equation (4).
 
     Args:
         delta: Viscous damping >= 0.
@@ -102,7 +103,7 @@ def linear_no_delay(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
 
 
 def linear_one_sample(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equations (5) and (14): alpha < (2/3) (delta + beta), the same for one period of delay.
+    """Return the linear limit for one period of delay, alpha < (2/3) (delta + beta): (5) and (14).
 
     Args:
         delta: Viscous damping >= 0.
@@ -114,9 +115,9 @@ def linear_one_sample(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
 
 
 def passive_no_delay(delta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Equation (6): alpha < 2 (delta - abs(beta)), passivity without delay; 0 where none is.
+    """Return the passive limit without delay, alpha < 2 (delta - abs(beta)): equation (6).
 
-    For any delay, and in SI units: ``passive_limit``.
+    It is 0 where no stiffness is passive. ``passive_limit`` is for any delay and in SI units.
 
     Args:
         delta: Viscous damping >= 0.

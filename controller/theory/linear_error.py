@@ -1,4 +1,4 @@
-"""Where, and by how much, the linear condition errs: the points of the paper's Fig. 10."""
+"""Computes the error of the linear condition along the boundary: points of the paper's Fig. 10."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ from haptic_wall.controller.theory.checks import (
 from haptic_wall.controller.theory.roots import zeros
 
 _POINTS = 1024
-_START = 1e-6  # share of the boundary's damping range from which on it is looked at
+_START = 1e-6  # fraction of the boundary's damping range at which the search starts
 
 
 class ErrorPoint(NamedTuple):
-    """Where on a boundary the linear condition errs by a given part."""
+    """Point on a boundary where the linear condition has a given error."""
 
     beta: float
     """B T / m"""
     alpha: float
     """K T² / m, on the exact boundary"""
     error: float
-    """The exact limit over the line's, minus one: below 0 the line is unsafe"""
+    """The exact limit over the linear one, minus one: below 0 the linear one is unsafe"""
 
 
 def linear_error(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatArray:
-    """The exact limit over that of the linear condition, minus one.
+    """Return the exact limit over the linear one, minus one.
 
-    Below 0 the line promises too much; -1 where no stiffness is stable although the line names one.
+    Below 0 the linear limit is too high; it is -1 where no stiffness is stable although the linear
+    limit is positive.
 
     Args:
         delta: Viscous damping b T / m >= 0.
@@ -65,16 +66,16 @@ def linear_error(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatAr
 
 
 def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, ...]:
-    """All the points of one boundary where the linear condition errs by ``error``, either way.
+    """Return all points of one boundary where the linear condition errs by ``error``, either way.
 
-    With light damping there is one, with the exact limit below the line. With more damping and
-    delay the boundary starts above the line, and the error can pass ``+error`` first and ``-error``
-    after it; or it never is as little as that at the start.
+    With light damping there is one, with the exact limit below the linear one. With more damping
+    and delay the boundary starts above it, and the error can pass ``+error`` first and ``-error``
+    later; or it is greater than ``error`` from the start.
 
     Args:
         delta: Viscous damping b T / m >= 0.
         delay: d >= 0 [periods].
-        error: The error looked for, > 0, not in percent: 0.02 for 2 %.
+        error: The error to find, > 0, not in percent: 0.02 for 2 %.
 
     Returns:
         The points by rising beta, each with the sign of its error.
@@ -109,7 +110,7 @@ def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, 
 
 
 def start_error(delta: float, delay: float) -> float:
-    """The error where the boundary starts, next to beta = -delta.
+    """Return the error where the boundary starts, next to beta = -delta.
 
     Args:
         delta: Viscous damping b T / m >= 0.

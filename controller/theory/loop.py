@@ -8,7 +8,7 @@ of a period splits the hold (modified z-transform). With ``s = 2 sin(w/2)``, ``c
     F = -1/G_d = s (P + j Q) / M,    P = q X + r Y,  Q = q Y - r X
     q = (1 + eps) s / 2,             r = (1 - eps) c
 
-in which no term is the small difference of large ones, however light the damping.
+in which no term is the small difference of large ones, for any damping.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from haptic_wall.controller.theory.response import held_response
 
 
 class PlantCurve(NamedTuple):
-    """The inverse plant at one frequency w each: F = s (P + j Q) / M, and the derivatives."""
+    """The inverse plant and its derivatives at one frequency each: F = s (P + j Q) / M."""
 
     s: FloatArray
     """2 sin(w/2)"""
@@ -41,17 +41,17 @@ class PlantCurve(NamedTuple):
 class HeldLoop:
     """The loop without its wall: plant, hold, delay and velocity difference.
 
-    The fields are arrays of one shape, or of shapes that broadcast with the frequencies asked for:
-    columns (settings × 1) when frequencies go along the second axis.
+    The fields are arrays of one shape, or of shapes that broadcast with the frequencies: columns
+    (settings × 1) when frequencies run along the second axis.
     """
 
     delta: FloatArray
     delay: FloatArray
     samples: FloatArray
     lead: FloatArray
-    """n + 1, the whole periods of the delay and the one of the pulse transfer"""
+    """n + 1: the whole periods of the delay, and the one of the pulse transfer"""
     decay: FloatArray
-    """1 - eps: share of its speed that the free device loses in a period"""
+    """1 - eps: fraction of its speed that the free device loses in a period"""
     b_sum: FloatArray
     """b2 + b1 + b0"""
     b_even: FloatArray
@@ -61,13 +61,13 @@ class HeldLoop:
 
     @classmethod
     def of(cls, delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:
-        """The loop for arrays of delta, d and N."""
+        """Return the loop for arrays of delta, d and N."""
         whole = np.floor(delay)
         full = held_response(delta, 1.0)
         late = held_response(delta, 1.0 - (delay - whole))
         phi = full.position_per_speed
         eps = full.speed_per_speed
-        # the torque of n periods ago acts over the rest of the period, the one before until then
+        # the period starts with the torque of n + 1 periods ago and ends with that of n periods ago
         b2 = late.position_per_torque
         old_position = full.position_per_torque - b2
         old_speed = phi - late.position_per_speed
@@ -84,7 +84,7 @@ class HeldLoop:
         )
 
     def column(self) -> HeldLoop:
-        """The same with a second axis, along which frequencies can go."""
+        """Return the loop with a second axis, for the frequencies."""
         return HeldLoop(
             self.delta[:, None],
             self.delay[:, None],
@@ -97,7 +97,7 @@ class HeldLoop:
         )
 
     def curve(self, w: FloatArray) -> PlantCurve:
-        """F(w) in its real parts, and their derivatives with respect to w."""
+        """Return F(w) in its real parts, and their derivatives with respect to w."""
         half = 0.5 * w
         s, c = 2.0 * np.sin(half), np.cos(half)
         angle = self.lead * w
@@ -123,7 +123,7 @@ class HeldLoop:
         )
 
     def inverse_plant(self, w: FloatArray) -> ComplexArray:
-        """F(w) = -1 / G_d(exp(j w)), G_d from the torque commanded to the position."""
+        """Return F(w) = -1 / G_d(exp(j w)), G_d from the commanded torque to the position."""
         half = 0.5 * w
         s, c = 2.0 * np.sin(half), np.cos(half)
         real, imag = self.b_sum - 0.5 * self.b_even * s * s, self.b_odd * s * c
@@ -133,7 +133,7 @@ class HeldLoop:
         return result
 
     def difference(self, w: FloatArray) -> ComplexArray:
-        """D(w) = (1 - exp(-j N w)) / N."""
+        """Return D(w) = (1 - exp(-j N w)) / N."""
         half = self.samples * w / 2
         result: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half) / self.samples
         return result

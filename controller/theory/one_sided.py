@@ -1,9 +1,11 @@
-"""The stiffness up to which a wall that never pulls does not throw the device back faster.
+"""Computes the one-sided limit: below it a wall that never pulls returns no device faster.
 
-A wall that only pushes loses its damping on the way out, so it can return a device faster than
-it came although the two-sided loop is stable: a gentle steady push then bounces for ever. The
-limit is where the ratio of the speeds, at the worst phase of entry, reaches 1. No closed form is
-known: contacts are simulated.
+A wall that only pushes loses its damping on the way out. It can therefore return a device faster
+than
+it came although the two-sided loop is stable: with a gentle steady push the device then bounces for
+ever. The limit is the stiffness at which the ratio of the speeds, at the worst phase of entry, is
+1.
+No closed form is known: contacts are simulated.
 """
 
 from __future__ import annotations
@@ -33,12 +35,13 @@ _PHASES = 17
 _ZOOMS, _ZOOM_POINTS = 4, 7
 # Contacts slower than this (rad per sample, times the delay) are scaled up: see _speed_up.
 _SLOW = 1e-2
-_LONGEST, _LATEST = 1e5, 1e4  # contacts and delays that are simulated, in periods
-_LITTLE = 1e-2  # but no further than to this much damping (per period, times the delay)
+_LONGEST, _LATEST = 1e5, 1e4  # longest simulated contacts and delays, in periods
+_LITTLE = 1e-2  # upper end of the scaled damping (per period, times the delay)
 
 _NO_COASTING = 20.0
-"""A device with more viscous damping (delta) forgets its speed within a twentieth of a period: it
-never coasts into a wall or out of it, and no contact returns speed. The exact limit is left."""
+"""A device with more viscous damping (delta) loses its speed within a twentieth of a period: it
+never coasts into a wall or out of it, and no contact returns speed. Only the exact limit applies.
+"""
 
 
 def one_sided_limit(
@@ -50,10 +53,10 @@ def one_sided_limit(
     velocity_samples: ArrayLike = 1,
     tolerance: float = 1e-4,
 ) -> FloatArray:
-    """Stiffness up to which a wall that never pulls returns no device faster than it came.
+    """Return the stiffness up to which a one-sided wall returns no device faster than it came.
 
-    At most ``critical_stiffness``; lower the more virtual damping there is. Torque saturation and
-    friction other than viscous are not counted.
+    It is at most ``critical_stiffness``, and lower the more virtual damping there is. It neglects
+    torque saturation and all friction but viscous.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -62,9 +65,9 @@ def one_sided_limit(
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
         velocity_samples: N of the velocity difference, >= 1.
-        tolerance: Wanted relative accuracy; 0.01 or more takes a third of the time. The default
-            is met within three times of itself where the ratio hardly depends on the stiffness
-            (contacts of thousands of periods with little virtual damping).
+        tolerance: Wanted relative accuracy; 0.01 or more takes a third of the time. The error can
+            reach three times the default where the ratio hardly depends on the stiffness (contacts
+            of thousands of periods with little virtual damping).
 
     Returns:
         Stiffness [N·m/rad] in the broadcast shape; 0 where none will do.
@@ -97,9 +100,9 @@ def restitution(
     phases: int = 33,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Exit speed over entry speed of one contact with a wall that never pulls, at the worst phase.
+    """Return exit speed over entry speed of a contact with a one-sided wall, at the worst phase.
 
-    The device comes freely. Its exit speed is taken when no commanded torque acts any more.
+    The device moves freely before. Its exit speed is taken when no commanded torque acts any more.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -108,7 +111,7 @@ def restitution(
         virtual_damping: B [N·m·s/rad].
         period: T > 0 [s].
         delay: t_d >= 0 [s].
-        phases: How many phases of entry are tried, >= 2; the ends of the period are among them.
+        phases: Number of phases of entry to try, >= 2, the ends of the period included.
         velocity_samples: N of the velocity difference, >= 1.
 
     Returns:
@@ -141,7 +144,7 @@ def _simulable(s: Settings) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Walls:
-    """Flat dimensionless settings with a stiffness each, of which shares are tried."""
+    """Flat dimensionless settings, each with a stiffness whose fractions are tried."""
 
     delta: FloatArray
     beta: FloatArray
@@ -166,13 +169,13 @@ def _even(count: int) -> FloatArray:
 def _returned(
     walls: _Walls, share: FloatArray, phases: FloatArray, floor: float = 0.5
 ) -> FloatArray:
-    """Exit over entry speed; walls × shares × phases.
+    """Return exit over entry speed; walls × fractions × phases.
 
     Args:
         walls: The settings.
-        share: Shares of each wall's alpha to try, walls (or 1) × shares.
-        phases: Either one row of phases for all, or walls × shares × phases.
-        floor: See ``exit_speed``; only what comes near 1 matters to the limit.
+        share: Fractions of each wall's alpha to try, walls (or 1) × fractions.
+        phases: Either one row of phases for all, or walls × fractions × phases.
+        floor: See ``exit_speed``; only ratios near 1 matter to the limit.
     """
     shape = (walls.delta.size, share.shape[1], phases.shape[-1])
 
@@ -191,12 +194,13 @@ def _returned(
 
 
 def _worst(walls: _Walls, share: FloatArray) -> FloatArray:
-    """Worst ratio over the phase of entry; walls × shares.
+    """Return the worst ratio over the phase of entry; walls × fractions.
 
-    With damping the worst phase is nearly always the last: the first sample inside is just
-    missed, and a whole period passes without the damper. With next to none the ratio is a small
-    sawtooth over the phase, so the surroundings of the best phase are looked at closer where that
-    can decide.
+    With damping the worst phase is nearly always the last: the first sample inside is just missed,
+    and
+    a whole period passes without the damper. With nearly no damping the ratio is a small sawtooth
+    over
+    the phase; the neighbourhood of the worst phase is then refined where that can decide.
     """
     phases = _even(_PHASES)
     ratio = _returned(walls, share, phases)
@@ -223,7 +227,7 @@ def _worst(walls: _Walls, share: FloatArray) -> FloatArray:
 
 @dataclass(slots=True)
 class _Bracket:
-    """Shares of the exact limit between which the ratio passes 1; one for each wall."""
+    """Bracket, in fractions of the exact limit, in which the ratio passes 1; one for each wall."""
 
     low: FloatArray
     high: FloatArray
@@ -231,7 +235,7 @@ class _Bracket:
     at_high: FloatArray
 
     def narrow(self, which: IntArray, share: FloatArray, ratio: FloatArray) -> None:
-        """Keep the gap before the first of the rising shares that returns the device faster."""
+        """Keep the gap before the first of the rising fractions that returns the device faster."""
         throws = ratio > 1
         first = np.where(throws.any(axis=1), np.argmax(throws, axis=1), share.shape[1])
         rows = np.arange(which.size)
@@ -244,17 +248,17 @@ class _Bracket:
         self.at_low[which] = np.where(down, ratio[rows, at], self.at_low[which])
 
     def crossing(self) -> FloatArray:
-        """Where the ratio is 1 on the straight line between the ends."""
+        """Return the fraction where the ratio is 1 on the straight line between the ends."""
         rise = np.maximum(self.at_high - self.at_low, np.finfo(np.float64).tiny)
         share: FloatArray = self.low + (self.high - self.low) * (1 - self.at_low) / rise
         return share
 
 
 def _share_of_exact(walls: _Walls, quick: bool) -> FloatArray:
-    """The limit as a share of each wall's alpha, its exact limit.
+    """Return the one-sided limit as a fraction of each wall's alpha, its exact limit.
 
-    The ratio rises through 1 once as the stiffness grows, so the crossing is bracketed by trying
-    several shares at once, and interpolated.
+    The ratio rises through 1 once as the stiffness grows. Several fractions at once bracket the
+    crossing, which is then interpolated.
 
     Args:
         walls: The settings.
@@ -281,7 +285,7 @@ def _share_of_exact(walls: _Walls, quick: bool) -> FloatArray:
             tried = low + (high - low) * _even(points + 2)
             bracket.narrow(some, tried, _worst(chosen, tried))
         low, high = ends()
-        # a narrow gap around the crossing expected
+        # a narrow gap around the expected crossing
         around = np.array([-0.05, 0.05]) * (high - low)
         tried = np.clip(bracket.crossing()[some, None] + around, low, high)
         bracket.narrow(some, tried, _worst(chosen, tried))
@@ -290,13 +294,15 @@ def _share_of_exact(walls: _Walls, quick: bool) -> FloatArray:
 
 
 def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
-    """Walls with the same share of the exact limit, but with contacts of bounded length.
+    """Return walls with the same fraction of the exact limit and contacts of bounded length.
 
     With little damping a contact takes thousands of periods. There the limit approaches the exact
-    one, and falls short of it in proportion to the frequency, which goes with the root of the
-    damping: so both dampings are scaled up by ``scale²``, and the shortfall is ``scale`` times
-    too large. Where the stiffness is small for another reason (B next to -b, or to the ceiling),
-    the dampings themselves are not, and a contact does not swing: it creeps, or ends at once.
+    one,
+    with a shortfall in proportion to the frequency, which goes with the root of the damping. Both
+    dampings are therefore scaled up by ``scale²``, which makes the shortfall ``scale`` times too
+    large.
+    Where the stiffness is small for another reason (B next to -b, or to the ceiling) the dampings
+    themselves are not small, and a contact is no oscillation: it creeps, or ends at once.
 
     Returns:
         (walls, scale), scale >= 1.

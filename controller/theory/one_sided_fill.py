@@ -1,8 +1,9 @@
-"""Filling the table of the one-sided limit: from computed limits to shares that are safe between.
+"""Fills the table of the one-sided limit so that its interpolation underestimates the limit.
 
-The nodes are computed; then every cell is looked into at random places, and its nodes are lowered
-until the interpolation lies below what is computed there. Cells where the interpolation would
-then be far too low, or that reach to where no stiffness will do, are left out.
+It computes the nodes, samples every cell at random places, and lowers the cell's nodes until the
+interpolation lies below the computed values. It leaves out cells where the interpolation would be
+far
+too low, and cells that reach to where no stiffness is allowed.
 """
 
 from __future__ import annotations
@@ -31,27 +32,27 @@ from haptic_wall.controller.theory.one_sided_table import (
 
 _Array = NDArray[np.uint8] | NDArray[np.uint16]
 
-_BATCH = 300  # settings computed by one task
-# Nodes are computed a little beyond what is looked up, for whole cells at the edge.
+_BATCH = 300  # settings that one task computes
+# Nodes extend a little beyond the domain of the table, for whole cells at its edge.
 _NODE_OF_CEILING, _NODE_DELTA = 0.978, 0.16
-_LOOKS = 5  # places looked at in each cell, its middle among them
-# In a cell at the edge of what is looked up, places beyond the edge say nothing: so many are drawn
-# at most until one counts.
+_LOOKS = 5  # places sampled in each cell, its middle among them
+# In a cell at the edge of the domain, places beyond the edge do not count: largest number of draws
+# until one does.
 _DRAWS = 40
-_BELOW = 2e-3  # how far below the computed share the interpolation is brought
-# What makes a cell unusable: the interpolation stays below this part of what is computed; it has
-# to be lowered by more than this part; the least share at a node over the greatest is less than
-# this.
+_BELOW = 2e-3  # distance of the interpolation below the computed fraction
+# A cell is unusable if the interpolation stays below this part of the computed value; if it has to
+# be lowered by more than this part; or if the least fraction at a node over the greatest is less
+# than this.
 _LOWEST, _MOST_LOWERED, _STEEP = 0.96, 0.04, 0.7
-_LEAST = 0.03  # share at a node below which a cell is left out: soon no wall will do
-# Near the ceiling a few looks miss the scallops that lie across a cell: from this share of it on,
-# and where the least share at a node is below this part of the greatest, so many more are taken,
-# most of them near the edges, and the interpolation is brought further down, for what they miss.
+_LEAST = 0.03  # fraction at a node below which a cell is left out
+# Near the ceiling a few samples miss the scallops that lie across a cell. Above this fraction of
+# the ceiling, and where the least fraction at a node is below this part of the greatest, so many
+# more samples are taken, most of them near the edges, and the interpolation is lowered further.
 _NEAR_CEILING, _SLOPING, _MORE_LOOKS, _FURTHER_BELOW = 0.7, 0.9, 90, 8e-3
 
 
 def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: int) -> FloatArray:
-    """The computed one-sided limit over the exact one; NaN where nothing is stable."""
+    """Return the computed one-sided limit over the exact one; NaN where nothing is stable."""
     exact, _ = critical(delta, beta, delay, np.full_like(delta, n))
     limit = one_sided_limit(1.0, delta, beta, 1.0, delay, n)
     share: FloatArray = np.where(exact > 0, limit / np.where(exact > 0, exact, 1.0), np.nan)
@@ -59,10 +60,10 @@ def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: in
 
 
 def parts(executor: Executor) -> Iterator[tuple[str, dict[str, _Array]]]:
-    """The table part by part: what was filled, and its arrays as they are stored.
+    """Yield the table part by part: a message, and the arrays to store.
 
     Args:
-        executor: Where the limits are computed.
+        executor: Computes the limits.
     """
     for n, name in product(SAMPLES, GRIDS):
         nodes, good = _filled(name, n, executor)
@@ -71,7 +72,7 @@ def parts(executor: Executor) -> Iterator[tuple[str, dict[str, _Array]]]:
 
 
 class _Look(NamedTuple):
-    """One place in each of many cells, and the share computed there."""
+    """One sampled place in each of many cells, and the fraction computed there."""
 
     cell: IntArray
     place: FloatArray
@@ -79,11 +80,11 @@ class _Look(NamedTuple):
 
 
 def _filled(name: str, n: int, executor: Executor) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
-    """A grid's nodes as they are stored (flat), and which of its cells are good."""
+    """Return a grid's nodes as stored (flat), and which of its cells are good."""
     grid = GRIDS[name]
     mesh = np.meshgrid(*(axis.values() for axis in grid.axes), indexing="ij")
     computed = _shares(name, np.stack([m.ravel() for m in mesh]), n, True, executor)
-    # a cell with a node that is not a number has no least either
+    # a cell with a NaN node has a NaN minimum too
     corners = computed.reshape(grid.shape)
     least, most = _of_corners(np.minimum, corners), _of_corners(np.maximum, corners)
     good: NDArray[np.bool_] = (least > _LEAST) & (least > _STEEP * most)
@@ -99,7 +100,7 @@ def _filled(name: str, n: int, executor: Executor) -> tuple[NDArray[np.uint16], 
 
 
 def _sloping_near_ceiling(grid: Grid, nodes: FloatArray) -> NDArray[np.bool_]:
-    """Cells of a plain grid that deserve more looks."""
+    """Select the cells of a plain grid that need more samples."""
     corners = nodes.reshape(grid.shape)
     least, most = _of_corners(np.minimum, corners), _of_corners(np.maximum, corners)
     near = grid.axes[0].values()[1:] ** 2 > _NEAR_CEILING
@@ -110,7 +111,7 @@ def _sloping_near_ceiling(grid: Grid, nodes: FloatArray) -> NDArray[np.bool_]:
 def _corrected(
     grid: Grid, nodes: FloatArray, good: NDArray[np.bool_], looks: Sequence[_Look], below: float
 ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
-    """Nodes lowered to what was seen, as they are stored; and the cells that are good still."""
+    """Lower the nodes to the sampled values; return them as stored, and the cells still good."""
     failed = np.zeros_like(good)
     for look in looks:
         excess = grid.interpolate(nodes, look.cell, look.place) - (1 - below) * look.share
@@ -122,15 +123,15 @@ def _corrected(
     for look in looks:
         found = grid.interpolate(stored / UNIT, look.cell, look.place)
         failed[tuple(look.cell[:, found < _LOWEST * look.share])] = True
-    # a few looks miss some of what is wrong: where one cell failed, the next ones are doubtful
+    # a few samples miss some failures: the neighbours of a failed cell are doubtful
     return stored, good & ~_beside(failed)
 
 
 def _shares(
     name: str, coordinates: FloatArray, n: int, at_nodes: bool, executor: Executor
 ) -> FloatArray:
-    """Computed shares at coordinates of a grid (axes × points); see ``_task``."""
-    # contacts of like length together, since a batch takes as long as its longest
+    """Return computed fractions at coordinates of a grid (axes × points); see ``_task``."""
+    # group contacts of similar length, since a batch takes as long as its longest
     order = np.argsort(coordinates[0], kind="stable")
     parts = np.array_split(order, order.size // _BATCH + 1)
     result = np.empty(order.size)
@@ -141,9 +142,10 @@ def _shares(
 
 
 def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatArray:
-    """Computed shares at coordinates of a grid; NaN outside of what the grid is for.
+    """Return computed fractions at coordinates of a grid; NaN outside the grid's domain.
 
-    ``at_nodes`` reaches a little further; there it is 1 without virtual damping, even where
+    ``at_nodes`` extends the domain a little; there the result is 1 without virtual damping, even
+    where
     without any damping nothing is stable.
     """
     p = GRIDS[name].settings(coordinates, n)
@@ -158,7 +160,7 @@ def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatAr
 
 
 def _looked_up(name: str, p: Point) -> NDArray[np.bool_]:
-    """Which settings are looked up, and in this grid."""
+    """Whether each setting lies in the table's domain, and in this grid."""
     wanted = (p.of_ceiling <= MAX_OF_CEILING) & (p.delta <= MAX_DELTA)
     wanted &= grid_of(p.of_ceiling, p.delay)[name]
     return wanted
@@ -172,7 +174,7 @@ def _look(
     executor: Executor,
     at_edges: bool = False,
 ) -> _Look:
-    """A place in each good cell, random or the middle; what is not looked up is left out."""
+    """Sample a place in each good cell, random or the middle; drop places outside the domain."""
     grid, cell = GRIDS[name], np.stack(np.nonzero(good))
     place = np.full(cell.shape, 0.5)
     if random is not None:
@@ -188,7 +190,7 @@ def _look(
 
 
 def _beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """These cells and the ones next to them along each axis."""
+    """Return these cells and their neighbours along each axis."""
     result = cells.copy()
     for axis in range(cells.ndim):
         along, source = np.moveaxis(result, axis, 0), np.moveaxis(cells, axis, 0)
@@ -198,7 +200,7 @@ def _beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _of_corners(ufunc: np.ufunc, nodes: FloatArray) -> FloatArray:
-    """``ufunc`` over the eight nodes of each cell."""
+    """Apply ``ufunc`` over the eight nodes of each cell."""
     for axis in range(nodes.ndim):
         along = np.moveaxis(nodes, axis, 0)
         nodes = np.moveaxis(ufunc(along[:-1], along[1:]), 0, axis)
@@ -206,7 +208,7 @@ def _of_corners(ufunc: np.ufunc, nodes: FloatArray) -> FloatArray:
 
 
 def _lowered(grid: Grid, nodes: FloatArray, cell: IntArray, excess: FloatArray) -> FloatArray:
-    """Each node lowered by the greatest excess of the cells around it."""
+    """Lower each node by the greatest excess of the cells around it."""
     down = np.zeros(grid.shape)
     for corner in product((0, 1), repeat=3):
         np.maximum.at(down, tuple(cell + np.array(corner)[:, None]), excess)

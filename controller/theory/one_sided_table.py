@@ -1,18 +1,22 @@
-"""The limit of a wall that never pulls, looked up: a table of its share of the exact limit.
+"""Looks up the one-sided limit in a table of its fraction of the exact limit.
 
-In pure numbers the share depends on ``delta = b T / m``, ``beta = B T / m`` (here as a share of
-the damping ceiling), the delay in periods, and N. Three grids hold it, each in coordinates that
-make it easy to interpolate:
+In dimensionless form the fraction depends on ``delta = b T / m``, ``beta = B T / m`` (here as a
+fraction of the damping ceiling), the delay in periods, and N. Three grids hold it, each in
+coordinates that make interpolation easy:
 
-- short delays, little virtual damping: a contact is cut into whole samples, which makes scallops
-  in the share, one for each sample more. One axis is the length of the contact, so that they lie
-  along the grid;
+- short delays, little virtual damping: a contact has a whole number of samples, which makes
+  scallops
+  in the fraction, one for each additional sample. One axis is the length of the contact, so that
+  the
+  scallops lie along the grid;
 - short delays, much virtual damping: few scallops, on a fine grid;
 - long delays: smooth.
 
-What is stored is lowered until the interpolation lies below what is computed. Cells where that
-costs more than a few percent are left out, and there the limit is computed.
-``one_sided_fill`` makes the table.
+The stored values are lowered until the interpolation lies below the computed limit. Cells where
+that
+costs more than a few per cent are left out, and there the limit is computed. ``one_sided_fill``
+makes
+the table.
 """
 
 from __future__ import annotations
@@ -33,16 +37,16 @@ from haptic_wall.controller.theory.one_sided import one_sided_limit
 
 TABLE = Path(__file__).with_name("one_sided_table.npz")
 SAMPLES = (1,)
-"""The N that are tabulated"""
+"""The tabulated N"""
 UNIT = np.iinfo(np.uint16).max
-"""What a share of 1 is stored as"""
+"""Stored value of a fraction of 1"""
 
-MAX_DELTA, MAX_OF_CEILING = 0.1, 0.95  # what is looked up, with no negative virtual damping
+MAX_DELTA, MAX_OF_CEILING = 0.1, 0.95  # the table's domain, without negative virtual damping
 _SHORT, _LONG = 7.0, 60.0  # delays in periods, where the grids meet and end
-_MUCH = 0.3  # share of the ceiling where the grids for short delays meet
+_MUCH = 0.3  # fraction of the ceiling where the grids for short delays meet
 
-# The contact lasts about (d + OFFSET)(2.65/sqrt(e) - 1) samples, with e the damping as a share of
-# the ceiling: that of the wall plus 0.93 of the device's (fitted to 1200 computed limits with an
+# The contact lasts about (d + OFFSET)(2.65/sqrt(e) - 1) samples, with e the damping as a fraction
+# of the ceiling: that of the wall plus 0.93 of the device's (fitted to 1200 computed limits with an
 # error of a tenth of a sample; the better the fit, the coarser the grid may be).
 _OFFSET, _PER_ROOT, _LESS, _DEVICE = 0.6, 2.65, 1.0, 0.93
 # Up to this length the axis is the length; beyond, it reaches twice that at infinite length.
@@ -50,14 +54,14 @@ _LONG_CONTACT = 10.0
 
 
 class Point(NamedTuple):
-    """Where in the table: flat arrays."""
+    """Coordinates in the table, as flat arrays."""
 
     delta: FloatArray
     of_ceiling: FloatArray
-    """Virtual damping as a share of the ceiling"""
+    """Virtual damping as a fraction of the ceiling"""
     delay: FloatArray
     ceiling: FloatArray
-    """Dimensionless virtual damping beyond which nothing is stable"""
+    """Dimensionless virtual damping above which nothing is stable"""
 
 
 class Axis(NamedTuple):
@@ -68,28 +72,28 @@ class Axis(NamedTuple):
     nodes: int
 
     def values(self) -> FloatArray:
-        """The nodes."""
+        """Return the nodes."""
         return np.linspace(self.first, self.last, self.nodes)
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Three axes, and how settings are placed on them."""
+    """Three axes, and the conversion of settings to coordinates."""
 
     kind: Literal["aligned", "plain"]
     axes: tuple[Axis, Axis, Axis]
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Nodes along each axis."""
+        """Return the number of nodes along each axis."""
         a, b, c = self.axes
         return a.nodes, b.nodes, c.nodes
 
     def coordinates(self, p: Point) -> FloatArray:
-        """Settings to coordinates, axes × settings."""
+        """Convert settings to coordinates, axes × settings."""
         lag = p.delay + _OFFSET
         if self.kind == "plain":
-            # beyond the last node of the second axis the share is 1, as it is on it
+            # beyond the last node of the second axis the fraction is 1, as on the node
             friction = np.minimum(np.sqrt(p.delta * lag), self.axes[1].last)
             return np.stack([np.sqrt(p.of_ceiling), friction, np.log(lag)])
         device = _DEVICE * p.delta / p.ceiling
@@ -101,7 +105,7 @@ class Grid:
         )
 
     def settings(self, coordinates: FloatArray, samples: int) -> Point:
-        """Coordinates (axes × settings) to settings, the other way round."""
+        """Convert coordinates (axes × settings) to settings."""
         first, second, third = coordinates
         lag = np.exp(third)
         delay = np.maximum(lag - _OFFSET, 0.0)
@@ -119,20 +123,20 @@ class Grid:
         return Point(delta, (1 - second) * both, delay, max_beta(delta, delay, n))
 
     def between(self, cell: IntArray, place: FloatArray) -> FloatArray:
-        """The coordinates of places in cells, axes × points."""
+        """Return the coordinates of places in cells, axes × points."""
         first, last, nodes = (np.array(column)[:, None] for column in zip(*self.axes, strict=True))
         result: FloatArray = first + (cell + place) * ((last - first) / (nodes - 1))
         return result
 
     def locate(self, coordinates: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The cell of each point (axes × points), and where in it, 0 to 1 along each axis."""
+        """Return each point's cell (axes × points), and its place there, 0 to 1 on each axis."""
         first, last, nodes = (np.array(column)[:, None] for column in zip(*self.axes, strict=True))
         along = (coordinates - first) * ((nodes - 1) / (last - first))
         cell = np.clip(along.astype(np.int64), 0, nodes - 2)
         return cell, along - cell
 
     def interpolate(self, nodes: FloatArray, cell: IntArray, place: FloatArray) -> FloatArray:
-        """Trilinear between ``nodes`` (flat)."""
+        """Interpolate trilinearly between ``nodes`` (flat)."""
         b, c = self.shape[1:]
         base = (cell[0] * b + cell[1]) * c + cell[2]
         x, y, z = place
@@ -162,7 +166,7 @@ GRIDS: Mapping[str, Grid] = {
 
 
 def grid_of(of_ceiling: FloatArray, delay: FloatArray) -> dict[str, NDArray[np.bool_]]:
-    """Which settings each grid is for."""
+    """Return which settings each grid covers."""
     late, much = delay > _SHORT, of_ceiling > _MUCH
     return {"little": ~late & ~much, "much": ~late & much, "late": late}
 
@@ -196,7 +200,7 @@ def tabulated_share(
     samples: FloatArray,
     ceiling: FloatArray,
 ) -> FloatArray:
-    """The one-sided limit as a share of the exact one, from the table; flat arrays.
+    """Return the one-sided limit as a fraction of the exact one, from the table; flat arrays.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -206,7 +210,7 @@ def tabulated_share(
         ceiling: Dimensionless virtual damping beyond which nothing is stable.
 
     Returns:
-        The share, NaN where the table has none.
+        The fraction, NaN where the table has none.
     """
     result = np.full_like(delta, np.nan)
     of_ceiling = beta / ceiling
@@ -237,10 +241,10 @@ def one_sided_limit_tabulated(
     exact: ArrayLike | None = None,
     ceiling: ArrayLike | None = None,
 ) -> FloatArray:
-    """The limit of ``one_sided_limit``, looked up where the table has it, else computed.
+    """Return the limit of ``one_sided_limit``, looked up where the table has it, else computed.
 
-    What is looked up is at most 5 % lower than what is computed, mostly under 1 %, and not
-    higher by more than 0.5 %.
+    A looked-up limit is at most 5 % lower than the computed one, mostly under 1 %, and at most 0.5
+    % higher.
 
     Args:
         inertia: m > 0 [kg·m²].

@@ -24,7 +24,7 @@ from haptic_wall.controller.theory.dimensionless import settings
 
 _ZOOMS = 12
 _ZOOM_POINTS = 9
-_NEVER_PASSIVE = 1e9  # B / b: at some angle the damper alone puts in more than b takes
+_NEVER_PASSIVE = 1e9  # B / b: at some angle the damper alone injects more than b dissipates
 
 
 def passive_limit(
@@ -34,10 +34,10 @@ def passive_limit(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> FloatArray:
-    """Stiffness up to which the wall is passive: stable with any passive hand on the device.
+    """Return the stiffness up to which the wall is stable with any passive hand on the device.
 
-    Independent of the inertia. Without delay it is 2 (b - abs(B)) / T; for B = 0 and whole delays
-    it is the linear condition b / (T/2 + t_d). It holds for a linear, two-sided wall.
+    It does not depend on the inertia. Without delay it is 2 (b - abs(B)) / T; for B = 0 and whole
+    delays it is the linear condition b / (T/2 + t_d). It holds for a linear, two-sided wall.
 
     Args:
         damping: Viscous damping b >= 0 [N·m·s/rad].
@@ -72,13 +72,13 @@ def passive_limit(
 
 
 def _kappa(ratio: float, delay: float, n_samples: int) -> float:
-    """Largest K T / b, at B / b = ``ratio``: least over theta, scanned and then zoomed in."""
+    """Return the largest K T / b at B / b = ``ratio``: the least over theta, by scan and zoom."""
     # sixteen points per turn of the fastest angle, and the limit theta -> 0
     steps = 64 + 8 * int((delay + 2) + n_samples)
     theta = np.linspace(0.0, np.pi, steps + 1)
     theta[0] = 1e-7
     values = _kappa_at(theta, ratio, delay, n_samples)
-    # every low point of the scan may hide the least one
+    # every local minimum of the scan may contain the least value
     lows = np.flatnonzero(
         (values <= np.append(values[1:], np.inf)) & (values <= np.append(np.inf, values[:-1]))
     )
@@ -96,7 +96,7 @@ def _kappa(ratio: float, delay: float, n_samples: int) -> float:
 
 
 def _kappa_at(theta: FloatArray, ratio: float, delay: float, n_samples: int) -> FloatArray:
-    """Largest K T / b that meets the condition at ``theta``: positive root of a quadratic.
+    """Return the largest K T / b that meets the condition at ``theta``, from a quadratic.
 
     The condition times b, with k = K T / b and h = ratio (1 - e^{-jN theta}) / N::
 

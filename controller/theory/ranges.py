@@ -1,4 +1,4 @@
-"""Ranges of a servo's parameters, and one servo out of them."""
+"""Ranges of a servo's parameters, and a single member of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from haptic_wall.controller.theory.checks import number
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One servo."""
+    """One servo of a range."""
 
     inertia: float
     """[kg·m²]"""
@@ -18,7 +18,7 @@ class Member:
     delay: float
     """Total delay, from the sample to its torque acting [s]"""
     torque_gain: float = 1.0
-    """Torque that acts over torque that is commanded"""
+    """Ratio of the acting torque to the commanded torque"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Ranges:
     inertia: tuple[float, float]
     """> 0 [kg·m²]"""
     damping: tuple[float, float]
-    """> 0 [N·m·s/rad]: with none at all nothing is damped before the wall acts"""
+    """> 0 [N·m·s/rad]: without any, nothing damps the motion before the wall acts"""
     delay: tuple[float, float]
     """Total delay, from the sample to its torque acting, >= 0 [s]"""
     torque_gain: tuple[float, float] = (1.0, 1.0)
-    """Torque that acts over torque that is commanded, > 0; only the highest matters"""
+    """Ratio of the acting torque to the commanded torque, > 0; only the highest matters"""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -53,7 +53,7 @@ class Ranges:
                 raise ValueError(f"{field.name} must have low <= high, got {low:g} > {high:g}")
 
     def known(self, name: str, value: float) -> Ranges:
-        """The ranges when one of them is known.
+        """Return the ranges with one parameter known exactly.
 
         Raises:
             ValueError: ``value`` is outside of the range.

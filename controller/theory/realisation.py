@@ -1,4 +1,4 @@
-"""The loop as transfer functions and state matrices, to hand to python-control, scipy or Matlab.
+"""Returns the loop as transfer functions and state matrices, for python-control, scipy or Matlab.
 
 Plain numpy arrays in SI units, polynomials with the highest power of z first, sampling period T.
 Any delay: a fraction of a period splits the hold, which adds a zero and a delayed torque. For
@@ -39,12 +39,12 @@ class StateSpace(NamedTuple):
 
 
 class _Hold(NamedTuple):
-    """What a period of motion makes of position, speed and the two torques that act in it."""
+    """Response over one period to position, speed and the two torques that act in it."""
 
     whole: int
-    """The torque of that many periods ago acts to the end of the period"""
+    """The torque of this many periods ago acts until the end of the period"""
     split: bool
-    """The torque before it acts at its start"""
+    """The torque before it acts at the period's start"""
     phi: float
     """Position per speed at the start [s]"""
     kept: float
@@ -52,11 +52,11 @@ class _Hold(NamedTuple):
     new: tuple[float, float]
     """Position [rad] and speed [rad/s] per unit of the later torque"""
     old: tuple[float, float]
-    """The same of the earlier torque"""
+    """Position and speed per unit of the earlier torque"""
 
 
 def pulse_transfer(inertia: float, damping: float, period: float, delay: float) -> TransferFunction:
-    """From the torque commanded at a sample to the position sampled, the delay included.
+    """Return the transfer from commanded torque to sampled position, the delay included.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -84,7 +84,7 @@ def pulse_transfer(inertia: float, damping: float, period: float, delay: float) 
 def wall_transfer(
     stiffness: float, virtual_damping: float, period: float, velocity_samples: int = 1
 ) -> TransferFunction:
-    """From the sampled position to the torque that the wall subtracts: K + B (1 - z^-N) / (N T).
+    """Return the wall's transfer from position to subtracted torque: K + B (1 - z^-N) / (N T).
 
     Args:
         stiffness: K [N·m/rad].
@@ -108,9 +108,9 @@ def wall_transfer(
 
 
 def plant(inertia: float, damping: float, period: float, delay: float) -> StateSpace:
-    """The device with a held torque that acts late; input the torque commanded, output position.
+    """Return the device with a held, delayed torque; input commanded torque, output position.
 
-    States: position [rad], speed [rad/s], then the torques commanded that still have to act
+    States: position [rad], speed [rad/s], then the commanded torques that still have to act
     [N·m], the latest first.
 
     Args:
@@ -149,9 +149,9 @@ def closed_loop(
     delay: float,
     velocity_samples: int = 1,
 ) -> StateSpace:
-    """The two-sided wall at position 0 on the device; its poles are the eigenvalues of ``a``.
+    """Return device and two-sided wall at position 0; the poles are the eigenvalues of ``a``.
 
-    States: those of ``plant``, then the N positions sampled before, the latest first. Input: a
+    States: those of ``plant``, then the last N sampled positions, the latest first. Input: a
     torque added to the command [N·m]; output: position [rad].
 
     Args:

@@ -1,25 +1,29 @@
-"""The speeds between which a wall that never pulls returns no device faster than it came.
+"""Finds the speeds at which a wall that never pulls returns no device faster than it came.
 
 Below its limit such a wall takes energy from every contact, in proportion to the square of the
-speed. Two things break the proportion. One encoder count commands a torque of its own: the work
-of that error grows with the speed itself, so at low speeds it is more than the contact takes. And
-at high speeds the torque reaches its limit, which is another wall.
+speed.
+Two effects break the proportion. One encoder count commands a torque of its own; the work of that
+error grows with the speed itself, so at low speeds it exceeds the energy taken. At high speeds the
+torque saturates, which makes another wall.
 
-**The low end.** Along a contact the torque differs from the ideal wall's by no more than one
-count's torque, e = g (K q + |B| q / (N T)). Over a depth v/w that is a work of about 2 e v / w
-against a loss of (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the
-contact loses energy above a speed of the order of e / (m w (1 - r)). That argument gives where to
-look, not the number: from there downwards contacts are simulated with counts, over phases of entry
-and places of the surface within a count, until counts take half of what the contact loses: single
-speeds lie above their neighbours, so the ones tried must not come close to 1. Coulomb friction c
-does the work -2 c v / w on the same way, so with it the speed is (1 - c / e) times that, and none
-is left where friction is as strong as one count. (The true one is often far lower, but jagged:
-with friction single speeds come back faster where their neighbours do not.)
+**The low end.** Along a contact the torque differs from the ideal wall's by at most one count's
+torque, e = g (K q + |B| q / (N T)). Over a depth v/w its work is about 2 e v / w, against a loss of
+(1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the contact loses energy
+above a speed of the order of e / (m w (1 - r)). This estimate gives the start of the search, not
+the
+result. From there downwards, contacts are simulated with counts, over phases of entry and places of
+the surface within a count, until counts give half of the contact's loss. Single speeds lie above
+their neighbours, so the ratios of the tried speeds must not approach 1. Coulomb friction c does the
+work -2 c v / w along the same path, so it reduces the speed by (1 - c / e); friction as strong as
+one
+count leaves no such speed. (The true speed is often far lower, but jagged: with friction some
+single
+speeds return faster than their neighbours.)
 
 **The high end** is proved. On the way in the device is never faster than at the entry, and after
-the lag t_d + T the torque is at least the spring's at the place of a lag ago. So it goes no deeper
-than v (t_d + T + 1/w), no torque of the law is above K times that plus B times the measured speed,
-and one count adds its own. On the way out the damper only takes away.
+the lag t_d + T the torque is at least the spring's at the position one lag earlier. So the depth is
+at most v (t_d + T + 1/w), the law's torque is at most K times that plus B times the measured speed,
+and one count adds its own. On the way out the damper only reduces the torque.
 """
 
 from __future__ import annotations
@@ -32,21 +36,21 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.one_sided import restitution
 from haptic_wall.controller.theory.rounded_contact import RoundedContacts, returned_speed
 
-_STEP, _SPEEDS = 1.16, 40  # between two speeds that are tried, and how many: down to 1/330
+_STEP, _SPEEDS = 1.16, 40  # ratio of neighbouring tried speeds, and their number: down to 1/330
 _DAMPER_ALONE = 4.0
 _PHASES = np.linspace(0.0, 1.0, 7)
-_FIRSTS = np.array([0.02, 0.5, 1.0])  # where the surface lies in its count
-_FROM = 4.0  # times the speed of the energy argument: where the search begins
+_FIRSTS = np.array([0.02, 0.5, 1.0])  # places of the surface within its count
+_FROM = 4.0  # start of the search, as a multiple of the energy estimate
 _DAMPER_ALONE = 4.0  # times one count's impulse, times the periods it acts late
-_SIMULATED = 2000.0  # periods; a longer contact is not simulated, the search's beginning is taken
+_SIMULATED = 2000.0  # periods; for longer contacts the result is the start of the search
 BETWEEN = 1.25
-"""On top of the highest speed found, for what lies between those that are tried
-(`scripts/rebound_table` searches for contacts that break it)."""
+"""Factor on the highest speed found, for speeds between the tried ones (`scripts/rebound_table`
+searches for contacts that break it)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """Servos with a wall on them, arrays of one length, in SI units."""
+    """Servos that render the wall, arrays of one length, in SI units."""
 
     inertia: FloatArray
     damping: FloatArray
@@ -56,7 +60,7 @@ class Servos:
 
 @dataclass(frozen=True, slots=True)
 class OneSidedWall:
-    """A wall that never pulls, as commanded, and what renders it; SI units."""
+    """A commanded wall that never pulls, with its encoder, period and torque limit; SI units."""
 
     stiffness: float
     damping: float
@@ -69,39 +73,39 @@ class OneSidedWall:
 
     @property
     def count_torque(self) -> float:
-        """Torque commanded by one encoder count [N·m]."""
+        """Return the torque commanded by one encoder count [N·m]."""
         by_damper = abs(self.damping) / (self.velocity_samples * self.period)
         return self.position_step * (self.stiffness + by_damper)
 
 
 def never_faster(wall: OneSidedWall, servos: Servos) -> bool:
-    """Whether the ideal wall, without counts or saturation, returns no device faster.
+    """Whether the ideal wall, without counts or saturation, returns no device faster than it came.
 
     Args:
         wall: The wall.
-        servos: Every one of them must hold.
+        servos: The condition must hold for every one.
     """
     if _longest(wall, servos) > _SIMULATED:
-        return True  # a spring so soft is outweighed by any friction
+        return True  # any friction outweighs a spring this soft
     return bool(np.all(_restitution(wall, servos) <= 1.0))
 
 
 def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float | None:
-    """Entry speed above which counts make no contact return the device faster [rad/s].
+    """Return the entry speed above which counts make no contact return the device faster [rad/s].
 
     Args:
-        wall: The wall; its torque limit plays no part.
-        servos: The speed is the highest of them.
-        friction: Coulomb friction that acts at least [N·m].
+        wall: The wall; its torque limit has no effect.
+        servos: The result is the highest speed of them.
+        friction: Least Coulomb friction that acts [N·m].
 
     Returns:
-        None where there is none: friction takes at every speed what counts give, or the position
-        is exact.
+        None where there is no such speed: friction takes at every speed what counts give, or the
+        position is exact.
     """
     if wall.position_step == 0 or wall.count_torque == 0:
         return None
     s = servos
-    # friction takes its part of the work of one count's torque
+    # friction reduces the work of one count's torque
     error = s.gain * (wall.count_torque + abs(wall.damping) * _slowed(wall, s, friction))
     greatest = float(np.max(error))
     if friction >= greatest:
@@ -113,7 +117,7 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
     count = alpha + beta / wall.velocity_samples
     late = s.delay / wall.period + 1.0
     if not alpha.all():
-        # nothing turns the device but what single counts command before they act
+        # only delayed single counts turn the device
         return left * float(np.max(_DAMPER_ALONE * count * late) * unit)
     lost = _lost(wall, s)
     top = _FROM * float(np.max(count * np.maximum(late, 1.0 / np.sqrt(alpha)) / lost))
@@ -125,16 +129,16 @@ def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float |
 
 
 def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
-    """Entry speed up to which the torque stays within its limit during a contact [rad/s].
+    """Return the entry speed up to which the torque does not saturate during a contact [rad/s].
 
     Args:
         wall: The wall.
-        servos: The speed is the lowest of them.
-        friction: Coulomb friction that acts at most [N·m]; it has slowed the device down before
-            the entry, and the damper sees the speed before.
+        servos: The result is the lowest speed of them.
+        friction: Greatest Coulomb friction that acts [N·m]; it has slowed the device down before
+            the entry, and the damper uses the speed before.
 
     Returns:
-        0 where one encoder count saturates the torque already.
+        0 where one encoder count already saturates the torque.
     """
     s, t = servos, wall.period
     span = wall.velocity_samples * t
@@ -152,7 +156,7 @@ def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
 
 
 def _slowed(wall: OneSidedWall, s: Servos, friction: float) -> FloatArray:
-    """By how much friction makes the measured speed higher than the speed at the wall [rad/s].
+    """Return by how much friction makes the measured speed exceed the speed at the wall [rad/s].
 
     The velocity is a mean over N periods, in which friction has slowed the device down.
     """
@@ -162,16 +166,16 @@ def _slowed(wall: OneSidedWall, s: Servos, friction: float) -> FloatArray:
 
 
 def _longest(wall: OneSidedWall, s: Servos) -> float:
-    """How long a contact lasts at most [periods]; infinite without a spring."""
+    """Return the longest duration of a contact [periods]; infinite without a spring."""
     if wall.stiffness == 0:
         return np.inf
     return float(np.pi / wall.period * np.max(np.sqrt(s.inertia / (s.gain * wall.stiffness))))
 
 
 def _lost(wall: OneSidedWall, s: Servos) -> FloatArray:
-    """Share of the speed that an ideal contact takes, 0.001 at least."""
+    """Return the fraction of the speed that an ideal contact takes, at least 0.001."""
     if _longest(wall, s) > _SIMULATED:
-        # with hardly any stiffness it is what the two dampings take, half of the second one's
+        # with little stiffness the loss comes from the viscous and half of the virtual damping
         damping = s.damping + 0.5 * s.gain * max(wall.damping, 0.0)
         lost = np.minimum(0.5 * damping * _longest(wall, s) * wall.period / s.inertia, 0.5)
     else:
@@ -194,7 +198,7 @@ def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
 
 
 def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Greatest excess over the ratio allowed of each servo, at each speed; no friction."""
+    """Return each servo's greatest excess over the allowed ratio at each speed, no friction."""
     shape = (speeds.size, s.inertia.size, _PHASES.size, _FIRSTS.size)
 
     def of_servo(values: FloatArray) -> FloatArray:

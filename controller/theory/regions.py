@@ -1,28 +1,30 @@
-"""Place walls in the plane of friction against sampling and friction against quantisation.
+"""Classifies walls by friction against sampling and friction against quantisation.
 
-Two ratios place a wall: ``viscous = b / (K T)`` and ``dry = c / (K q)``. Sampling and delay put in
-energy that grows with the speed, as viscous friction takes it out; rounding puts in energy by the
-count, as Coulomb friction takes it out. So each ratio is enough, or is not:
+Two ratios place a wall: ``viscous = b / (K T)`` and ``dry = c / (K q)``. Sampling and delay inject
+energy that grows with the speed, and viscous friction dissipates it in the same way; rounding
+injects
+energy by the count, and Coulomb friction dissipates it by the count. So each ratio is large enough,
+or is not:
 
 ==========================  ==========================================================
 viscous enough, dry enough  stable
 viscous enough, dry not     limit cycle: a bounded rattle of about a count
-viscous not, dry enough     locally stable: small motion dies, larger motion grows
+viscous not, dry enough     locally stable: small motion decays, larger motion grows
 neither                     unstable
 ==========================  ==========================================================
 
 The plane and its four regions, with both thresholds 1/2 for a spring without virtual damping and
 without delay, are Diolaiti et al.'s. Extended here:
 
-- *Delay*, virtual damping and velocity differences move the viscous threshold: it is put where
-  the exact boundary is (the b at which ``critical_stiffness`` is K; the paper's 1/2 is a condition
-  for passivity, which coincides with it for a heavy device). This is exact for the linear loop.
+- *Delay*, virtual damping and velocity differences move the viscous threshold to the exact boundary
+  (the b at which ``critical_stiffness`` is K; the paper's 1/2 is a condition for passivity, which
+  coincides with it for a heavy device). This is exact for the linear loop.
 - *Virtual damping* also multiplies the step of one count: the torque then jumps by up to
   ``(K + |B| / (N T)) q``, and so the dry threshold is raised to half of ``1 + |B| / (N K T)``. With
   it friction holds a body at rest against half of the greatest step. A bound, not a boundary: a
   wall with less may still be quiet.
-- The delay leaves the dry threshold where it is: it changes when a step acts, not its size. That
-  is an argument for slow motion, and no proof.
+- The delay does not change the dry threshold: it changes when a step acts, not its size. That is an
+  argument for slow motion, not a proof.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from haptic_wall.controller.theory.servos import SERVOS
 
 
 class Region(StrEnum):
-    """How a wall behaves."""
+    """Behaviour of a wall."""
 
     STABLE = "stable"
     LIMIT_CYCLE = "limit cycle"
@@ -55,7 +57,7 @@ class Region(StrEnum):
 
 
 class Place(NamedTuple):
-    """Where walls are in the plane; each field in the broadcast shape of what was asked."""
+    """Places of walls in the plane; each field has the broadcast shape of the arguments."""
 
     viscous: FloatArray
     """b / (K T)"""
@@ -64,13 +66,13 @@ class Place(NamedTuple):
     viscous_enough: NDArray[np.bool_]
     """K is below the critical stiffness"""
     dry_threshold: FloatArray
-    """What ``dry`` has to reach"""
+    """The value that ``dry`` must reach"""
     region: NDArray[np.object_]
     """A ``Region`` for each; a single one for scalars"""
 
 
 class ServoPlace(NamedTuple):
-    """A wall on a servo, in the plane."""
+    """The place of a wall on a servo."""
 
     name: str
     viscous: float
@@ -89,7 +91,7 @@ def place(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> Place:
-    """Where a two-sided wall is in the plane, and what it does there.
+    """Return the place of a two-sided wall in the plane, and its behaviour there.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -133,7 +135,7 @@ def place(
 def servo_places(
     stiffness: float, virtual_damping: float, period: float, delay: float
 ) -> list[ServoPlace]:
-    """The same wall on every servo of ``SERVOS``.
+    """Return the places of one wall on every servo of ``SERVOS``.
 
     Args:
         stiffness: K > 0 [N·m/rad].

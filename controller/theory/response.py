@@ -1,4 +1,4 @@
-"""How an inertia with viscous damping answers a torque that is held: exact, for any damping.
+"""Computes the response of an inertia with viscous damping to a held torque: exact, any damping.
 
 Dimensionless: period 1, inertia 1, viscous damping ``delta``.
 """
@@ -12,8 +12,8 @@ import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray
 
-# Below it the closed form of the position loses digits to cancellation (1e-16/x of its value)
-# and 15 terms of the series are exact in double precision.
+# Below it the closed form of the position loses digits to cancellation (a relative error of
+# 1e-16/x), and 15 terms of the series are exact in double precision.
 _SERIES_BELOW = 0.5
 _SERIES = [(-1.0) ** k / factorial(k + 2) for k in range(15)]
 
@@ -30,7 +30,7 @@ class HeldResponse(NamedTuple):
 
 
 def held_response(delta: FloatArray, t: FloatArray | float) -> HeldResponse:
-    """Exact response to a torque held for a time ``t`` [periods].
+    """Return the exact response to a torque held for a time ``t`` [periods].
 
     Args:
         delta: Dimensionless viscous damping, >= 0.

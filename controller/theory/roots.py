@@ -1,4 +1,4 @@
-"""Roots in brackets: of many functions at once, and all of one function along a grid."""
+"""Finds roots in brackets: of many functions at once, and all of one function along a grid."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _THIRDS = 40
 def refined(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """The zeros between ``low`` and ``high``, where each function turns from negative to positive.
+    """Find the zeros between ``low`` and ``high``, where each function becomes positive.
 
-    By bisection, then false position (Illinois).
+    The method is bisection, then false position (Illinois).
 
-    Where a bracket begins at 0 the function may vanish there too, and the zero can be of any size:
-    the power of two is found first.
+    Where a bracket begins at 0 the function may vanish there too, and the zero can have any
+        magnitude: the search first finds its power of two.
 
     Args:
         function: Takes and gives arrays of the shape of ``low``.
@@ -52,10 +52,10 @@ def refined(
 
 
 def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Where one function changes its sign between neighbours of a grid, by bisection.
+    """Find where one function changes its sign between neighbours of a grid, by bisection.
 
     Args:
-        function: Takes and gives arrays of one axis; NaN where it is not known, which is no change.
+        function: Takes and gives arrays of one axis; NaN where unknown, which is no sign change.
         grid: Rising.
     """
     value = function(grid)
@@ -71,16 +71,16 @@ def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Flo
 
 
 def dips(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Where magnitudes are least between points of equal sign: two zeros may hide on either side.
+    """Find where magnitudes are least between points of equal sign: two zeros may lie beside it.
 
-    Added to the grid, such a point parts them.
+    Added to the grid, such a point separates them.
 
     Args:
         function: Takes and gives arrays of settings × points.
         grid: Rising, settings × points.
 
     Returns:
-        Points, settings × as many as one of them has; a setting with fewer repeats its first.
+        Points, settings × the largest number of points; a setting with fewer repeats its first.
     """
     value = function(grid)
     size, sign = np.abs(value), value > 0
@@ -102,7 +102,7 @@ def dips(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Floa
 def _from_zero(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Brackets that begin at 0 cut to a factor of two around the zero; the others as they are."""
+    """Narrow brackets that begin at 0 to a factor of two around the zero."""
     above, below = np.zeros(low.shape), np.full(low.shape, float(_HALVINGS))
     for _ in range(_HALVINGS.bit_length()):
         middle = np.floor(0.5 * (above + below))

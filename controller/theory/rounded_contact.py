@@ -1,11 +1,13 @@
-"""One contact with a real wall that never pulls: encoder counts, dry friction, a torque limit.
+"""Simulates one contact with encoder counts, dry friction and a torque limit, on a one-sided wall.
 
-``contact`` without what makes it homogeneous, so here the ratio of the speeds depends on the speed.
-Dimensionless: period 1, inertia 1, one encoder count 1. The first count inside the wall begins at
-position 0; the wall's surface lies somewhere in that count. The torque at a sample inside is
-``min(limit, max(0, alpha p + beta dp))`` outwards, with p the measured penetration and dp its
-N-sample difference, those before the contact included. Between the switches of the torque the
-motion is exact.
+It is ``contact`` without the idealisations that make the law homogeneous; here the ratio of the
+speeds depends on the speed. Dimensionless: period 1, inertia 1, one encoder count 1. The first
+count
+inside the wall begins at position 0; the wall's surface lies somewhere in that count. The torque at
+a
+sample inside is ``min(limit, max(0, alpha p + beta dp))`` outwards, with p the measured penetration
+and dp its N-sample difference, samples before the contact included. The motion is exact between the
+switches of the torque.
 """
 
 from __future__ import annotations
@@ -18,10 +20,10 @@ from numpy.typing import NDArray
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.response import held_response
 
-_SWEEP = 8  # periods between two looks for contacts that are over
+_SWEEP = 8  # periods between two checks for contacts that are over
 _HALVINGS = 40
 _LONGEST = 20_000  # periods; no contact that can return speed lasts as long
-_FLOOR = 0.5  # a contact that cannot return this share of its speed is not followed to its end
+_FLOOR = 0.5  # a contact that cannot return this fraction of its speed is not simulated further
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class RoundedContacts:
     limit: FloatArray
     """Torque limit g tau T² / (m q); infinite for none"""
     first: FloatArray
-    """Penetration measured in the first count inside [counts], above 0 to 1"""
+    """Penetration measured in the first count inside [counts], 0 (excluded) to 1"""
     speed: FloatArray
     """Of entry, where the first count inside begins, > 0 [counts per period]"""
     phase: FloatArray
@@ -55,14 +57,15 @@ class RoundedContacts:
 
 
 def returned_speed(contacts: RoundedContacts) -> FloatArray:
-    """Speed with which each device finally leaves, over the speed with which it came.
+    """Return the final exit speed over the entry speed of each contact.
 
-    The exit speed is the greatest outward speed outside of the wall until the last commanded
-    torque has ended; 0 where friction holds the device inside. Below 0.5 it is a bound: such a
-    contact is not followed to its end.
+    The exit speed is the greatest outward speed outside the wall until the last commanded torque
+    has
+    ended; 0 where friction holds the device inside. Below 0.5 it is a bound: such a contact is not
+    simulated to its end.
 
     Args:
-        contacts: What to simulate.
+        contacts: Contacts to simulate.
     """
     c = contacts
     result = np.zeros_like(c.delta)
@@ -98,7 +101,7 @@ def returned_speed(contacts: RoundedContacts) -> FloatArray:
         idle = np.where(still, idle + 1, 0)
         if k % _SWEEP:
             continue
-        # what has been commanded and has not acted counts as if all of it still did
+        # a commanded torque that has not acted yet counts in full
         pending = commands.sum(axis=0)
         spring = np.maximum(motion.x + c.first, 0.0)
         bound = np.sqrt(motion.v * motion.v + c.alpha * spring * spring) + pending
@@ -118,7 +121,7 @@ def returned_speed(contacts: RoundedContacts) -> FloatArray:
 
 @dataclass(slots=True)
 class _Motion:
-    """Where the devices are, and the greatest outward speed each had outside."""
+    """Positions and speeds of the devices, and the greatest outward speed of each outside."""
 
     x: FloatArray
     v: FloatArray

@@ -1,4 +1,4 @@
-"""Servos that somebody has identified, as numbers to start from: inertia, friction, encoder.
+"""Published parameters of identified servos: inertia, friction and encoder, as starting values.
 
 The values are facts about four servos, seen at the output shaft, of a model with Coulomb and
 viscous friction. Units of one type differ, and wear: identify your own before you rely on them.
@@ -30,7 +30,7 @@ class ServoFacts:
 
     @property
     def encoder_step(self) -> float:
-        """One count, q [rad]."""
+        """Return one count, q [rad]."""
         return 2 * math.pi / self.counts_per_rev
 
 
@@ -45,15 +45,15 @@ SERVOS: Mapping[str, ServoFacts] = MappingProxyType(
         )
     }
 )
-"""Every servo known, by its name."""
+"""Every known servo by name."""
 
 
 SISTERS: Mapping[str, str] = MappingProxyType({"XM430-W350": "MX-64"})
-"""Servos that nobody has published numbers of, and the known one that is built alike."""
+"""Servos without published parameters, and the known servo of the same build."""
 
 
 def servo(name: str) -> ServoFacts | None:
-    """The servo of that name; upper and lower case, and hyphens, make no difference.
+    """Return the servo of that name, or None; case and hyphens do not matter.
 
     Args:
         name: Of a servo.
@@ -65,7 +65,7 @@ def servo(name: str) -> ServoFacts | None:
 
 
 def sister(name: str) -> tuple[str, str] | None:
-    """A servo that nobody has published numbers of, and the known one that is built alike.
+    """Return a servo without published parameters, and the known one of the same build.
 
     Args:
         name: Of a servo, as for ``servo``.

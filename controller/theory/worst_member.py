@@ -1,4 +1,4 @@
-"""The search for the least stable member of a range, closed in with proofs that none is worse."""
+"""Finds the least stable member of a range by search, and proves that no member is less stable."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from haptic_wall.controller.theory.exclusion import Family, Outcome, exclude
 from haptic_wall.controller.theory.ranges import Member, Ranges
 
 _BUDGET = 100_000  # boxes for one proof, under a second
-_ROUNDING = 1e-12  # by which the family is taken stronger than asked
-_ROUNDS = 5  # of the search, each on a grid four times finer
+_ROUNDING = 1e-12  # by which the proved family exceeds the requested one
+_ROUNDS = 5  # refinements of the search, each on a grid four times finer
 _AROUND = np.linspace(-1, 1, 9)
-_MOST_WHOLE = 64  # delays that the search looks at
+_MOST_WHOLE = 64  # delays that the search evaluates
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """The search for the worst member, and the proof that there is none worse."""
+    """Search for the worst member, and the proof that no other is worse."""
 
     ranges: Ranges
     virtual_damping: float
@@ -32,7 +32,7 @@ class Search:
     def of(
         cls, ranges: Ranges, virtual_damping: float, period: float, velocity_samples: int
     ) -> Search:
-        """The search for checked arguments.
+        """Return the search for checked arguments.
 
         Raises:
             ValueError: An argument is outside of its domain; the message names it.
@@ -46,7 +46,7 @@ class Search:
 
     @property
     def edge(self) -> tuple[float, float]:
-        """Range of x: see the module ``exclusion``."""
+        """Return the range of x: see the module ``exclusion``."""
         inertia, damping = self.ranges.inertia, self.ranges.damping
         return float(np.sqrt(inertia[0] / inertia[1])), damping[1] / damping[0]
 
@@ -71,7 +71,7 @@ class Search:
         )
 
     def stiffness(self, near: tuple[float, float] | None = None) -> tuple[float, Member]:
-        """The least critical stiffness that is found, and the member that has it."""
+        """Return the least critical stiffness found, and its member."""
         gain = self.ranges.torque_gain[1]
 
         def limits(inertia: FloatArray, damping: FloatArray, delay: FloatArray) -> FloatArray:
@@ -83,7 +83,7 @@ class Search:
         return self._least(limits, near)
 
     def ceiling(self, near: tuple[float, float] | None = None) -> tuple[float, Member]:
-        """The least damping ceiling that is found, and the member that has it."""
+        """Return the least damping ceiling found, and its member."""
         gain = self.ranges.torque_gain[1]
 
         def limits(inertia: FloatArray, damping: FloatArray, delay: FloatArray) -> FloatArray:
@@ -96,7 +96,7 @@ class Search:
         limits: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
         near: tuple[float, float] | None,
     ) -> tuple[float, Member]:
-        """On a grid of the two edges and the delay, refined around the best, or around ``near``."""
+        """Search a grid of the two edges and the delay, refined around the best, or ``near``."""
         r = self.ranges
         edge, delay = self.edge, r.delay
         xs = np.unique([*np.linspace(edge[0], 1, 9), *np.linspace(1, edge[1], 5)])
@@ -127,15 +127,15 @@ def closed_in(
     proof: Callable[[float], Outcome],
     tolerance: float,
 ) -> tuple[float, float, Member, int]:
-    """Lower what is to prove, by counterexamples or by doubt, until it is proved.
+    """Lower the limit to prove, by counterexamples or by doubt, until it is proved.
 
     Args:
         least: Finds the least limit of a member, everywhere or near a suspect.
         proof: Tries a limit.
-        tolerance: Share below the least limit that is tried first.
+        tolerance: Relative distance below the least limit that is tried first.
 
     Returns:
-        The limit proved (0: none), the least limit found, its member, and the boxes looked at.
+        The proved limit (0: none), the least limit found, its member, and the evaluated boxes.
     """
     upper, worst = least(None)
     gap, boxes = tolerance, 0
