@@ -106,8 +106,7 @@ class Box:
         """Return the members of a belief's box: the corner alone where friction is light.
 
         With light friction the least limit over the box lies so close below the corner's that a
-        factor
-        covers it (``limits.CORNER_ALONE``); a search at each start would take a second.
+        factor covers it (``limits.CORNER_ALONE``); a search at each start would take a second.
 
         Args:
             situation: The belief and the period.

@@ -6,8 +6,7 @@ executed ticks. The tick only picks the pair of bins.
 
 The interval takes the place of the sampling period in the theory. Over a block of ``RUN_S`` it is
 ``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With a sample
-age
-a, the mean age of the acting torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
+age a, the mean age of the acting torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
 ticks and failed readings lengthen D. A tick in which no reply is due yet does not: it raises the
 age.
 
@@ -60,8 +59,7 @@ def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
 
     They reach to 20 ms and three periods. At low rates this covers a pipelined sample, which is one
     period old, and the loss of the next one. Where a reply takes several periods they reach to
-    three
-    reply times.
+    three reply times.
 
     Args:
         period_ns: The sampling period [ns].
@@ -266,8 +264,7 @@ class GainSchedule:
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
             interval_ns: From the last tick with a reading to this one [ns]; 0: the reading of this
-                tick
-                failed, and the interval continues.
+                tick failed, and the interval continues.
             may_raise: The wall's spring is unloaded, so the stiffness may be raised.
         """
         age, interval = self._age, self._interval

@@ -7,8 +7,7 @@ class DelayRing:
     """Delays a value by ``steps`` periods; gives zeros until the first value comes out.
 
     It counts periods, not calls: periods that the loop skipped also shift it, as if the last value
-    had
-    been pushed again in each of them.
+    had been pushed again in each of them.
 
     Args:
         steps: Whole periods of delay, 0 or more.

@@ -3,8 +3,8 @@
 The wall's balance is the energy that the acting torque took from the motion, less the energy stored
 in the spring. An undelayed spring returns all it took, and the balance stays constant. Sampling and
 delay make the wall return more; the balance falls below zero, and the control injects enough
-damping
-to recover the deficit. A positive balance is not saved up: it would hide an hour of oscillation.
+damping to recover the deficit. A positive balance is not saved up: it would hide an hour of
+oscillation.
 
 Source: Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE T-RA 18(1),
 2002: the series arrangement, without the spring's energy and without credit.
@@ -28,8 +28,7 @@ class PassivityControl:
 
     Attributes:
         cap: Largest injected damping [N·m·s/rad]: more, beyond the peak of the boundary, would
-            lower
-            the critical stiffness. May be changed at any time.
+            lower the critical stiffness. May be changed at any time.
         injected: Damping to add to the wall's now [N·m·s/rad].
         balance: Energy the wall took and neither stored nor returned [J]; never above 0.
     """

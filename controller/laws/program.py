@@ -2,8 +2,7 @@
 
 A phase is a spring and a damper about a centre that may travel, and an additional torque. Phases
 can move the shaft and hold it, release it at a wall, excite it, and let it coast. A phase ends
-after
-its time, or earlier when the shaft has gone too far or has come to rest.
+after its time, or earlier when the shaft has gone too far or has come to rest.
 """
 
 from __future__ import annotations

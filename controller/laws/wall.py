@@ -52,8 +52,8 @@ class Law(Protocol):
 class Wall:
     """A virtual wall at a position; ``stiffness`` and ``damping`` may be changed at any time.
 
-    ``above`` fills the positions above ``position`` and pushes down, ``below`` the positions
-    below and pushes up; both never pull. ``both`` acts everywhere, like a spring to the wall.
+    ``above`` fills the positions above ``position`` and pushes down, ``below`` the positions below
+    and pushes up; both never pull. ``both`` acts everywhere, like a spring to the wall.
 
     Attributes:
         stiffness: [N·m/rad]

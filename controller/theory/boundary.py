@@ -8,8 +8,7 @@ virtual damping (dimensionless ``alpha`` and ``beta``)::
 so that ``beta(w) = Im F / Im D`` and ``alpha(w) = Re F - beta(w) Re D`` give the whole boundary
 (D-decomposition). The wall is stable from ``alpha = 0`` to the lowest crossing at its ``beta``. No
 stiffness is stable outside ``-delta < beta < beta_max``; at ``beta_max`` the lowest crossing
-reaches
-zero.
+reaches zero.
 
 The principal solver (``first_branch``) handles one-sample differences with light damping. The full
 solver (``all_branches``) handles everything else.

@@ -1,12 +1,12 @@
 """Simulates one contact with a wall that never pulls, and finds the device's exit speed.
 
 Dimensionless (period 1, inertia 1, entry speed 1), exact between the instants at which the torque
-switches, many contacts at once. The wall fills the positions above 0. Its torque at a sample
-inside is ``max(0, alpha x + beta v)`` outwards, with v the difference of *positions*, those before
-the contact included; outside it is 0. Before the contact the device moves freely.
+switches, many contacts at once. The wall fills the positions above 0. Its torque at a sample inside
+is ``max(0, alpha x + beta v)`` outwards, with v the difference of *positions*, those before the
+contact included; outside it is 0. Before the contact the device moves freely.
 
-The law is homogeneous, so the ratio of the speeds does not depend on the entry speed; it depends
-on the phase of entry, the time from the entry to the first sample inside.
+The law is homogeneous, so the ratio of the speeds does not depend on the entry speed; it depends on
+the phase of entry, the time from the entry to the first sample inside.
 """
 
 from __future__ import annotations
@@ -114,8 +114,7 @@ def _outward(
     """Return the greatest outward speed outside the wall in a step that ends outside, at (x, v).
 
     Under a held torque the speed changes monotonically. It is greatest at the step's end or where
-    the
-    device crossed the wall.
+    the device crossed the wall.
     """
     fastest: FloatArray = -v
     index = np.flatnonzero((before == 0) & (x <= 0) & (v < 0))
@@ -129,8 +128,7 @@ def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArra
     """Return the outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0.
 
     The torque u is held during the step. Newton's method goes backwards in time from the estimate
-    of
-    a constant acceleration; halving keeps it within the step.
+    of a constant acceleration; halving keeps it within the step.
 
     Returns:
         The speed; 0 where the step began outside.

@@ -2,8 +2,7 @@
 
 The hand is a mass that moves with the device, and a damper and a spring to the ground. The plant is
 then a damped oscillator. On the unit circle the loop is still linear in the wall's stiffness, so
-each
-crossing of the circle is the zero of one real function of the frequency (see ``boundary``).
+each crossing of the circle is the zero of one real function of the frequency (see ``boundary``).
 Unlike on a free device, more stiffness can make an unstable loop stable. The limit is therefore the
 end of the stable interval that begins at zero stiffness; 0 where the damper alone is unstable.
 """
@@ -129,8 +128,8 @@ def coupled_limit(
         velocity_samples: N of the velocity difference, >= 1.
 
     Returns:
-        Stiffness [N·m/rad] in the broadcast shape; 0 where the loop is unstable (or undamped)
-        with the least stiffness.
+        Stiffness [N·m/rad] in the broadcast shape; 0 where the loop is unstable (or undamped) with
+        the least stiffness.
 
     Raises:
         ValueError: An argument is outside of its domain; the message names it.

@@ -7,9 +7,8 @@ delayed; only the harmonics of the oscillation are neglected, which the inertia 
 docs/limit-cycles.md compares the predictions with simulation. They agree to a few per cent for
 backlash, and to 10 % for saturation without a damper. With a damper a saturated wall has many
 cycles, up to ten times as large as predicted and at a third of the frequency. Cycles of about a
-count
-agree roughly, and some that are listed as stable above the limit do not persist. Quantised walls
-also rattle where no cycle is predicted.
+count agree roughly, and some that are listed as stable above the limit do not persist. Quantised
+walls also rattle where no cycle is predicted.
 
 The place of the nonlinearity decides what it multiplies. A quantised position, backlash before the
 encoder and a saturated torque all multiply the whole wall, K and B together; Coulomb friction is an
@@ -180,8 +179,8 @@ class _Loop(NamedTuple):
     def comes_back(self, gain: Gain, a: float, w: float) -> bool:
         """Whether a disturbed oscillation (a, w) returns to itself.
 
-        To first order the growth of a disturbance follows the amplitude with the slope
-        Im(N_a / -needed_w). In addition no other mode may grow at the oscillation's gain.
+        To first order the growth of a disturbance follows the amplitude with the slope Im(N_a /
+        -needed_w). In addition no other mode may grow at the oscillation's gain.
         """
         da, dw = 1e-6 * a, 1e-6 * w
         slope = (gain(np.array(a + da)) - gain(np.array(a - da))) / (2 * da)
@@ -231,8 +230,7 @@ def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
         """Return the needed gain over the available one, as a logarithm.
 
         Outside the angles that the gain can have it continues to 1 at no lag and to 0 at 90°: near
-        the
-        limit the cycle lies between the last grid point with a lag and the next.
+        the limit the cycle lies between the last grid point with a lag and the next.
         """
         needed = loop.needed(w)
         lag = np.angle(needed)

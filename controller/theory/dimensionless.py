@@ -1,7 +1,7 @@
 """Converts the settings of a wall to dimensionless form: one period long, unit inertia.
 
-The behaviour of the sampled loop depends on four numbers only (the paper's Table I):
-``delta = b T / m``, ``alpha = K T² / m``, ``beta = B T / m`` and ``d = t_d / T``.
+The behaviour of the sampled loop depends on four numbers only (the paper's Table I): ``delta = b T
+/ m``, ``alpha = K T² / m``, ``beta = B T / m`` and ``d = t_d / T``.
 """
 
 from __future__ import annotations

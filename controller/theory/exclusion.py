@@ -1,15 +1,15 @@
 """Proves by zero exclusion that no member of a family of sampled loops has a pole on the circle.
 
-A loop whose gain grows from nearly zero is stable until a pole reaches the unit circle
-``z = exp(j w)``. With time in periods and per unit of inertia this happens where
+A loop whose gain grows from nearly zero is stable until a pole reaches the unit circle ``z = exp(j
+w)``. With time in periods and per unit of inertia this happens where
 
     A(w) = P(w) v,    A = -(z - 1)(z - exp(-delta)) z^n,    v = rho (k + (B/T) D(w))
 
-(A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P;
-rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof
-must show that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every
-frequency, damping and delay. A line between them shows it. The line separates them over a whole box
-of (w, damping, delay) when its distance, less the largest change that the derivatives allow, stays
+(A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P; rho = g
+T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof must show
+that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every frequency,
+damping and delay. A line between them shows it. The line separates them over a whole box of (w,
+damping, delay) when its distance, less the largest change that the derivatives allow, stays
 positive. A box in which none of a few lines separates them is split.
 
 At w = 0 all of these vanish. There k is eliminated: Im(A conj P) must not reach
@@ -19,8 +19,7 @@ Inertia and damping are one variable x: each (delta, rho) of the family belongs 
 edges of the range, with the lowest inertia and ``x >= 1`` times the lowest damping, or with the
 lowest damping and ``1/x² >= 1`` times the lowest inertia (and a gain that is no greater). The
 frequency is w = sigma omega with sigma = min(x, 1). Then rho/sigma² is constant, and the omega of
-the
-oscillation hardly depends on x, so that long boxes suffice.
+the oscillation hardly depends on x, so that long boxes suffice.
 """
 
 from __future__ import annotations
@@ -186,8 +185,8 @@ def _distances(
     """Return the distance of the point from the triangle, along the best line of each box.
 
     Returns:
-        The least distance over the box (positive: certainly outside), the distance at its
-        middle, and the variable along which splitting helps most.
+        The least distance over the box (positive: certainly outside), the distance at its middle,
+        and the variable along which splitting helps most.
     """
     half = boxes.half * (1 + _HAIR) + _HAIR**1.5 * np.abs(boxes.centre)
     # x = 1 occurs only as an edge of boxes

@@ -6,8 +6,7 @@ For one-sample differences (``D = s (s/2 + j c)``, names as in ``loop``) the cur
 
 On the first branch ``beta`` rises from -delta at w = 0 to the ceiling at ``w_max``, where alpha is
 zero again: there the phase of F has turned by half a circle against that of D. One equation with
-one
-solution gives the ceiling, and another one gives each limit.
+one solution gives the ceiling, and another one gives each limit.
 """
 
 from __future__ import annotations

@@ -57,8 +57,7 @@ def doubt(wall: Wall, box: Box) -> float | None:
     """Find the frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
 
     Returns None where no hand can reach it at any angle. Cells of angles in which this cannot be
-    shown
-    are halved, unless the width of the box prevents it.
+    shown are halved, unless the width of the box prevents it.
 
     Args:
         wall: The wall.
@@ -116,10 +115,8 @@ def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
     """Return angles around the circle, and half the cell of each.
 
     They start at the lowest of three angles: a tenth of the frequency of the greatest mass on the
-    wall's
-    own spring; where the wall's torque lags by half a radian; where the damper's delayed part
-    approaches
-    the spring. Below it the springs dominate, and the loop cannot oscillate.
+    wall's own spring; where the wall's torque lags by half a radian; where the damper's delayed
+    part approaches the spring. Below it the springs dominate, and the loop cannot oscillate.
     """
     late = wall.delay + wall.samples * wall.period
     w = min(0.1 * math.sqrt(wall.stiffness / box.mass[1]), 0.5 / late)

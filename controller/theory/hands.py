@@ -1,11 +1,9 @@
 """Decides whether a wall is stable with every hand of a range of mass, damping and spring.
 
 If the loop is stable with one hand, it is stable with all hands of a range in which none puts a
-pole
-on the unit circle (module ``hand_boxes``). Where that cannot be shown, the range is halved, until
-it
-is shown or an unstable hand is found. Without upper bounds on the damping and bounds on the
-reactance
+pole on the unit circle (module ``hand_boxes``). Where that cannot be shown, the range is halved,
+until it is shown or an unstable hand is found. Without upper bounds on the damping and bounds on
+the reactance
 this is the condition of ``passivity``, which is tried first: a passive wall is shown stable with
 every hand at once.
 """

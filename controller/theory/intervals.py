@@ -1,7 +1,7 @@
 """Guaranteed ranges of complex functions: discs with their derivatives, vectorised over boxes.
 
-A ``Jet`` holds, for each of many boxes of a few real variables, a disc that contains every value
-of a function over the box, and one disc for each of its first derivatives. Sums and products of
+A ``Jet`` holds, for each of many boxes of a few real variables, a disc that contains every value of
+a function over the box, and one disc for each of its first derivatives. Sums and products of
 jets contain the sums and products of all their members, rounding included: each operation widens
 its discs by ``SLACK`` of their size, four times the largest rounding error. By the mean value
 theorem each function then differs from a linear function by at most the discs' radii, which shrink
@@ -122,10 +122,8 @@ def decay_moments(x: Jet) -> tuple[Jet, Jet]:
     """Return the integrals over 0 < s < 1 of exp(-x s) and of (1 - s) exp(-x s), for a jet x >= 0.
 
     They are the position responses of a damped inertia to speed and to torque: entire functions of
-    x,
-    whose derivatives are largest in size at x = 0: 1/2 and 1/3, 1/6 and 1/12. The code uses
-    slightly
-    larger values, because boxes are slightly widened.
+    x, whose derivatives are largest in size at x = 0: 1/2 and 1/3, 1/6 and 1/12. The code uses
+    slightly larger values, because boxes are slightly widened.
     """
     at = np.maximum(x.centre[0].real, 0.0)
     zeroth, first, second = (_moment(at, j) for j in range(3))

@@ -1,10 +1,9 @@
 """Computes the one-sided limit: below it a wall that never pulls returns no device faster.
 
 A wall that only pushes loses its damping on the way out. It can therefore return a device faster
-than
-it came although the two-sided loop is stable: with a gentle steady push the device then bounces for
-ever. The limit is the stiffness at which the ratio of the speeds, at the worst phase of entry, is
-1.
+than it came although the two-sided loop is stable: with a gentle steady push the device then
+bounces for ever. The limit is the stiffness at which the ratio of the speeds, at the worst phase of
+entry, is 1.
 No closed form is known: contacts are simulated.
 """
 
@@ -197,10 +196,9 @@ def _worst(walls: _Walls, share: FloatArray) -> FloatArray:
     """Return the worst ratio over the phase of entry; walls × fractions.
 
     With damping the worst phase is nearly always the last: the first sample inside is just missed,
-    and
-    a whole period passes without the damper. With nearly no damping the ratio is a small sawtooth
-    over
-    the phase; the neighbourhood of the worst phase is then refined where that can decide.
+    and a whole period passes without the damper. With nearly no damping the ratio is a small
+    sawtooth over the phase; the neighbourhood of the worst phase is then refined where that can
+    decide.
     """
     phases = _even(_PHASES)
     ratio = _returned(walls, share, phases)
@@ -297,11 +295,10 @@ def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
     """Return walls with the same fraction of the exact limit and contacts of bounded length.
 
     With little damping a contact takes thousands of periods. There the limit approaches the exact
-    one,
-    with a shortfall in proportion to the frequency, which goes with the root of the damping. Both
-    dampings are therefore scaled up by ``scale²``, which makes the shortfall ``scale`` times too
-    large.
-    Where the stiffness is small for another reason (B next to -b, or to the ceiling) the dampings
+    one, with a shortfall in proportion to the frequency, which goes with the root of the damping.
+    Both dampings are therefore scaled up by ``scale²``, which makes the shortfall ``scale`` times
+    too large. Where the stiffness is small for another reason (B next to -b, or to the ceiling) the
+    dampings
     themselves are not small, and a contact is no oscillation: it creeps, or ends at once.
 
     Returns:

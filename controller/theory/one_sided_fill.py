@@ -2,8 +2,7 @@
 
 It computes the nodes, samples every cell at random places, and lowers the cell's nodes until the
 interpolation lies below the computed values. It leaves out cells where the interpolation would be
-far
-too low, and cells that reach to where no stiffness is allowed.
+far too low, and cells that reach to where no stiffness is allowed.
 """
 
 from __future__ import annotations
@@ -145,8 +144,7 @@ def _task(name: str, coordinates: FloatArray, n: int, at_nodes: bool) -> FloatAr
     """Return computed fractions at coordinates of a grid; NaN outside the grid's domain.
 
     ``at_nodes`` extends the domain a little; there the result is 1 without virtual damping, even
-    where
-    without any damping nothing is stable.
+    where without any damping nothing is stable.
     """
     p = GRIDS[name].settings(coordinates, n)
     if at_nodes:

@@ -5,18 +5,14 @@ fraction of the damping ceiling), the delay in periods, and N. Three grids hold 
 coordinates that make interpolation easy:
 
 - short delays, little virtual damping: a contact has a whole number of samples, which makes
-  scallops
-  in the fraction, one for each additional sample. One axis is the length of the contact, so that
-  the
-  scallops lie along the grid;
+  scallops in the fraction, one for each additional sample. One axis is the length of the contact,
+  so that the scallops lie along the grid;
 - short delays, much virtual damping: few scallops, on a fine grid;
 - long delays: smooth.
 
 The stored values are lowered until the interpolation lies below the computed limit. Cells where
-that
-costs more than a few per cent are left out, and there the limit is computed. ``one_sided_fill``
-makes
-the table.
+that costs more than a few per cent are left out, and there the limit is computed.
+``one_sided_fill`` makes the table.
 """
 
 from __future__ import annotations
@@ -253,8 +249,8 @@ def one_sided_limit_tabulated(
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
         velocity_samples: N of the velocity difference, >= 1.
-        exact: ``critical_stiffness`` of the same settings where it is known already [N·m/rad];
-            with it and the ceiling the look-up takes microseconds.
+        exact: ``critical_stiffness`` of the same settings where it is known already [N·m/rad]; with
+            it and the ceiling the look-up takes microseconds.
         ceiling: ``max_virtual_damping`` of the same settings where it is known [N·m·s/rad].
 
     Returns:

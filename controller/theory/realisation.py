@@ -110,8 +110,8 @@ def wall_transfer(
 def plant(inertia: float, damping: float, period: float, delay: float) -> StateSpace:
     """Return the device with a held, delayed torque; input commanded torque, output position.
 
-    States: position [rad], speed [rad/s], then the commanded torques that still have to act
-    [N·m], the latest first.
+    States: position [rad], speed [rad/s], then the commanded torques that still have to act [N·m],
+    the latest first.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -151,8 +151,8 @@ def closed_loop(
 ) -> StateSpace:
     """Return device and two-sided wall at position 0; the poles are the eigenvalues of ``a``.
 
-    States: those of ``plant``, then the last N sampled positions, the latest first. Input: a
-    torque added to the command [N·m]; output: position [rad].
+    States: those of ``plant``, then the last N sampled positions, the latest first. Input: a torque
+    added to the command [N·m]; output: position [rad].
 
     Args:
         inertia: m > 0 [kg·m²].

@@ -1,10 +1,9 @@
 """Finds the speeds at which a wall that never pulls returns no device faster than it came.
 
 Below its limit such a wall takes energy from every contact, in proportion to the square of the
-speed.
-Two effects break the proportion. One encoder count commands a torque of its own; the work of that
-error grows with the speed itself, so at low speeds it exceeds the energy taken. At high speeds the
-torque saturates, which makes another wall.
+speed. Two effects break the proportion. One encoder count commands a torque of its own; the work of
+that error grows with the speed itself, so at low speeds it exceeds the energy taken. At high speeds
+the torque saturates, which makes another wall.
 
 **The low end.** Along a contact the torque differs from the ideal wall's by at most one count's
 torque, e = g (K q + |B| q / (N T)). Over a depth v/w its work is about 2 e v / w, against a loss of

@@ -2,9 +2,8 @@
 
 Two ratios place a wall: ``viscous = b / (K T)`` and ``dry = c / (K q)``. Sampling and delay inject
 energy that grows with the speed, and viscous friction dissipates it in the same way; rounding
-injects
-energy by the count, and Coulomb friction dissipates it by the count. So each ratio is large enough,
-or is not:
+injects energy by the count, and Coulomb friction dissipates it by the count. So each ratio is large
+enough, or is not:
 
 ==========================  ==========================================================
 viscous enough, dry enough  stable

@@ -2,12 +2,10 @@
 
 It is ``contact`` without the idealisations that make the law homogeneous; here the ratio of the
 speeds depends on the speed. Dimensionless: period 1, inertia 1, one encoder count 1. The first
-count
-inside the wall begins at position 0; the wall's surface lies somewhere in that count. The torque at
-a
-sample inside is ``min(limit, max(0, alpha p + beta dp))`` outwards, with p the measured penetration
-and dp its N-sample difference, samples before the contact included. The motion is exact between the
-switches of the torque.
+count inside the wall begins at position 0; the wall's surface lies somewhere in that count. The
+torque at a sample inside is ``min(limit, max(0, alpha p + beta dp))`` outwards, with p the measured
+penetration and dp its N-sample difference, samples before the contact included. The motion is exact
+between the switches of the torque.
 """
 
 from __future__ import annotations
@@ -60,9 +58,8 @@ def returned_speed(contacts: RoundedContacts) -> FloatArray:
     """Return the final exit speed over the entry speed of each contact.
 
     The exit speed is the greatest outward speed outside the wall until the last commanded torque
-    has
-    ended; 0 where friction holds the device inside. Below 0.5 it is a bound: such a contact is not
-    simulated to its end.
+    has ended; 0 where friction holds the device inside. Below 0.5 it is a bound: such a contact is
+    not simulated to its end.
 
     Args:
         contacts: Contacts to simulate.
