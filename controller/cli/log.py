@@ -174,9 +174,9 @@ def _write(
         plot_log(rows, path, report["stop_reason"])
 
     def cut(path: Path) -> None:
-        from haptic_wall.controller.logs.cut import cut_log
+        from haptic_wall.controller.logs.excerpt import write_excerpt
 
-        cut_log(path, rows, log.name, report["from_s"], report["to_s"])
+        write_excerpt(path, rows, log.name, report["from_s"], report["to_s"])
 
     writers: dict[str, Callable[[Path], None]] = {
         "--csv": csv,

@@ -1,1 +1,1 @@
-"""Logs: written block by block, read past damage, cut, exported, looked through again."""
+"""Logs: writes them block by block, reads them past damage, exports and analyses them."""

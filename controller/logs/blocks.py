@@ -1,8 +1,8 @@
-"""Blocks of a log: ``.npy`` arrays whose header also holds checksums, found again after damage.
+"""Writes and finds the blocks of a log: ``.npy`` arrays whose header also holds checksums.
 
-The header of a ``.npy`` array is a Python literal, and what follows a ``#`` in it is a comment to
-every reader: there stand the checksum of the header itself and that of the data. So a reader that
-knows of them tells an intact block from a damaged one, and ``numpy.load`` reads the same bytes.
+The header of a ``.npy`` array is a Python literal, in which every reader takes the text after a
+``#`` for a comment. The comment holds the checksums of the header and of the data. A reader that
+uses them distinguishes intact blocks from damaged ones; ``numpy.load`` reads the same bytes.
 """
 
 from __future__ import annotations
@@ -25,39 +25,39 @@ MAGIC = b"\x93NUMPY\x01\x00"
 """First bytes of every block: those of a ``.npy`` array of format 1.0."""
 
 _ALIGNED = 64
-"""Bytes that a header is padded to a multiple of, as the format asks for."""
+"""The header's length is padded to a multiple of this [bytes], as the format requires."""
 _HEADER = re.compile(
     rb"(?P<head>\{'descr': (?P<descr>.+), 'fortran_order': False,"
     rb" 'shape': \((?P<count>\d{1,18}),\), \})"
     rb"(?P<sums>  # crc32 (?P<own>[0-9a-f]{8}) (?P<data>[0-9a-f]{8}))? *\n"
 )
 _BEGIN = re.compile(re.escape(MAGIC) + rb"[\s\S]{2}\{'descr': ")
-"""Of a block: without its first words magic bytes alone, millions of them, would be looked into."""
+"""The beginning of a block. The magic bytes alone would give millions of false candidates."""
 _BEGIN_BYTES = len(MAGIC) + 12
 _PIECE = 1 << 20
-"""Bytes looked through at a time for the next block, at most"""
+"""Largest step of the search for the next block [bytes]"""
 _FIRST_PIECE = 1 << 12
-"""And at first, since it may be near"""
+"""First step of the search [bytes]: the next block may be near"""
 MOST_BYTES = 1 << 24
-"""No block of ours has more data: what a recorder may have to catch up with is 11 MB."""
+"""Largest data of a block; a recorder that catches up writes at most 11 MB."""
 _MOST_HEADER = 1 << 12
-"""Nor a longer header"""
+"""Largest header of a block [bytes]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """An intact array, and where the next one begins."""
+    """An intact array, and the offset of the next one."""
 
     array: NDArray[Any]
     end: int
     summed: bool
-    """It carries checksums, and they are right"""
+    """The block carries checksums, and they are correct"""
 
 
 def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
-    """The block of a one-dimensional array, little-endian: its header, and the array's own bytes.
+    """Encode a one-dimensional little-endian array as a block: the header, and its own bytes.
 
-    The array must stay what it is until they are written.
+    The array must not change until both are written.
     """
     data = np.ascontiguousarray(array).view(np.uint8).data
     head = (
@@ -77,14 +77,14 @@ def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
 
 
 def block_at(file: BinaryIO, start: int, end: int) -> Block | None:
-    """The block that begins at ``start``, if a whole one does whose checksums are right.
+    """Return the block at ``start``; None unless it is whole and its checksums are correct.
 
-    Logs of before had none, so that a block may lack them.
+    Blocks of earlier versions have no checksums; they are accepted.
 
     Args:
-        file: Open for reading; its position is moved to where it was read to.
-        start: Where it should begin [bytes].
-        end: Where the file ends [bytes].
+        file: Open for reading; the call moves its position.
+        start: Offset of the block [bytes].
+        end: Size of the file [bytes].
     """
     file.seek(start)
     begin = file.read(len(MAGIC) + 2)
@@ -114,12 +114,12 @@ def block_at(file: BinaryIO, start: int, end: int) -> Block | None:
     return Block(np.frombuffer(data, dtype), data_start + needed, found["sums"] is not None)
 
 
-@functools.lru_cache(maxsize=8)  # all blocks of a log name the same one
+@functools.lru_cache(maxsize=8)  # all blocks of a log have the same type
 def _dtype(descr: bytes) -> np.dtype[Any] | None:
-    """The type that a header names; None: none, or one that holds Python objects."""
+    """Return the type that a header names; None: no type, or one that holds Python objects."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what a damaged header looks like as Python
+            warnings.simplefilter("ignore")  # a damaged header as Python source may cause warnings
             dtype = npy.descr_to_dtype(ast.literal_eval(descr.decode("ascii")))
     except (ValueError, TypeError, SyntaxError, LookupError, ArithmeticError, MemoryError):
         return None
@@ -129,13 +129,13 @@ def _dtype(descr: bytes) -> np.dtype[Any] | None:
 
 
 def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | None:
-    """The last intact block of rows, looked for from the end: a file of days is not read for it.
+    """Return the last intact block of rows, searched from the end without reading the whole file.
 
     Args:
         file: Open for reading; its position is moved.
-        start: Where blocks begin [bytes].
-        end: Where the file ends [bytes].
-        checked: Whether a block without checksums counts as damaged.
+        start: Offset of the first block [bytes].
+        end: Size of the file [bytes].
+        checked: A block without checksums counts as damaged.
     """
     after = end
     while after > start:
@@ -157,9 +157,9 @@ def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | N
 
 
 def next_begin(file: BinaryIO, start: int, end: int) -> int:
-    """Where a block may begin next, from ``start`` on; ``end``, if none does [bytes].
+    """Return the next offset where a block may begin; ``end`` if there is none [bytes].
 
-    Where nothing was ever written (a hole in the file) nothing is read.
+    Holes in the file are skipped without reading.
     """
     overlap = _BEGIN_BYTES - 1
     length = _FIRST_PIECE
@@ -178,7 +178,7 @@ def next_begin(file: BinaryIO, start: int, end: int) -> int:
 
 
 def _written_from(file: BinaryIO, start: int, end: int) -> int:
-    """Where the next bytes are that were written, from ``start`` on [bytes]."""
+    """Return the offset of the next written bytes from ``start`` on [bytes]."""
     if not hasattr(os, "SEEK_DATA"):
         return start
     descriptor = file.fileno()

@@ -1,4 +1,4 @@
-"""A log's rows under the names and units that other tools read: CSV, MCAP, the live stream."""
+"""Converts a log's rows to the names and units of other tools: CSV, MCAP, the live stream."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ COLUMNS = {
     "oscillation": "oscillation",
     "measured_torque_nm": "measured_torque",
 }
-"""Columns and the fields of a row they come from."""
+"""Each column, and the field of a row that it comes from."""
 
 
 def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:
-    """A column's values in the unit that its name says, shape (n,).
+    """Return a column's values in the unit that its name gives, shape (n,).
 
     Args:
         rows: Shape (n,), dtype ``telemetry.ROW``.
         column: A key of ``COLUMNS``.
-        origin_ns: Where ``time_s`` is 0, on the run's clock [ns].
+        origin_ns: Zero of ``time_s``, on the run's clock [ns].
     """
     raw: NDArray[Any] = rows[COLUMNS[column]]
     if column == "time_s":
@@ -45,7 +45,7 @@ def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:
 
 
 def finite_rows(rows: NDArray[np.void], origin_ns: int) -> list[dict[str, float | int]]:
-    """Each row as a mapping from column to number; what is not known is left out."""
+    """Return each row as a mapping from column to number, without unknown values."""
     columns = {name: values(rows, name, origin_ns) for name in COLUMNS}
     listed = {name: column.tolist() for name, column in columns.items()}
     known = [name for name, column in columns.items() if np.isfinite(column).all()]

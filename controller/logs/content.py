@@ -1,4 +1,7 @@
-"""Reads a block: rows, metadata, or how a run ended. Right checksums do not make it ours."""
+"""Decodes a block: rows, metadata, or the end of a run.
+
+It checks the content too: correct checksums do not prove that this program wrote the block.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +17,21 @@ from haptic_wall.controller.logs.plausible import fault, refusal
 from haptic_wall.controller.system import json_text
 
 FORMAT = {"format": "haptic-wall log", "version": 1, "checksum": "crc32"}
-"""First keys in the metadata of every log; those of before have no checksums, and say so by
-having no ``checksum``."""
+"""First keys in the metadata of every log; logs of earlier versions have no checksums, and no
+``checksum`` key."""
 MOST_JSON = 1 << 22
-"""Bytes of metadata, or of how a run ended; more are damage"""
+"""Largest size of metadata or of a run's end [bytes]; a larger block is damage"""
 
 
 def judged(
     block: Block, dtype: np.dtype[np.void] | None, checked: bool
 ) -> tuple[Piece | None, str | None]:
-    """Return a block's content, or None and, where it is known, why the block is none of ours.
+    """Return a block's content, or None and, where known, the reason why it is not ours.
 
     Args:
-        block: Whole; its checksums are right, where it has any.
-        dtype: Of the rows before; None: there are none.
-        checked: Whether a block of rows, or an end, without checksums counts as damaged.
+        block: Whole; its checksums are correct, where it has any.
+        dtype: Type of the preceding rows; None: there are none.
+        checked: A block of rows, or an end, without checksums counts as damaged.
     """
     array = block.array
     if array.dtype.names is None:
@@ -50,13 +53,13 @@ def judged(
 
 
 def refused(block: Block) -> str | None:
-    """Why the rows of an intact block are not such as this program knows; None: they are."""
+    """Return why this program does not accept an intact block's rows; None: it does."""
     named = block.summed and block.array.dtype.names is not None
     return refusal(block.array.dtype) if named else None
 
 
 def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
-    """Name what no run writes about its end; None: all of it is plausible."""
+    """Return the implausible part of a run's end; None: all of it is plausible."""
     for name in ("stop_reason", "message"):
         if not isinstance(ended.get(name), str | None):
             return f"how the run ended: {name} is no text in it"
@@ -67,12 +70,12 @@ def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
 
 
 def is_ours(metadata: Mapping[str, Any]) -> bool:
-    """Whether these are a log's metadata."""
+    """Whether the mapping is the metadata of a log."""
     return metadata.get("format") == FORMAT["format"]
 
 
 def from_json(array: NDArray[Any]) -> dict[str, Any] | None:
-    """The object that an array of bytes holds; None: it holds none."""
+    """Return the object that an array of bytes encodes as JSON; None: it encodes none."""
     if array.dtype != np.uint8 or array.size > MOST_JSON:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Rows of a log as CSV: text that reads back exactly."""
+"""Exports the rows of a log as CSV, with enough digits to read back exactly."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from haptic_wall.controller.logs.rows import LogRows
 def write_csv(path: Path, rows: LogRows) -> None:
     """Write all columns of all rows; ``time_s`` counts from the log's first row, NaN is empty.
 
-    The first row has no exponents: there are readers that take a column for text that begins with
-    one.
+    The first row has no exponents: some readers take a column for text if its first cell has one.
 
     Raises:
         OSError: The file cannot be written.

@@ -1,8 +1,8 @@
-"""A recorded motion from a CSV of anybody's.
+"""Reads a recorded motion from a CSV of any origin.
 
-What it does not hold as it should is mended where that can be done honestly, and told where not:
-it is parted where nothing was recorded for long, rows without a number are left out, uneven time
-stamps are brought onto a grid.
+It repairs irregular data where that is possible without guessing, and reports each repair: it
+splits the record at long gaps, drops rows without a number, and interpolates uneven time stamps
+onto a grid.
 """
 
 from __future__ import annotations
@@ -25,38 +25,38 @@ from haptic_wall.controller.logs.recording import (
     Knowledge,
     Part,
     Recording,
-    cut,
     gap_text,
     parted,
     position_count,
     seconds,
     short_text,
+    sliced,
 )
 from haptic_wall.controller.logs.stretches import Stretch, stretches
 from haptic_wall.controller.logs.windows import BEFORE_S, WINDOW
 
 _UNEVEN = 0.25
-"""Share of a period by which time stamps may be off and still count as on the grid."""
+"""Fraction of a period by which a time stamp may be off and still count as on the grid."""
 _MOST_UNEVEN = 0.01
-"""Share of the time stamps that may be off by more without a new grid."""
+"""Fraction of the time stamps that may be off by more without interpolation."""
 _SAME = 0.02
-"""Share by which the periods of two stretches may differ at one rate"""
+"""Fraction by which the periods of two stretches may differ at one rate"""
 _MOST_RECORDINGS = 20
-"""In one file, each with times of its own; what more there are is left out"""
+"""Largest number of recordings, each with its own times, read from one file"""
 _JOINT_S = 1.0
-"""From the end of one to the beginning of the next [s]"""
+"""Time inserted between the end of one recording and the beginning of the next [s]"""
 _CLOCK_S = 86_400.0
-"""From here on a first time is of a clock that did not begin with the record [s]"""
+"""A first time from here on comes from a clock that did not start with the record [s]"""
 
 
 def recordings_of_csv(path: Path) -> Iterator[Recording]:
-    """The motion in a CSV with the columns ``time_s``, ``position_rad``, perhaps ``torque_nm``.
+    """Yield the motion in a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
-    A long one comes in several recordings that overlap. What was recorded at another rate than what
-    came before is a recording of its own.
+    The torque may be missing. A long record gives several recordings that overlap. A change of the
+    sampling rate starts another recording.
 
     Raises:
-        UserError: There is nothing in it to look at; the message says what was found.
+        UserError: The file holds no usable motion; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
     whole, notes = _whole(path)
@@ -74,7 +74,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
             part
             for stretch in group
             for part in parted(
-                _even(cut(whole, stretch.start, stretch.end), period, notes), period, notes
+                _even(sliced(whole, stretch.start, stretch.end), period, notes), period, notes
             )
         ]
         for some, since_s in _windowed(parts):
@@ -85,7 +85,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
 
 
 def _whole(path: Path) -> tuple[Part, list[str]]:
-    """All samples whose time lies after that of those before, and what was mended or left out."""
+    """Return all samples with increasing times, and sentences on repairs and omissions."""
     columns, notes = columns_of(path)
     times = columns["time_s"]
     times, going_on = _going_on(times)
@@ -130,12 +130,12 @@ def _whole(path: Path) -> tuple[Part, list[str]]:
 
 
 def _ordered(times: Floats) -> NDArray[np.bool_]:
-    """Which samples lie after all before."""
+    """Whether each sample's time is later than all times before it."""
     return np.concatenate([[True], times[1:] > np.maximum.accumulate(times)[:-1]])
 
 
 def _going_on(times: Floats) -> tuple[Floats, list[str]]:
-    """Times of recordings that each begin anew as one: each one second after the one before."""
+    """Shift the times of recordings that restart, so that each follows the last by one second."""
     notes = []
     for _ in range(_MOST_RECORDINGS):
         anew = _begin_anew(times)
@@ -152,11 +152,11 @@ def _going_on(times: Floats) -> tuple[Floats, list[str]]:
 
 
 def _begin_anew(times: Floats) -> NDArray[np.intp]:
-    """Where times go back and then go on evenly, still behind what was before: they do not jump."""
+    """Find where times go back and then continue evenly below the earlier times."""
     if times.size <= LEAST:
         return np.empty(0, np.intp)
     latest = np.maximum.accumulate(times)
-    backs = np.concatenate([[0], np.cumsum(np.diff(times) <= 0.0)])  # before each sample
+    backs = np.concatenate([[0], np.cumsum(np.diff(times) <= 0.0)])  # up to each sample
     at = np.flatnonzero(np.diff(backs) > 0) + 1
     at = at[at + LEAST <= times.size]
     goes_on = backs[at + LEAST - 1] == backs[at]
@@ -178,7 +178,7 @@ def _gaps(times: Floats, found: list[Stretch]) -> Iterator[str]:
 
 
 def _alike(found: list[Stretch]) -> Iterator[list[Stretch]]:
-    """Stretches that follow each other at one rate."""
+    """Group consecutive stretches that have one rate."""
     group: list[Stretch] = []
     for stretch in found:
         if group and abs(stretch.period - group[0].period) > _SAME * group[0].period:
@@ -190,7 +190,7 @@ def _alike(found: list[Stretch]) -> Iterator[list[Stretch]]:
 
 
 def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
-    """The parts in pieces of bounded size, and from when on each piece is new [s]."""
+    """Yield the parts in pieces of bounded size, and the time from which each piece is new [s]."""
     held: list[Part] = []
     samples = 0
     for part in parts:
@@ -206,13 +206,13 @@ def _windowed(parts: list[Part]) -> Iterator[tuple[tuple[Part, ...], float]]:
             since_s = float(part.times[start]) if start else -math.inf
             again = int(np.searchsorted(part.times, since_s - BEFORE_S))
             again = max(again, start - WINDOW, 0)
-            yield (cut(part, again, start + WINDOW),), since_s
+            yield (sliced(part, again, start + WINDOW),), since_s
     if held:
         yield tuple(held), -math.inf
 
 
 def _even(whole: Part, period: float, notes: list[str]) -> Part:
-    """The samples on a grid of ``period``: as they are, or interpolated where they are uneven."""
+    """Return the samples on a grid of ``period``: unchanged if even, else interpolated."""
     steps = np.diff(whole.times) / period
     off = np.abs(steps - np.round(steps)) > _UNEVEN
     if np.count_nonzero(off) <= _MOST_UNEVEN * steps.size:
@@ -234,7 +234,7 @@ def _even(whole: Part, period: float, notes: list[str]) -> Part:
 
 
 def _held(values: Floats) -> Floats:
-    """The last known value where one is missing; 0 before the first."""
+    """Replace missing values with the last known one; 0 before the first."""
     good = np.isfinite(values)
     latest = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
     return np.where(latest >= 0, values[np.maximum(latest, 0)], 0.0)

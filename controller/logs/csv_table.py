@@ -1,4 +1,4 @@
-"""The numbers in a CSV of anybody's, read within bounds: of bytes, of rows, of a line's length."""
+"""Reads the numbers in a CSV of any origin, within bounds of bytes, rows and line length."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"
 MOST_BYTES = 1 << 29
 MOST_ROWS = 4_000_000
-"""More than an hour at 1 kHz"""
+"""Largest number of rows: more than an hour at 1 kHz"""
 _MOST_IN_LINE = 1 << 16
-"""Characters"""
+"""Longest line [characters]"""
 _MOST_LINES = 100
-"""Of one row: a quoted cell may hold line ends"""
+"""Largest number of lines in one row: a quoted cell may hold line ends"""
 _LARGEST = 1e12
 _CONTROL = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
 
 
 def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
-    """The known columns as numbers, shape (n,) each; a cell that is empty or nan is NaN.
+    """Return the known columns as numbers, shape (n,) each; a cell that is empty or nan is NaN.
 
     Returns:
-        The columns by name, and what was left out, in sentences. Every row has a time.
+        The columns by name, and sentences on what was left out. Every row has a time.
 
     Raises:
-        UserError: It is no such CSV, or too large; the message says what was found.
+        UserError: The file is no such CSV, or too large; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
     with io.TextIOWrapper(opened(path), "utf-8-sig", "replace", newline="") as text:
@@ -65,7 +65,7 @@ def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
 
 
 class _Lines:
-    """The lines of a text, each of bounded length and without control characters."""
+    """Iterates over the lines of a text; limits their length and removes control characters."""
 
     def __init__(self, path: Path, text: TextIO) -> None:
         self._path = path
@@ -94,7 +94,7 @@ class _Lines:
 
 
 def _read(path: Path, text: TextIO) -> tuple[list[str], array[float]]:
-    """Names of the known columns, and their numbers row by row."""
+    """Return the names of the known columns, and their numbers row by row."""
     lines = _Lines(path, text)
     reader = csv.reader(lines)
     header = [name.strip() for name in next(reader, [])]
@@ -129,7 +129,7 @@ def _read(path: Path, text: TextIO) -> tuple[list[str], array[float]]:
 
 
 def _number(text: str) -> float:
-    """As ``float``, but 1_000 is none, nor is what no one can have measured.
+    """Convert a cell as ``float`` does, but refuse 1_000 and values beyond any measurement.
 
     Raises:
         ValueError: It is no number.

@@ -1,4 +1,4 @@
-"""Runs the detector over recordings, one after the other, in memory that does not grow."""
+"""Runs the detector over recordings, one after the other, in bounded memory."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.logs.recording import Part, Recording
 
 _LATE = 0.01
-"""Periods of delay that are told"""
+"""Smallest delay that is reported [periods]"""
 SLICES = 2500
-"""Into so many slices a picture parts what it draws; of each what is extreme is kept."""
+"""Number of slices of a picture's time axis; of each slice the extremes are kept."""
 _WHOLE = 4 * SLICES
 _NOTES = 20
 _DRAWN = 200
-"""Stretches in a picture: each takes time to draw"""
+"""Largest number of stretches in a picture: each takes time to draw"""
 
 
 @dataclass(slots=True)
@@ -33,18 +33,18 @@ class Detected:
     period: float = math.nan
     """[s]"""
     known: dict[str, float] = field(default_factory=dict)
-    """Parameters of the servo that were used, from the first recording"""
+    """Servo parameters that the detector used, from the first recording"""
     estimated: bool = False
-    """Whether that was estimated"""
+    """Some of ``known`` was estimated"""
     wall: dict[str, float] = field(default_factory=dict)
-    """Parameters of the wall that were used, from the first part: ``stiffness``,
+    """Wall parameters that the detector used, from the first part: ``stiffness``,
     ``virtual_damping``, ``wall_position``"""
     position_step: float = math.nan
     """[rad]"""
     state: State = State.QUIET
-    """The worst"""
+    """The worst state"""
     frequency_hz: float = math.nan
-    """In that state, where it was largest"""
+    """In that state, at its largest amplitude"""
     amplitude: float = 0.0
     """[rad]"""
     growth: float = math.nan
@@ -59,14 +59,14 @@ class Detected:
 
 @dataclass(frozen=True, slots=True)
 class GivenWall:
-    """Parameters of the rendered wall that the user gives; None: not given."""
+    """Wall parameters that the user gives; None: not given."""
 
     stiffness: float | None = None
     """K [N·m/rad]"""
     virtual_damping: float | None = None
     """B [N·m·s/rad]"""
     surface: float | None = None
-    """Where it stands [rad]"""
+    """Position of the wall's surface [rad]"""
 
 
 NO_WALL = GivenWall()
@@ -79,9 +79,9 @@ def detect_all(
 
     Args:
         recordings: Of one motion.
-        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of what they know; None:
-            as they know it.
-        wall: In place of what they know of the wall, or of what torque against position tells.
+        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of the recordings' values;
+            None: use theirs.
+        wall: In place of the recordings' wall, or of the one estimated from torque and position.
     """
     detected = Detected()
     more = 0
@@ -172,7 +172,7 @@ def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, 
 
 
 def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall) -> KnownWall:
-    """The wall as it is given, as the recording knows it, or as it can be estimated."""
+    """Return the wall as given by the user, as recorded, or as estimated, in this order."""
     knows = recording.known
     if part.stiffness is not None:
         wall = KnownWall(part.stiffness, knows.virtual_damping, knows.surface, knows.side)
@@ -207,14 +207,14 @@ def _estimated(wall: KnownWall) -> str:
 def add(
     detected: Detected, part: Part, record: DetectionRecord, *, goes_on: bool, of: int = 1
 ) -> None:
-    """Add what was seen in a part.
+    """Add the detector's result for a part.
 
     Args:
-        detected: What was seen before.
+        detected: The results so far.
         part: The motion.
-        record: What was seen in it.
-        goes_on: It follows the part before without a gap.
-        of: How many parts there are at least.
+        record: The result for this motion.
+        goes_on: The part follows the one before without a gap.
+        of: Least number of parts.
     """
     detected.samples += part.times.size
     detected.parts += int(not goes_on)
@@ -238,7 +238,7 @@ def add(
 def _taken(
     part: Part, record: DetectionRecord, places: NDArray[np.intp]
 ) -> tuple[Part, DetectionRecord]:
-    """Only some of the samples, and what is worst of those."""
+    """Return the samples at ``places``, and the worst state among them."""
     times = part.times[places]
     return (
         Part(
@@ -261,7 +261,7 @@ def _taken(
 def _joined(
     first: tuple[Part, DetectionRecord], second: tuple[Part, DetectionRecord]
 ) -> tuple[Part, DetectionRecord]:
-    """A part and what follows it without a gap."""
+    """Join a part and its successor without a gap."""
 
     def both(a: Any, b: Any) -> Any:  # noqa: ANN401 - arrays of any type, or None
         return None if a is None or b is None else np.concatenate([a, b])
@@ -276,7 +276,7 @@ def _joined(
 
 
 def _telling(part: Part, record: DetectionRecord, slices: int) -> NDArray[np.intp]:
-    """Of each slice the ends, the extremes of position and amplitude, and the worst state."""
+    """Return the indices of each slice's ends, its extremes, and its worst state."""
     places: set[int] = set()
     for inside in np.array_split(np.arange(part.times.size), slices):
         state = record.state[inside]

@@ -1,7 +1,7 @@
-"""Log files: one stream of arrays, each complete by itself, so that damage costs what it hit.
+"""Writes and reads log files: a stream of self-contained arrays, so that damage stays local.
 
 A file is a sequence of ``.npy`` arrays with nothing between them: first the metadata, JSON as
-bytes, then blocks of rows of one structured dtype, and last how the run ended, JSON again.
+bytes, then blocks of rows of one structured dtype, and last the run's end, JSON again.
 ``numpy.load`` on an open file reads them one after the other; each carries checksums, see
 ``blocks``.
 """
@@ -33,19 +33,19 @@ __all__ = ["SUFFIX", "LogWriter", "append_end", "identity", "read_log"]
 class LogWriter:
     """Writes one log; the same rows in the same blocks give the same bytes.
 
-    Nothing is held back: what ``append`` has taken is with the operating system, and stays
-    readable whatever becomes of this process; after ``sync`` also whatever becomes of the machine.
+    Nothing is buffered: after ``append`` the rows are with the operating system and survive a crash
+    of this process; after ``sync`` they also survive a crash of the machine.
 
     Args:
-        path: Where to; a file that is there is replaced.
-        metadata: What the rows belong to, as JSON can hold it; NaN is not in JSON.
+        path: The file to write; an existing file is replaced.
+        metadata: Description of the rows, as JSON can hold it; NaN is not in JSON.
         dtype: Of the rows, little-endian.
-        beside: Other name of ``path``: the log is there until its first rows are written, and then
-            replaces what is at ``path``. None: it replaces it at once.
+        beside: Temporary name of ``path``: the log is written there until it has rows, and then
+            replaces the file at ``path``. None: it replaces it at once.
 
     Attributes:
-        found: The last rows of a log that is gone on with, shape (n,); None: it held none.
-        identity: What ``identity`` gives for the file.
+        found: The last rows of a log that is continued, shape (n,); None: it had none.
+        identity: The value of ``identity`` for the file.
 
     Raises:
         OSError: The file cannot be written.
@@ -59,7 +59,7 @@ class LogWriter:
         dtype: np.dtype[np.void],
         beside: Beside | None = None,
     ) -> None:
-        # FORMAT first, and what it says holds for this file, wherever the metadata come from.
+        # FORMAT comes first and overrides the metadata, which may come from another log.
         head = _json({**FORMAT, **metadata, **FORMAT})
         self._beside = beside
         if beside is not None:
@@ -82,22 +82,22 @@ class LogWriter:
         status = os.fstat(self._file.fileno())
         self.identity = _identity(status)
         self._is_file = stat.S_ISREG(status.st_mode)
-        if self._is_file:  # a device (/dev/null) is everybody's
+        if self._is_file:  # a device (/dev/null) may have many writers
             with contextlib.suppress(OSError):  # a dying writer may still have it
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @classmethod
     def resume(cls, path: Path, dtype: np.dtype[np.void]) -> LogWriter:
-        """Go on with a log whose writer is dead; whatever follows its last whole block is cut off.
+        """Continue a log whose writer is dead; bytes after its last whole block are removed.
 
-        Takes the same time for a log of days as for one of minutes.
+        It takes the same time for a log of days as for one of minutes.
 
         Args:
-            path: The log; nobody else writes it any more.
+            path: The log; it has no other writer any more.
             dtype: Of its rows.
 
         Raises:
-            LogFormatError: The file is not a log of such rows, or its metadata was cut off.
+            LogFormatError: The file is not a log of such rows, or its metadata is incomplete.
             OSError: It cannot be read or written.
         """
         reader = LogReader(path)
@@ -117,11 +117,11 @@ class LogWriter:
         return log
 
     def append(self, rows: NDArray[np.void]) -> None:
-        """Write rows, shape (n,), in blocks that a reader takes; none writes nothing.
+        """Write rows, shape (n,), in blocks that a reader accepts; no rows write nothing.
 
         Raises:
-            OSError: It could not be written (a full disk) or put in its place; the file is what it
-                was before, and may be appended to again.
+            OSError: The rows could not be written (a full disk), or the file not put in place; the
+                file is as before, and ``append`` may be called again.
         """
         if not len(rows):
             return
@@ -135,7 +135,7 @@ class LogWriter:
                 self._beside = None
 
     def end(self, ended: Mapping[str, Any]) -> None:
-        """Write how the run ended, the last of a log, as JSON can hold it.
+        """Write the run's end, the last block of a log, as JSON can hold it.
 
         Raises:
             OSError: As ``append``.
@@ -143,11 +143,11 @@ class LogWriter:
         self._write(_json(ended))
 
     def sync(self) -> None:
-        """Have the disk keep what was written until now; waits for it.
+        """Wait until the disk keeps the rows written so far.
 
         Raises:
-            OSError: The disk has lost something, or somebody has cut off the file's end; said once,
-                and nobody knows which rows.
+            OSError: The disk has lost data, or the file was truncated; raised once, and it is
+                unknown which rows are lost.
         """
         self._tell_if_shortened()
         if not self._unsynced:
@@ -155,18 +155,18 @@ class LogWriter:
         self._unsynced = False
         try:
             os.fdatasync(self._file.fileno())
-            if not self._placed:  # a file whose folder does not know it yet is lost with its rows
-                with contextlib.suppress(PermissionError):  # a folder to put in, not to look into
+            if not self._placed:  # without a sync of its folder the new file could be lost
+                with contextlib.suppress(PermissionError):  # writable but not readable
                     self._place()
         except OSError as error:
-            # Some file systems cannot be asked, and a device (/dev/null) has nothing to keep.
+            # Some file systems do not support this, and a device (/dev/null) keeps nothing.
             if error.errno != errno.EINVAL and self._is_file:
                 raise
 
     def _look_for_its_end(self) -> None:
-        """Go on at the end that the file has now, and note where that has come nearer."""
+        """Seek to the file's present end, and note if the file became shorter."""
         if self._is_file and self._file.tell() > os.fstat(self._file.fileno()).st_size:
-            self._file.seek(0, os.SEEK_END)  # a hole would be taken for what was there
+            self._file.seek(0, os.SEEK_END)  # a hole would be taken for rows
             self._shortened = True
 
     def _tell_if_shortened(self) -> None:
@@ -184,12 +184,12 @@ class LogWriter:
         self._placed = True
 
     def close(self) -> None:
-        """Let go of the file, which is removed where it never had rows to be placed for.
+        """Close the file; remove it if it never had rows.
 
         Safe to call twice.
 
         Raises:
-            OSError: The file system has lost something written earlier; or as ``sync``.
+            OSError: The file system has lost earlier data; or as ``sync``.
         """
         if self._beside is not None:
             self._beside.discard()
@@ -214,7 +214,7 @@ class LogWriter:
 
 
 def identity(path: Path) -> int:
-    """Tells a file from another that is put in its place; 0: there is none."""
+    """Return a number that differs for a file put in place of this one; 0: there is no file."""
     try:
         return _identity(path.stat())
     except OSError:
@@ -226,15 +226,15 @@ def _identity(status: os.stat_result) -> int:
 
 
 def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> None:
-    """Write how a run ended behind what its recorder has left, whatever that is.
+    """Append the run's end to a log, in whatever state its recorder has left it.
 
     Args:
-        path: The log; where there is none, or nothing in it, none is made.
-        ended: What JSON can hold.
+        path: The log; if it is missing or empty, none is made.
+        ended: Content, as JSON can hold it.
         sync: Wait until the disk keeps it.
 
     Raises:
-        OSError: It cannot be written; what is in the log stays readable.
+        OSError: It cannot be written; the log stays readable.
     """
     if not path.is_file() or not path.stat().st_size:
         return
@@ -245,7 +245,7 @@ def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> No
 
 
 def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
-    """Write a block to a file without a buffer, which may take it in several parts; all or none."""
+    """Write a whole block to an unbuffered file, or none of it; writes may be partial."""
     with _all_or_nothing(file):
         for part in encoded(array):
             rest = memoryview(part)
@@ -255,12 +255,12 @@ def _write_block(file: BinaryIO, array: NDArray[Any]) -> None:
 
 @contextlib.contextmanager
 def _all_or_nothing(file: BinaryIO) -> Iterator[None]:
-    """Cut off again what was written to a file where an OSError comes in between."""
-    start = file.tell() if file.seekable() else None  # a device has no end to cut
+    """Truncate the file to its former end if an OSError interrupts a write."""
+    start = file.tell() if file.seekable() else None  # a device cannot be truncated
     try:
         yield
     except OSError:
-        # Half a block would be noticed, but it is better not there.
+        # A reader would notice half a block, but none is better.
         if start is not None:
             with contextlib.suppress(OSError):
                 file.truncate(start)
@@ -269,17 +269,17 @@ def _all_or_nothing(file: BinaryIO) -> Iterator[None]:
 
 
 def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
-    """Read a log whole; what is damaged is skipped with a warning in the program's log.
+    """Read a whole log; damaged parts are skipped with a warning in the program's log.
 
     Args:
         path: A file written by ``LogWriter``.
 
     Returns:
-        The metadata, and all rows as they are in the file, shape (n,); of no field where no block
+        The metadata, and all rows in the file's order, shape (n,); rows without fields if no block
         was written.
 
     Raises:
-        LogFormatError: The file is not a log of ours.
+        LogFormatError: The file is not a log of this program.
         OSError: It cannot be read.
     """
     log = LogReader(path)
@@ -296,5 +296,5 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
 
 def _json(content: Mapping[str, Any]) -> NDArray[np.uint8]:
     text = json.dumps(content, ensure_ascii=False, allow_nan=False)
-    # A log's metadata are kept when it is cut, though no text of ours has half a character.
+    # An excerpt keeps the metadata of a log, which may hold lone surrogates.
     return np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)

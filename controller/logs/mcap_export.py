@@ -1,4 +1,4 @@
-"""Rows of a log as MCAP: JSON messages on one channel, for Foxglove and PlotJuggler."""
+"""Exports the rows of a log as MCAP: JSON messages on one channel, for Foxglove and PlotJuggler."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from haptic_wall.controller.logs.columns import COLUMNS, finite_rows
 from haptic_wall.controller.logs.rows import LogRows
 
 TOPIC = "haptic_wall"
-"""The channel that every row is a message of."""
+"""Channel of the rows' messages."""
 METADATA = "haptic_wall.json"
-"""The attachment that holds the log's metadata."""
+"""Name of the attachment with the log's metadata."""
 
 
 def write_mcap(path: Path, rows: LogRows) -> None:
-    """Write every row as a message; its time counts from the log's first row, as in the CSV.
+    """Write every row as a message; the time counts from the log's first row, as in the CSV.
 
     Raises:
         UserError: The library is not installed.

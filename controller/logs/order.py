@@ -1,4 +1,4 @@
-"""Rows in the order in which they were written, once each; what is out of its place is told."""
+"""Sorts out rows of a log that come late or twice, and reports them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from haptic_wall.controller.logs.pieces import Head, Misplaced, Piece
 
 _GROW = ("seq", "deadline_ns")
 _MOST_GAPS = 1000
-"""Gaps that are remembered; a row out of one that is not counts as there already."""
+"""Largest number of remembered gaps; a row from a forgotten gap counts as a repeat."""
 
 
 def in_order(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """The same pieces; rows that stand behind later ones, or twice, are left out and told.
+    """Yield the pieces in order; rows that come late or twice are replaced by a ``Misplaced``.
 
     Args:
-        pieces: Of which the rows increase within each block.
+        pieces: Their rows increase within each block.
     """
     order = _Order()
     for piece in pieces:
@@ -31,7 +31,7 @@ def in_order(pieces: Iterable[Piece]) -> Iterator[Piece]:
 
 
 class _Order:
-    """Of the rows of one log."""
+    """Tracks the order of one log's rows."""
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
@@ -59,7 +59,7 @@ class _Order:
             self._gaps.append((start, end))
 
     def _missing(self, rows: NDArray[np.void]) -> int:
-        """How many of these rows are not there yet."""
+        """Return how many of these rows have not come yet."""
         if "seq" not in (rows.dtype.names or ()):
             return 0
         seq = rows["seq"]

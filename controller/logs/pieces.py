@@ -1,4 +1,4 @@
-"""Pieces that a log is made of, and a sentence about each that is wrong."""
+"""The kinds of pieces that a log consists of, and a sentence about each faulty one."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes that hold no intact block, or what no run writes."""
+    """Bytes that hold no intact block, or content that no run writes."""
 
     start: int
-    """Where in the file [bytes]"""
+    """Offset in the file [bytes]"""
     size: int
     """[bytes]"""
     last: bool
-    """Nothing follows: the end was cut off, or is being written"""
+    """Nothing follows: the end is missing, or is being written"""
     why: str | None = None
-    """Content of these bytes, if more is known than that they are no intact block"""
+    """The reason, if more is known than that these bytes are no intact block"""
 
 
 @dataclass(frozen=True, slots=True)
 class Misplaced:
-    """Rows that are left out: they stand behind later ones, or stand twice."""
+    """Omitted rows: they come after later ones, or twice."""
 
     rows: int
     twice: int
-    """How many of them are there already"""
+    """Number of omitted rows that came before"""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """The metadata of another log, which begins here: someone has joined two files."""
+    """The metadata of another log, which begins here: two files were joined."""
 
     metadata: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """How the run ended, as its own program has written it."""
+    """The run's end, as its own program wrote it."""
 
     ended: dict[str, Any]
-    """``stop_reason`` and ``message`` are texts, or None; ``rows`` is a count, if it is there"""
+    """``stop_reason`` and ``message`` are texts, or None; ``rows`` is a count, if present"""
 
 
 Piece = NDArray[np.void] | Damage | Misplaced | Head | End
 
 
-def said_of(piece: Piece) -> Iterator[str]:
+def fault_text(piece: Piece) -> Iterator[str]:
     """Describe the fault of a piece in a sentence; rows and ends have none."""
     if isinstance(piece, Damage):
         why = f" ({piece.why})" if piece.why else ""

@@ -1,4 +1,7 @@
-"""Whether rows can be a loop's: checksums tell that a block is what was written, not by whom."""
+"""Checks whether a loop can have written the given rows.
+
+Checksums show that a block is unchanged, not that this program wrote it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from haptic_wall.hw.servo import Outcome
 
 _GROW: Final = ("seq", "deadline_ns")
 _LONGEST_NS: Final = 1 << 50
-"""No time within a tick is longer: some thirteen days"""
+"""Longest plausible time within a tick: some thirteen days"""
 _RANGES: Final = {
     "seq": (0, 1 << 53),
     "deadline_ns": (0, 1 << 61),
@@ -26,14 +29,15 @@ _RANGES: Final = {
     "phase": (0, 1 << 20),
     "missed": (0, 1 << 40),
 }
-"""Least and largest of the columns that hold no time within a tick"""
+"""Least and largest values of the columns that hold no time within a tick"""
 _LARGEST: Final = 1e18
-"""No other number is larger, in SI units; NaN is what is not known, and a defect may be infinite"""
+"""Largest plausible value of other columns, in SI units; NaN is unknown, and a defect may be
+infinite"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """Where in a row which numbers stand."""
+    """Field names of a row, grouped by the check they need."""
 
     whole: list[int]
     low: NDArray[np.int64]
@@ -43,10 +47,10 @@ class _Columns:
 
 
 def fault(rows: NDArray[Any]) -> str | None:
-    """Name what no loop can have written in a block of rows; None: all of it is plausible.
+    """Name an implausible value in a block of rows; None: all of it is plausible.
 
     Args:
-        rows: Shape (n,); columns of today may be missing, and may come in any order.
+        rows: Shape (n,); columns of today's rows may be missing, in any order.
     """
     columns = _columns(rows.dtype)
     if columns is None:
@@ -77,7 +81,7 @@ def fault(rows: NDArray[Any]) -> str | None:
 
 
 def refusal(dtype: np.dtype[Any]) -> str | None:
-    """Why rows of this type are none that a loop writes; None: they are, or lack later columns."""
+    """Return why no loop writes rows of this type; None: one does, or did without later columns."""
     for name in dtype.names or ():
         if name not in _OURS:
             return f"its rows have a column {name[:40]!r} that this program does not know"

@@ -1,4 +1,4 @@
-"""Reading a log block by block, in memory that does not grow with it, past whatever is damaged."""
+"""Reads a log block by block, in bounded memory, and skips damaged parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.blocks import Block, block_at, last_block, next_begin
 from haptic_wall.controller.logs.content import FORMAT, from_json, is_ours, judged, refused
 from haptic_wall.controller.logs.order import in_order
-from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece, said_of
+from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece, fault_text
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.system.regular_file import opened
 
@@ -25,31 +25,31 @@ _logger = logging.getLogger(__name__)
 
 
 BEGINS_WITHIN = 1 << 26
-"""A log whose metadata are damaged is known by an intact block of rows among so many bytes."""
+"""A log with damaged metadata is recognised by an intact block of rows in this many bytes."""
 _LOOKED = 1 << 20
-"""Bytes in which a block must begin for a file of another name to be a log"""
+"""A file with another name is a log only if a block begins within this many bytes"""
 _AGAIN = 4
-"""How often what looks like a block, and is none, may lead over the bytes of a file again..."""
+"""How often false candidates of a block may make the reader scan a file's bytes again..."""
 _AGAIN_BYTES = 1 << 26
-"""...and this in a small one [bytes]; then the rest is damage"""
+"""...and this many bytes in a small file; the rest then counts as damage"""
 _LEAST_LOOK = 1 << 12
-"""Smallest count for each such look [bytes]"""
+"""Smallest number of bytes charged for each such scan"""
 
 
 class LogReader:
-    """A log, read block by block in memory that does not grow with it.
+    """Reads a log block by block, in bounded memory.
 
-    Bounds: 16 MB a block, 4 MB of metadata, and time in proportion to what is on the disk.
+    Bounds: 16 MB a block, 4 MB of metadata, and time in proportion to the size on the disk.
 
     Args:
         path: A file written by ``LogWriter``.
 
     Attributes:
         path: See above.
-        metadata: What the rows belong to; empty where that part of the file is damaged.
+        metadata: Description of the rows; empty where that part of the file is damaged.
 
     Raises:
-        LogFormatError: The file is not a log of ours.
+        LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
 
@@ -75,34 +75,34 @@ class LogReader:
                 )
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the file's pieces in their order: rows, faults between them, ends.
+        """Yield the file's pieces in order: rows, faults between them, ends.
 
-        Rows come in their order: what stands behind later ones, or twice, is left out and told. May
-        be asked for any number of times; a file that grows is read to where it ended then.
+        Rows come in their order; rows that come late or twice are omitted and reported. It may be
+        called any number of times; a growing file is read to its end at that time.
 
         Raises:
             LogFormatError: A log of another version is joined to this one; or the file was replaced
-                or cut off since it was opened first.
+                or truncated since it was first opened.
             OSError: It cannot be read.
         """
         with self._opened() as file:
             yield from in_order(_pieces(self.path, file, self._start, _size(file), self._checked))
 
     def last(self) -> Block | None:
-        """The last intact block of rows, found from the end; None: there is none.
+        """Return the last intact block of rows, searched from the end; None: there is none.
 
         Raises:
-            LogFormatError: The file was replaced or cut off since it was opened first.
+            LogFormatError: The file was replaced or truncated since it was first opened.
             OSError: It cannot be read.
         """
         with self._opened() as file:
             return last_block(file, self._start, _size(file), self._checked)
 
     def _opened(self) -> BinaryIO:
-        """The file that was looked at first, which may have grown.
+        """Open the same file again; it may have grown.
 
         Raises:
-            LogFormatError: It is another one, or shorter.
+            LogFormatError: It is another file, or shorter.
             OSError: It cannot be read.
         """
         file = opened(self.path)
@@ -113,17 +113,17 @@ class LogReader:
 
     @property
     def start(self) -> int:
-        """Where what follows the metadata begins [bytes]."""
+        """Return the offset of the first block after the metadata [bytes]."""
         return self._start
 
     def warn(self, piece: Piece) -> None:
-        """Say in the program's log what is wrong there, if anything is."""
-        for text in said_of(piece):
+        """Write the fault of a piece, if it has one, to the program's log."""
+        for text in fault_text(piece):
             _logger.warning("%s: %s", self.path, text)
 
 
 def is_log(path: Path) -> bool:
-    """Whether a file is a log by what it holds, or, where its begin is damaged, by its name.
+    """Whether a file is a log by its content or, where its beginning is damaged, by its name.
 
     Raises:
         OSError: It cannot be read, or is no regular file.
@@ -134,14 +134,14 @@ def is_log(path: Path) -> bool:
 
 
 def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) -> Iterator[Piece]:
-    """Yield the file's pieces in their order.
+    """Yield the file's pieces in order.
 
     Args:
         path: Its name, for messages.
         file: Open for reading.
-        start: Where to begin [bytes].
-        size: Where to end [bytes].
-        checked: Whether blocks carry checksums.
+        start: Offset to begin at [bytes].
+        size: Offset to end at [bytes].
+        checked: Blocks carry checksums.
     """
     dtype: np.dtype[np.void] | None = None
     damage: Damage | None = None
@@ -156,7 +156,7 @@ def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) ->
         if block is None or piece is None:
             may_look -= max(looked, _LEAST_LOOK)
             damage = damage or Damage(start, 0, last=False, why=why)
-            # The shape of a block whose checksums are right is known.
+            # The shape of a block with correct checksums is known.
             after = start + 1 if block is None or not block.summed else block.end
             start = next_begin(file, after, size)
             if may_look < 0:

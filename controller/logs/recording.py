@@ -1,6 +1,6 @@
 """A recorded motion on an even grid of samples.
 
-A gap parts the record, since nobody knows what happened in it.
+A gap splits the record, because the motion in it is unknown.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 LEAST = 10
-"""Samples that are worth a look."""
+"""Least number of samples worth analysing."""
 GAP = 10
-"""Periods without a sample from which on the record is in parts."""
+"""Periods without a sample that split the record."""
 MOST_TOLD = 5
-"""Gaps, and short stretches, that are told one by one"""
+"""Largest number of gaps and short stretches reported one by one"""
 _ON_COUNTS = 0.02
-"""Share of a count within which all steps of a counted position are whole ones."""
+"""Tolerance within which a step counts as a whole number of encoder counts [counts]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Parameters of the servo and its loop that the record itself holds; NaN: it does not."""
+    """Servo and loop parameters that the record itself contains; NaN: it does not."""
 
     inertia: float = math.nan
-    """[kg·m²], per torque commanded, as the others"""
+    """[kg·m²], per commanded torque, as the others"""
     damping: float = math.nan
     """[N·m·s/rad]"""
     coulomb: float = math.nan
     """[N·m]"""
     lag: float = math.nan
-    """From a sample to its torque acting [s]"""
+    """From a sample until its torque acts [s]"""
     position_step: float = math.nan
     """Encoder count [rad]; 0: none"""
     virtual_damping: float = 0.0
     """Commanded [N·m·s/rad]"""
     surface: float = math.nan
-    """Where the wall stands [rad]"""
+    """Position of the wall's surface [rad]"""
     side: int = 0
     """0: two-sided; +1 or -1: it fills the positions above or below"""
 
@@ -54,15 +54,15 @@ class Recording:
     parts: tuple[Part, ...]
     known: Knowledge
     notes: tuple[str, ...]
-    """Sentences about samples that were mended or left out"""
+    """Sentences about repaired or omitted samples"""
     since_s: float = -math.inf
-    """Samples before were in the recording before this one, and are here for what comes [s]"""
+    """Earlier samples belong to the recording before; they give the detector its history [s]"""
     of: int = 1
-    """How many recordings there are in all"""
+    """Number of recordings in all"""
 
     @property
     def samples(self) -> int:
-        """Of all parts."""
+        """Return the number of samples of all parts."""
         return sum(part.times.size for part in self.parts)
 
 
@@ -81,7 +81,7 @@ class Part:
 
 
 def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
-    """The record cut where samples are missing for long."""
+    """Split the record where samples are missing for long."""
     seen = np.flatnonzero(np.isfinite(whole.positions))
     breaks = np.flatnonzero(np.diff(whole.times[seen]) > GAP * period)
     for at in breaks[:MOST_TOLD]:
@@ -98,13 +98,13 @@ def parted(whole: Part, period: float, notes: list[str]) -> tuple[Part, ...]:
         lost = int((edges[1:] - edges[:-1])[short][MOST_TOLD:].sum())
         notes.append(f"there are {lost} more samples in stretches that are too short")
     return tuple(
-        cut(whole, int(seen[start]), int(seen[end - 1]) + 1)
+        sliced(whole, int(seen[start]), int(seen[end - 1]) + 1)
         for start, end in zip(edges[:-1][~short], edges[1:][~short], strict=True)
     )
 
 
 def seconds(moment_s: float) -> str:
-    """A moment [s] for a sentence, to a tenth of a millisecond however late it is."""
+    """Format a moment [s] for a sentence, to a tenth of a millisecond."""
     return f"{round(float(moment_s), 4):.14g}"
 
 
@@ -115,12 +115,12 @@ def gap_text(start_s: float, end_s: float) -> str:
 
 
 def short_text(samples: int, since_s: float) -> str:
-    """Describe samples that are left out; the first of them is at ``since_s`` [s]."""
+    """Describe omitted samples, the first of them at ``since_s`` [s]."""
     return f"{samples} samples from {seconds(since_s)} s on are too few"
 
 
-def cut(whole: Part, start: int, end: int) -> Part:
-    """The samples from ``start`` up to, but without, ``end``."""
+def sliced(whole: Part, start: int, end: int) -> Part:
+    """Return the samples from ``start`` up to, but without, ``end``."""
     inside = slice(start, end)
     return Part(
         whole.times[inside],
@@ -131,7 +131,7 @@ def cut(whole: Part, start: int, end: int) -> Part:
 
 
 def position_count(positions: Floats) -> float:
-    """The encoder's count, if all steps of the position are whole counts [rad]; else 0."""
+    """Return the encoder count [rad] if all steps of the position are multiples of one; else 0."""
     moved = np.abs(np.diff(positions[np.isfinite(positions)]))
     least = float(np.max(moved, initial=0.0)) * 1e-9
     moved = moved[moved > least]
@@ -139,6 +139,6 @@ def position_count(positions: Floats) -> float:
         return 0.0
     small = float(moved.min())
     counts = moved / small
-    few = counts < 50.0  # where rounding of the record's last digits does not yet tell
+    few = counts < 50.0  # small enough that the record's rounding does not matter
     whole = np.abs(counts - np.round(counts))[few] < _ON_COUNTS
     return small if few.sum() >= LEAST and bool(whole.all()) else 0.0

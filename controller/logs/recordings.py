@@ -1,4 +1,4 @@
-"""The motion in a record: in a log of ours, with what its configuration says, or in a CSV."""
+"""Reads the motion in a log of this program, with its configuration's values, or in a CSV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.logs.csv_recording import recordings_of_csv
-from haptic_wall.controller.logs.pieces import End, Head, said_of
+from haptic_wall.controller.logs.pieces import End, Head, fault_text
 from haptic_wall.controller.logs.reader import LogReader, is_log
 from haptic_wall.controller.logs.recording import (
     LEAST,
@@ -34,22 +34,22 @@ from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
-"""Between a sample and its torque [s]; what acted is kept for so long"""
+"""Longest time between a sample and its torque [s]; acting torques are kept for this long"""
 _MOST_TOLD = 5
-"""Damaged places that are told one by one"""
+"""Largest number of damaged places reported one by one"""
 
 
 def read_recordings(path: Path) -> Iterator[Recording]:
-    """Read a log of ours, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
+    """Read a log, or a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
     Args:
-        path: What holds a log is one, whatever its name; a long one comes in several recordings
-            that overlap, so that never the whole is in memory. Anything else is a CSV, of which
-            the torque, the one commanded at that sample, may be missing.
+        path: A file with a log's content is a log, whatever its name. A long log gives several
+            recordings that overlap, so that the whole is never in memory. Any other file is a CSV;
+            its torque, the one commanded at that sample, may be missing.
 
     Raises:
-        UserError: There is nothing in it to look at; the message says what was found.
-        LogFormatError: It is not a log of ours.
+        UserError: The file holds no usable motion; the message says what was found.
+        LogFormatError: It is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
     if is_log(path):
@@ -59,13 +59,13 @@ def read_recordings(path: Path) -> Iterator[Recording]:
 
 
 def recordings_of_log(path: Path) -> Iterator[Recording]:
-    """The motion that a log of ours holds, a long one in several recordings that overlap.
+    """Yield the motion of a log; a long log gives several recordings that overlap.
 
-    Of logs that are joined in one file each is a recording of its own.
+    Each of several logs joined in one file is a recording of its own.
 
     Raises:
         UserError: The wall was on too shortly.
-        LogFormatError: It is not a log of ours.
+        LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
     rows = LogRows.of(LogReader(path))
@@ -85,10 +85,10 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
         if each.count < LEAST
     ]
     for number, blocks in groupby(_with_wall_on(rows), key=lambda found: found[0]):
-        config = configs[number] if number < len(configs) else None  # one joined meanwhile
+        config = configs[number] if number < len(configs) else None  # None: joined meanwhile
         if config is None:
             continue
-        # An experiment's program has walls of its own, one after the other.
+        # An experiment's program renders several walls of its own.
         surface = config.surface(logs[number].started_at)
         surface = math.nan if "phases" in logs[number].metadata else surface
         for window in windows(block for _, block in blocks):
@@ -99,21 +99,21 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
 
 @dataclass(slots=True)
 class _Log:
-    """One log of a file; several are joined in some."""
+    """One log of a file; a file may hold several."""
 
     metadata: Mapping[str, Any]
     count: int = 0
     """Rows with the wall on"""
     origin_ns: int = 0
-    """Deadline of the first of them [ns]"""
+    """Deadline of the first of these rows [ns]"""
     started_at: float = math.nan
-    """The first position of the run [rad]; NaN: the begin is cut off or damaged"""
+    """The first position of the run [rad]; NaN: the beginning is missing or damaged"""
     begins: bool = True
-    """Nothing is lost before what was looked at last"""
+    """No row is missing before the present one"""
 
 
 def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
-    """Each log in the file, and what is wrong in it, in sentences."""
+    """Return each log in the file, and sentences about its faults."""
     logs = [_Log(rows.metadata, begins="cut" not in rows.metadata)]
     notes: list[str] = []
     wrong = 0
@@ -133,7 +133,7 @@ def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
             notes.append(f"part {len(logs)} is another log, {name}, joined to the one before")
         elif not isinstance(piece, End):
             log.begins = False
-            new = list(said_of(piece))
+            new = list(fault_text(piece))
             notes += new[: max(0, _MOST_TOLD - wrong)]
             wrong += len(new)
     if wrong > _MOST_TOLD:
@@ -152,7 +152,7 @@ def _config(path: Path, metadata: Mapping[str, Any]) -> Config:
 
 
 def _with_wall_on(rows: LogRows) -> Iterator[tuple[int, NDArray[np.void]]]:
-    """Blocks of rows with the wall on, each with the number of its log in the file, from 0."""
+    """Yield blocks of rows with the wall on, each with the index of its log in the file."""
     number = 0
     for piece in rows.pieces():
         if isinstance(piece, Head):

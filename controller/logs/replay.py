@@ -1,4 +1,4 @@
-"""The watch of a run once more over the rows of its log: what it saw, tick by tick."""
+"""Replays the rows of a log through an oscillation watch, tick by tick."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _FIELDS = (
 
 
 class Replay:
-    """Feeds a watch what it was fed in the run; rows may come in any number of blocks.
+    """Gives a watch the same input as in the run; rows may come in any number of blocks.
 
-    A sample met the stiffness, the damping and the delay of the row before: a row holds what its
-    tick left behind.
+    Each sample is combined with the stiffness, damping and delay of the row before, because a row
+    holds the values at the end of its tick.
 
     Args:
-        watch: As it was when the run began.
-        law: Stands where the wall stood; its stiffness and damping are set here.
+        watch: In the state of the run's beginning.
+        law: Takes the place of the wall; the replay sets its stiffness and damping.
         period_ns: T [ns]
-        before_age_s: What the rows' delay holds beside the age of a sample [s]; None: the watch
-            knows its lag already.
+        before_age_s: The delay in the rows without the age of a sample [s]; None: the watch already
+            knows its lag.
     """
 
     def __init__(self, watch: Watch, law: Law, period_ns: int, before_age_s: float | None) -> None:
@@ -45,7 +45,7 @@ class Replay:
         self._law = law
         self._period_ns = period_ns
         self._before_age_s = before_age_s
-        self._last: tuple[int, int] | None = None  # seq and deadline of the row before
+        self._last: tuple[int, int] | None = None  # seq and deadline of the last row
         self._left = (0.0, 0.0, 0.0)  # stiffness, damping, delay
         self._on = self._came_on = False
         self._delay_s = -1.0
@@ -56,7 +56,7 @@ class Replay:
         return self._before_age_s is not None
 
     def see(self, rows: NDArray[np.void], times: NDArray[np.float64]) -> DetectionRecord:
-        """Take the next rows, those of the warm-up left out.
+        """Take the next rows, without those of the warm-up.
 
         Args:
             rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
@@ -94,7 +94,7 @@ class Replay:
         else:
             periods = max(1, round((deadline_ns - self._last[1]) / self._period_ns))
             if seq != self._last[0] + 1:
-                watch.resume()  # rows are lost: nobody knows what moved meanwhile
+                watch.resume()  # rows are missing: the motion in between is unknown
                 self._left = stiffness, damping, delay_s
         on = not flags & (FLAG_WARM_UP | FLAG_OFF)
         if on and not self._on and self._came_on:

@@ -1,4 +1,4 @@
-"""Repeats the oscillation watch of a run over the run's log."""
+"""Repeats the oscillation watch of a run on the run's log."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.detected import Detected, add
-from haptic_wall.controller.logs.pieces import Damage, End, said_of
+from haptic_wall.controller.logs.pieces import Damage, End, fault_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recording import LEAST, Part, position_count
 from haptic_wall.controller.logs.replay import Replay
@@ -27,12 +27,12 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import Outcome
 
 _GATHERED = 100_000
-"""Rows that are looked at in one go"""
+"""Rows processed at a time"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """Facts of the servo that the log holds; see ``haptic_wall.hw.servo.Facts``."""
+    """Facts of the servo that the log contains; see ``haptic_wall.hw.servo.Facts``."""
 
     torque_limit: float = math.inf
     stall_torque: float = math.inf
@@ -40,18 +40,18 @@ class _Facts:
 
 
 def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
-    """Run a log's own watch over it again; None: the log does not hold what that needs.
+    """Run a log's own watch on it again; None: the log lacks the necessary data.
 
-    Those are the logs of experiments, which render no wall, what is cut out of a log, logs joined
-    into one file, and logs that lack rows before their last one.
+    None are the logs of experiments, which render no wall, excerpts, files of several joined logs,
+    and logs that lack rows before their last one.
 
     Args:
-        path: A log of ours.
-        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of what was believed; None:
-            as it was.
+        path: A log of this program.
+        given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of the believed values; None:
+            the believed ones.
 
     Raises:
-        LogFormatError: It is not a log of ours.
+        LogFormatError: It is not a log of this program.
         OSError: It cannot be read.
     """
     log = LogReader(path)
@@ -81,7 +81,7 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
 
 
 def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
-    """How the run ended, and what is wrong at the log's end; None: rows are missing before."""
+    """Return the run's end and the faults at the log's end; None: earlier rows are missing."""
     ended: dict[str, Any] = {}
     notes: list[str] = []
     following = 0
@@ -94,7 +94,7 @@ def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
         elif isinstance(piece, End):
             ended = piece.ended
         elif isinstance(piece, Damage) and piece.last:
-            notes += said_of(piece)
+            notes += fault_text(piece)
         else:
             return None
     return ended, notes
@@ -102,7 +102,7 @@ def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
 
 def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:
     told = ended.get("servo")
-    if not isinstance(told, dict):  # a log of before, or one that was cut off
+    if not isinstance(told, dict):  # a log of an earlier version, or an incomplete one
         good = first["outcome"] == Outcome.OK
         return _Facts(position_step=position_count(np.where(good, first["position"], np.nan)))
     counts = _above_0(told.get("counts_per_rev"), math.inf)
@@ -114,7 +114,7 @@ def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:
 
 
 def _above_0(value: object, default: float) -> float:
-    """A number above 0 that a file says, or the default."""
+    """Return a number above 0 from a file, or the default."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if number and 0.0 < value < 1e12 else default  # type: ignore[operator, arg-type]
 
@@ -185,7 +185,7 @@ def _seen(
 
 
 def _as_reported(detected: Detected, watch: Watch) -> None:
-    """Say what the run's report says: an alarm that a probe took back is none."""
+    """Remove an alarm that a probe took back, as the run's report does."""
     seen = watch.state > State.QUIET
     if watch.state != detected.state or not seen:
         detected.growth = math.nan
@@ -196,7 +196,7 @@ def _as_reported(detected: Detected, watch: Watch) -> None:
 
 
 def _gathered(rows: LogRows) -> Iterator[NDArray[np.void]]:
-    """The rows since the warm-up, in large blocks."""
+    """Yield the rows after the warm-up, in large blocks."""
     held: list[NDArray[np.void]] = []
     count = 0
     for block in rows.blocks():

@@ -1,4 +1,4 @@
-"""A stretch of a log, block by block: the rows between two instants, and what is wrong there."""
+"""A stretch of a log, block by block: the rows between two instants, and the faults there."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.pieces import End, Head, Piece
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.todays import todays
+from haptic_wall.controller.logs.upgrade import upgraded
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """From ``start_s`` up to, but without, ``end_s``, in seconds since the log's first row."""
+    """The time from ``start_s`` up to, but without, ``end_s``, since the log's first row [s]."""
 
     start_s: float = -math.inf
     end_s: float = math.inf
@@ -27,56 +27,56 @@ class Stretch:
 
 WHOLE = Stretch()
 JOINT_NS = 1_000_000_000
-"""A log that is joined to another goes on so long after it, whenever it was written [ns]"""
+"""Time between two logs joined in one file, whenever they were written [ns]"""
 
 _MOST_LOGS = 100
-"""Logs in one file"""
+"""Largest number of logs in one file"""
 _LAST_NS = 1 << 62
 _GATHERED = 8192
-"""Rows that are worth a look at a time: a recorder's blocks are a few hundred"""
+"""Rows that one block should have: a recorder's blocks have a few hundred"""
 
 
 @dataclass(frozen=True, slots=True)
 class LogRows:
-    """The rows of a run's log within a stretch; may be gone through any number of times.
+    """The rows of a run's log within a stretch; can be iterated any number of times.
 
-    Where logs are joined in one file, the time of each goes on from the one before.
+    Where logs are joined in one file, the time of each continues from the one before.
     """
 
     log: LogReader
     origin_ns: int
-    """Deadline of the log's first row [ns]; 0 where there is none"""
+    """Deadline of the log's first row [ns]; 0: it has none"""
     metadata: Mapping[str, Any]
-    """Of the log that they are from, the first where logs are joined"""
+    """Of their log, the first where logs are joined"""
     stretch: Stretch = WHOLE
     watched: bool = True
-    """Its rows say what the oscillation detector saw; the first logs had none"""
+    """The rows contain the detector's state; those of the first versions do not"""
 
     @classmethod
     def of(cls, log: LogReader, stretch: Stretch = WHOLE) -> LogRows:
-        """Those of a log, whose first row tells where the time is 0.
+        """Return the rows of a log in a stretch; the log's first row has time 0.
 
         Raises:
             LogFormatError: They are not a run's.
         """
         for piece in log.pieces():
             if isinstance(piece, np.ndarray):
-                first = todays(piece[:1], log.path)
+                first = upgraded(piece[:1], log.path)
                 watched = "oscillation" in (piece.dtype.names or ())
                 return cls(log, int(first["deadline_ns"][0]), log.metadata, stretch, watched)
         return cls(log, 0, log.metadata, stretch)
 
     def blocks(self) -> Iterator[NDArray[np.void]]:
-        """Blocks of rows, shape (n,), n > 0."""
+        """Yield blocks of rows, shape (n,), n > 0."""
         return (piece for piece in self.pieces() if isinstance(piece, np.ndarray))
 
     def pieces(self) -> Iterator[Piece]:
-        """Blocks of rows, what is wrong beside rows of the stretch, and ends that it reaches.
+        """Yield blocks of rows, faults beside rows of the stretch, and ends within it.
 
-        What is wrong where nothing intact precedes or follows belongs to any stretch. Before the
-        rows of another log, which is joined to the first one, comes its ``Head``.
+        A fault without intact rows before or after it belongs to any stretch. The ``Head`` of a
+        joined log comes before its rows.
         """
-        held: list[Piece] = []  # until rows follow that are in the stretch
+        held: list[Piece] = []  # until rows of the stretch follow
         inside = self.stretch.start_s == -math.inf
         for piece in self._in_one_time():
             if isinstance(piece, np.ndarray):
@@ -102,13 +102,13 @@ class LogRows:
                 held.append(piece)
 
     def _in_one_time(self) -> Iterator[Piece]:
-        """All pieces of the file; rows as today's, those of a joined log after those before it."""
+        """Yield all pieces of the file with today's columns and one continuous time."""
         shift_ns = logs = 0
         last_ns: int | None = None
         joined = False
         for piece in self.log.pieces():
             if isinstance(piece, np.ndarray):
-                rows = todays(piece, self.log.path)
+                rows = upgraded(piece, self.log.path)
                 if joined and last_ns is not None:
                     shift_ns = last_ns + JOINT_NS - int(rows["deadline_ns"][0])
                 joined = False
@@ -127,11 +127,11 @@ class LogRows:
             yield piece
 
     def _within(self, block: NDArray[np.void]) -> tuple[NDArray[np.void], bool]:
-        """The block's rows in the stretch, and whether the log has gone past it."""
+        """Return the block's rows in the stretch, and whether the stretch is over."""
         if self.stretch == WHOLE:
             return block, False
         time = (block["deadline_ns"] - self.origin_ns) * 1e-9
-        # Half a nanosecond: 0.003 s is not to miss the row at 3 ms by the last binary digit.
+        # Half a nanosecond, so that rounding of 0.003 s does not miss the row at 3 ms.
         after = time >= self.stretch.start_s - 5e-10
         before = time < self.stretch.end_s - 5e-10
         return block[after & before], bool(len(time)) and not bool(before[-1])
@@ -151,7 +151,7 @@ def _shifted(rows: NDArray[np.void], shift_ns: int, path: Path) -> NDArray[np.vo
 
 
 def gathered(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """The same with blocks put together: what is counted by NumPy is quicker in large ones."""
+    """Merge small blocks into large ones, which NumPy processes faster."""
     held: list[NDArray[np.void]] = []
     rows = 0
     for piece in pieces:
@@ -164,7 +164,7 @@ def gathered(pieces: Iterable[Piece]) -> Iterator[Piece]:
             together = np.concatenate(held)
             held, rows = [], 0
             yield together
-            del together  # or it would be there beside the next one
+            del together  # free it before the next one is made
         if not isinstance(piece, np.ndarray):
             yield piece
     if held:

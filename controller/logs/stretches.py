@@ -1,4 +1,4 @@
-"""Where times of samples go on without a gap, whatever the rate is there."""
+"""Splits the times of samples into stretches without gaps, each with its own rate."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from haptic_wall.controller.logs.recording import GAP, LEAST, Floats
 
 _DEEPEST = 4
-"""How often a stretch is looked at again at its own rate"""
+"""Largest number of times that a stretch is split again at its own rate"""
 _SPARSE = 2.0
-"""A grid of more points than this for each sample would be made up for the most part."""
+"""Largest number of grid points per sample; more would mostly be invented."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,18 +21,18 @@ class Stretch:
     start: int
     end: int
     period: float
-    """Between most of them [s]; NaN: there is one sample"""
+    """Usual time between samples [s]; NaN: there is one sample"""
 
     @property
     def size(self) -> int:
-        """How many samples."""
+        """Return the number of samples."""
         return self.end - self.start
 
 
 def stretches(times: Floats) -> list[Stretch]:
-    """Part samples where none came for long, measured by the rate before and after.
+    """Split samples at long gaps, measured by the rate before and after.
 
-    Two recordings a day apart, or one of each rate, are two stretches.
+    Two recordings a day apart, or of different rates, are two stretches.
 
     Args:
         times: Increasing, shape (n,), n > 0 [s].
@@ -49,7 +49,7 @@ def _parted(times: Floats, start: int, end: int, deeper: int) -> list[tuple[int,
     if breaks.size == 0 or deeper == 0:
         return [(start, end)]
     edges = start + np.concatenate([[0], breaks + 1, [end - start]])
-    # Samples that each stand alone at this rate may be a slower recording.
+    # Samples that are isolated at this rate may belong to a slower recording.
     short = np.diff(edges) < LEAST
     edges = np.concatenate([edges[:1], edges[1:-1][~(short[:-1] & short[1:])], edges[-1:]])
     if edges.size == 2:
@@ -61,13 +61,13 @@ def _parted(times: Floats, start: int, end: int, deeper: int) -> list[tuple[int,
 
 
 def _period(times: Floats) -> float:
-    """Between samples where they come as usual [s]."""
+    """Return the usual time between samples [s]."""
     if times.size < 2:
         return np.nan
     steps = np.diff(times)
     median = np.median(steps)
     usual = steps[np.abs(steps - median) <= 0.5 * median]
     mean = float(np.mean(steps))
-    # Samples that come in bursts may have no usual step.
+    # Samples in bursts may have no usual step.
     period = float(np.mean(usual)) if usual.size else mean
     return period if mean <= _SPARSE * period else mean

@@ -1,4 +1,4 @@
-"""Summarises a log from its blocks, one after the other: rows, losses, extremes, the end."""
+"""Summarises a log block by block: rows, losses, extremes, the run's end."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from haptic_wall.hw.servo import Outcome
 
 @dataclass(slots=True)
 class LogPart:
-    """Part of a file that comes from one log: all of it, unless logs were joined in one file."""
+    """The part of a file that comes from one log: all of it, unless logs were joined."""
 
     metadata: Mapping[str, Any]
-    """Of all but the first only what it is called"""
+    """Of later parts only the name"""
     rows: int = 0
     first_ns: int = 0
     """Deadline of the first row [ns]"""
     last_ns: int = 0
-    """Of the last [ns]"""
+    """Deadline of the last row [ns]"""
     ended: Mapping[str, Any] | None = None
-    """How the run ended, as the log tells; None: it does not"""
+    """The run's end, as the log gives it; None: it does not"""
 
     @property
     def elapsed_ns(self) -> int:
-        """From the first row to the last [ns]."""
+        """Return the time from the first row to the last [ns]."""
         return self.last_ns - self.first_ns
 
 
 class LogSummary:
-    """Counts a log's pieces in memory that does not grow.
+    """Counts a log's pieces in bounded memory.
 
     Args:
-        begins: Whether the first row should be the run's first: else rows that lack before it were
-            cut away on purpose.
+        begins: The first row should be the run's first; otherwise earlier rows are missing on
+            purpose.
         metadata: Of the log.
-        watched: Whether its rows say what the oscillation detector saw.
+        watched: The rows contain the detector's state.
 
     Attributes:
-        rows: Rows that are there.
+        rows: Number of rows.
         parts: One, or more where logs are joined in one file.
     """
 
@@ -90,7 +90,7 @@ class LogSummary:
             self._add_rows(piece)
 
     def _begin(self, metadata: Mapping[str, Any]) -> None:
-        """Go on with another log, which is joined to the one before."""
+        """Continue with another log, which is joined to the one before."""
         if self.parts[-1].rows == 0 and self.parts[-1].ended is None:
             self.parts.pop()
         names = {
@@ -111,7 +111,7 @@ class LogSummary:
         self._after_damage = True
 
     def _add_misplaced(self, found: Misplaced) -> None:
-        """Count rows that are left out; those out of their place were missed there."""
+        """Count omitted rows; those that came late were counted as missing before."""
         late = found.rows - found.twice
         self._twice += found.twice
         self._late += late
@@ -120,7 +120,7 @@ class LogSummary:
         self._damaged_rows = max(0, self._damaged_rows - (late - recorded))
 
     def _count_missing(self, seq: int) -> None:
-        """Rows between the last and the one numbered ``seq`` lack, whatever the reason."""
+        """Count the missing rows between the last one and the one numbered ``seq``."""
         missing = 0 if self._next_seq is None else max(0, seq - self._next_seq)
         if self._after_damage:
             self._damaged_rows += missing
@@ -146,7 +146,7 @@ class LogSummary:
         on = (rows["flags"] & FLAG_WARM_UP) == 0
         self._warm_up += int(np.count_nonzero(~on))
         self._off += int(np.count_nonzero(rows["flags"] & FLAG_OFF))
-        # A shaft inside a wall that is off touches nothing.
+        # While the wall is off there is no contact, wherever the shaft is.
         touched = (rows["flags"] & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT
         self._contact += int(np.count_nonzero(touched))
         for extremes, field in ((self._position, "position"), (self._torque, "torque")):
@@ -168,7 +168,7 @@ class LogSummary:
             self._first_oscillation_ns = int(rows["deadline_ns"][oscillates[0]])
 
     def report(self, origin_ns: int) -> dict[str, Any]:
-        """All of it as JSON can hold it; times since ``origin_ns`` [ns], what is not known None."""
+        """Return the summary for JSON; times since ``origin_ns`` [ns], None for unknown values."""
 
         def since(instant_ns: int | None) -> float | None:
             return None if instant_ns is None else (instant_ns - origin_ns) / 1e9
@@ -225,17 +225,17 @@ class LogSummary:
 
 
 def summarised(rows: LogRows) -> LogSummary:
-    """The summary of a log, or of a stretch of it."""
+    """Return the summary of a log, or of a stretch of it."""
     begins = rows.stretch.start_s <= 0.0 and "cut" not in rows.metadata
     summary = LogSummary(begins, rows.metadata, rows.watched)
     for piece in gathered(rows.pieces()):
         summary.add(piece)
-        del piece  # or it would be there while the next one is put together
+        del piece  # free it before the next one is made
     return summary
 
 
 def _told(ended: Mapping[str, Any] | None) -> dict[str, str | None]:
-    """How a run ended, as it is reported; None: the log does not tell."""
+    """Return the end of a run for the report; None: the log does not contain it."""
     ended = ended or {}
     return {"stop_reason": ended.get("stop_reason"), "message": ended.get("message") or None}
 

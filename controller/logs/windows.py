@@ -1,4 +1,4 @@
-"""A log's rows in overlapping windows, for what looks at motions and must not hold all of them."""
+"""Yields a log's rows in overlapping windows, for analyses that need bounded memory."""
 
 from __future__ import annotations
 
@@ -9,26 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 WINDOW = 120_000
-"""Rows in a window, those of the one before not counted"""
+"""Rows in a window, without the overlap"""
 BEFORE_S = 10.0
-"""How much of the window before comes again [s]: what sees an oscillation needs some of its
-swings."""
+"""Overlap with the window before [s]: the detector needs some half-cycles of an oscillation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Some rows, the first of which may have been in the window before."""
+    """Consecutive rows, the first of which may overlap with the window before."""
 
     rows: NDArray[np.void]
     seen: int
-    """How many of them were"""
+    """Number of overlapping rows"""
 
 
 def windows(blocks: Iterable[NDArray[np.void]]) -> Iterator[Window]:
-    """All rows in windows; one, if they fit into it.
+    """Yield all rows in windows; one window if they fit.
 
     Args:
-        blocks: The rows, in their order, dtype ``telemetry.ROW``.
+        blocks: The rows, in order, dtype ``telemetry.ROW``.
     """
     held: list[NDArray[np.void]] = []
     seen = new = 0
@@ -38,7 +37,7 @@ def windows(blocks: Iterable[NDArray[np.void]]) -> Iterator[Window]:
             yield Window(rows, seen)
             since = rows["deadline_ns"][-1] - round(BEFORE_S * 1e9)
             again = rows[-WINDOW:][rows["deadline_ns"][-WINDOW:] > since].copy()
-            del rows  # not to be held beside the next
+            del rows  # free it before the next one comes
             held, seen, new = [again], len(again), 0
         held.append(block)
         new += len(block)

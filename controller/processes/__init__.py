@@ -1,1 +1,1 @@
-"""The processes of a run: the supervisor, the loop, and those who write and tell."""
+"""The processes of a run: supervisor, loop, recorder, streamer and dead man's watcher."""

@@ -1,4 +1,4 @@
-"""Child processes: started with their orders, watched by their pidfd, heard line by line."""
+"""Starts child processes with their orders, watches them by pidfd and reads their output lines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 from haptic_wall.controller.system.signals import held_back
 
 KILLED_S = 2.0
-"""How long a killed process may take to be gone [s]"""
+"""Time allowed for a killed process to disappear [s]"""
 _DOING = {
     "R": "was busy",
     "S": "waited for something",
@@ -24,26 +24,26 @@ _DOING = {
     "T": "was stopped by a signal",
     "t": "was stopped by a debugger",
 }
-"""By the letter for a process's state in /proc"""
+"""Descriptions of the process states in /proc, by letter"""
 
 
 _OF_THE_TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGTSTP)
-"""What the terminal sends to its foreground process group"""
+"""Signals that the terminal sends to its foreground process group"""
 
 
 class Child:
     """A child process in a process group of its own, so that a Ctrl-C reaches only its parent.
 
-    One that comes while it is started, before it has left the terminal's group, is held back in it
-    for good, unless it lets it through.
-    It inherits neither real-time scheduling nor a core by accident: it is placed on ``cores``.
+    The terminal's signals are blocked while the child starts, before it has left the terminal's
+    group; they stay blocked unless the child unblocks them. The child inherits neither real-time
+    scheduling nor the parent's core: it is placed on ``cores``.
 
     Args:
         name: For messages.
         arguments: After ``python -m``.
         orders: Sent as one JSON line on its standard input; None: no input.
-        descriptors: Those it inherits.
-        cores: Where it may run.
+        descriptors: File descriptors that it inherits.
+        cores: Cores on which it may run.
 
     Attributes:
         pidfd: Becomes readable when it ends.
@@ -61,7 +61,7 @@ class Child:
         self.name = name
         with held_back(_OF_THE_TERMINAL):
             self._process = subprocess.Popen(
-                # -P: a module of the folder where the user stands is not this program's.
+                # -P: Python must not import modules from the user's current folder.
                 [sys.executable, "-P", "-m", *arguments],
                 stdin=subprocess.DEVNULL if orders is None else subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -83,7 +83,7 @@ class Child:
         self._heard = b""
 
     def lines(self) -> list[str]:
-        """The whole lines that it has said since the last call; never waits."""
+        """Return the whole lines that it has written since the last call; never waits."""
         with contextlib.suppress(BlockingIOError):
             while chunk := os.read(self.output, 65536):
                 self._heard += chunk
@@ -95,11 +95,11 @@ class Child:
         return self._process.poll() is not None
 
     def well(self) -> bool:
-        """Whether it has ended as it should."""
+        """Whether it has ended without error."""
         return self._process.returncode == 0
 
     def doing(self) -> str:
-        """What it is just about, to go behind "it"; empty: nobody knows."""
+        """Return its present state, as words after "it"; empty: unknown."""
         try:
             stat = Path(f"/proc/{self.pid}/stat").read_text()
         except OSError:
@@ -107,29 +107,29 @@ class Child:
         return _DOING.get(stat[stat.rindex(")") + 2], "")
 
     def exit_text(self) -> str:
-        """How it ended, for messages."""
+        """Describe how it ended, for messages."""
         code = self._process.returncode
         if code is None:
             return "is running"
         return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for its end; whether it came in time."""
+        """Wait for its end; return whether it ended in time."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         return self.ended()
 
     def send(self, number: signal.Signals) -> None:
-        """Send it a signal; nothing happens when it has ended."""
+        """Send it a signal; no effect after it has ended."""
         if not self.ended():
             self._process.send_signal(number)
 
     def dismiss(self, timeout_s: float) -> None:
-        """End it: asked first, killed after ``timeout_s`` [s]; lets go of its descriptors."""
+        """End it: by request, and by force after ``timeout_s`` [s]; close its descriptors."""
         self.send(signal.SIGTERM)
         if not self.wait(timeout_s):
             self.send(signal.SIGKILL)
-            self.wait(KILLED_S)  # one that waits for a device in the kernel does not even die
+            self.wait(KILLED_S)  # a process that waits for a device in the kernel cannot be killed
         if self._process.stdout is not None and not self._process.stdout.closed:
             self._process.stdout.close()
             os.close(self.pidfd)
@@ -138,16 +138,16 @@ class Child:
 def first_line(
     child: Child, timeout_s: float, given_up: Callable[[], bool] = lambda: False
 ) -> str | None:
-    """The first line a child says; None: it said nothing.
+    """Return the first line that a child writes; None: it wrote nothing.
 
     Args:
-        child: Who is to say it.
-        timeout_s: How long it is waited for [s].
-        given_up: Whether it is no longer waited for.
+        child: The child.
+        timeout_s: Longest wait [s].
+        given_up: Whether to stop waiting.
     """
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline and not given_up():
-        ended = child.ended()  # asked first: it may say something and end between two looks
+        ended = child.ended()  # asked first: it may write a line and end between the two calls
         lines = child.lines()
         if lines:
             return lines[0]

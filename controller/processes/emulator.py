@@ -1,4 +1,4 @@
-"""The emulated bus that a run starts for itself."""
+"""Builds the command for the emulated bus that a run starts for itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptic_wall.hw.settings import DynamixelSettings, TrueServo
 def emulator_arguments(
     settings: DynamixelSettings, true: TrueServo, witness: Path | None, *, force: bool = False
 ) -> list[str]:
-    """The command that starts an emulated bus with one servo, after ``python -m``."""
+    """Return the arguments after ``python -m`` that start an emulated bus with one servo."""
     arguments = ["haptic_wall.controller.cli.main", "emulate", "--die-with-parent"]
     arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
     arguments += ["--seed", str(settings.fault_seed)]

@@ -1,8 +1,8 @@
-"""The dead man's sources: a key or pedal of an input device, or a file that something renews.
+"""The dead man's sources: a key or pedal of an input device, or a file that is touched repeatedly.
 
-A source says until when the dead man counts as held, on the system's monotonic clock. The loop
-compares that instant with its own time in every tick, so a source that is silent, and a watcher
-that has died, are a release.
+A source returns the instant until which the dead man counts as held, on the system's monotonic
+clock. The loop compares that instant with its own time in every tick. A silent source and a dead
+watcher therefore act as a release.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Literal, Protocol
 from haptic_wall.controller.errors import UserError
 
 KEY_NS = 45_000_000
-"""How long a key counts as held after its state was last looked at [ns]: where the watcher stalls
-or dies, torque is out within 50 ms of a release all the same"""
+"""How long a key counts as held after its state was last read [ns]: even if the watcher stalls or
+dies, the torque is off within 50 ms of a release"""
 SILENCE_NS = 150_000_000
-"""How long a file counts as held after it was last renewed [ns]"""
+"""How long a file counts as held after its last change [ns]"""
 
 EVENT = struct.Struct("@llHHi")
 """The kernel's input_event: seconds, microseconds, type, code, value.
@@ -31,13 +31,13 @@ Source: linux/input.h."""
 _EV_SYN, _EV_KEY = 0, 1
 _SYN_DROPPED = 3
 _KEY_BYTES = 96
-"""Bytes for the state of all keys: KEY_MAX is 0x2ff"""
+"""Bytes of the state of all keys: KEY_MAX is 0x2ff"""
 _AT_ONCE = 64
-"""Events read at a time"""
+"""Number of events read at a time"""
 
 
 def _ioctl_read(number: int, size: int) -> int:
-    """The request that reads ``size`` bytes from an input device. Source: asm-generic/ioctl.h."""
+    """Return the request that reads ``size`` bytes from an input device (asm-generic/ioctl.h)."""
     return (2 << 30) | (size << 16) | (ord("E") << 8) | number
 
 
@@ -67,22 +67,22 @@ KEYS = {
     "BTN_TRIGGER": 288,
     "BTN_SOUTH": 304,
 }
-"""Codes of keys that pedals and keyboards have; others are given as numbers.
-Source: linux/input-event-codes.h."""
+"""Codes of keys that pedals and keyboards have; other keys are given as numbers. Source:
+linux/input-event-codes.h."""
 
 
 class Source(Protocol):
-    """Where the dead man's state comes from."""
+    """Gives the state of the dead man."""
 
     descriptor: int | None
-    """Becomes readable when there is news; None: it must be looked at again and again"""
+    """Becomes readable when there is news; None: the source must be polled"""
 
     def until(self, now_ns: int, wall_ns: int) -> int:
-        """Until when the dead man counts as held [ns]; 0: it is released.
+        """Return until when the dead man counts as held [ns]; 0: it is released.
 
         Args:
             now_ns: The present time on the monotonic clock [ns].
-            wall_ns: The same on the clock that files are stamped by [ns].
+            wall_ns: The present time on the clock of file time stamps [ns].
 
         Raises:
             OSError: The source is gone.
@@ -91,7 +91,7 @@ class Source(Protocol):
 
 
 class KeySource:
-    """A key, or any key, of an input device, from the kernel's events.
+    """Reads a key, or any key, of an input device, from the kernel's events.
 
     Args:
         descriptor: Of the device, readable.
@@ -104,13 +104,13 @@ class KeySource:
 
     def __init__(self, descriptor: int, key: int | None) -> None:
         self.descriptor = descriptor
-        os.set_blocking(descriptor, False)  # of a pipe in tests; a device is opened so
+        os.set_blocking(descriptor, False)  # for a pipe in tests; a device is already non-blocking
         self._key = key
         self._rest = b""
         self._pressed = self._held_now()
 
     def until(self, now_ns: int, wall_ns: int) -> int:  # noqa: ARG002 - events have no age here
-        """See ``Source``."""
+        """Return until when the key counts as held [ns]; see ``Source``."""
         assert self.descriptor is not None
         while True:
             try:
@@ -123,21 +123,21 @@ class KeySource:
         return now_ns + KEY_NS if self._pressed else 0
 
     def _take(self, found: bytes) -> None:
-        """Take events, the last of which may come in two parts."""
+        """Process events; the last one may come in two parts."""
         whole = self._rest + found
         end = len(whole) - len(whole) % EVENT.size
         self._rest = whole[end:]
         for _, _, kind, code, value in EVENT.iter_unpack(whole[:end]):
             if kind == _EV_SYN and code == _SYN_DROPPED:
-                self._pressed = self._held_now()  # events were lost: ask for the state itself
+                self._pressed = self._held_now()  # events were lost: read the state itself
             elif kind == _EV_KEY and self._key in (None, code):
-                if value:  # 1: pressed; 2: repeated while it is held
+                if value:  # 1: pressed; 2: repeat
                     self._pressed.add(code)
                 else:
                     self._pressed.discard(code)
 
     def _held_now(self) -> set[int]:
-        """The keys that are held, as the kernel says; none where it says nothing."""
+        """Return the held keys from the kernel; none if it does not answer."""
         assert self.descriptor is not None
         try:
             held = _codes(self.descriptor, _EVIOCGKEY)
@@ -147,9 +147,10 @@ class KeySource:
 
 
 class FileSource:
-    """A file that something renews: each change of its time stamp, size or identity is one.
+    """Watches a file that is touched repeatedly: each change renews the hold.
 
-    That the file exists is not enough: the first look only learns what it is like.
+    A change is a new time stamp, size or identity. The existence of the file is not enough: the
+    first look only records its state.
 
     Args:
         path: The file.
@@ -168,12 +169,12 @@ class FileSource:
         self._until_ns = 0
 
     def until(self, now_ns: int, wall_ns: int) -> int:
-        """See ``Source``."""
+        """Return until when the file counts as renewed [ns]; see ``Source``."""
         found = self._look()
-        # A file that is gone for a moment is being replaced: the next one that comes is a renewal.
+        # A missing file may be in the middle of a replacement: the next file is a renewal.
         if found is not None and found != self._seen:
             self._seen = found
-            # Since the last look, and no later than its stamp says.
+            # The renewal was after the last look, and no later than the file's time stamp.
             renewed_ns = max(self._looked_ns, now_ns - max(0, wall_ns - found[0]))
             self._until_ns = renewed_ns + SILENCE_NS
         self._looked_ns = now_ns
@@ -185,13 +186,13 @@ class FileSource:
         except FileNotFoundError:
             return None
         if not stat.S_ISREG(found.st_mode):
-            return None  # what stands in its place, a folder for instance, renews nothing
+            return None  # something else, such as a folder, is no renewal
         return found.st_mtime_ns, found.st_size, found.st_ino
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Settings of the dead man, checked."""
+    """The checked settings of the dead man."""
 
     path: str
     kind: Literal["key", "file"]
@@ -199,7 +200,7 @@ class Hold:
     """Code of the key; None: any key of the device, or a file"""
 
     def open(self) -> int | None:
-        """Open the device; None: a file, which is looked at by its path.
+        """Open the device; None: the source is a file, which is read by its path.
 
         Raises:
             UserError: It cannot be opened any more.
@@ -213,11 +214,11 @@ class Hold:
 
 
 def source_of(hold: Hold, descriptor: int | None, now_ns: int) -> Source:
-    """The source that ``hold`` names.
+    """Return the source that ``hold`` names.
 
     Args:
-        hold: What it is to be.
-        descriptor: Of its device, as ``open`` gives it; None: a file.
+        hold: The settings.
+        descriptor: Of its device, from ``open``; None: a file.
         now_ns: The present time on the monotonic clock [ns].
     """
     if descriptor is None:
@@ -226,10 +227,10 @@ def source_of(hold: Hold, descriptor: int | None, now_ns: int) -> Source:
 
 
 def hold_by(text: str) -> Hold:
-    """The dead man that ``text`` names: PATH or PATH:KEY of an input device, or a file.
+    """Return the dead man that ``text`` names: PATH or PATH:KEY of an input device, or a file.
 
     Raises:
-        UserError: There is no such thing, it cannot be read, or it is nothing that can be held.
+        UserError: It does not exist, cannot be read, or cannot serve as a dead man.
     """
     path, key = text, None
     if not Path(text).exists() and ":" in text:
@@ -251,7 +252,7 @@ def hold_by(text: str) -> Hold:
 
 
 def _device(path: str, descriptor: int, key: int | None) -> Hold:
-    """An input device with keys."""
+    """Return the settings for an input device with keys."""
     if os.isatty(descriptor):
         raise UserError(
             f"--hold: {path} is a terminal, which does not say when a key is let go; name an input"
@@ -272,7 +273,7 @@ def _device(path: str, descriptor: int, key: int | None) -> Hold:
 
 
 def _codes(descriptor: int, request: int) -> set[int]:
-    """The codes whose bits a request for a bit field gives."""
+    """Return the codes of the bits that a bit-field request sets."""
     bits = array.array("B", bytes(_KEY_BYTES))
     fcntl.ioctl(descriptor, request, bits)
     return {8 * n + k for n, byte in enumerate(bits) if byte for k in range(8) if byte >> k & 1}

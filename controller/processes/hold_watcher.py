@@ -1,6 +1,6 @@
-"""The dead man's watcher: a process that says in shared memory until when the wall is held on.
+"""The dead man's watcher: a process that writes to shared memory until when the wall is held on.
 
-It stands beside the loop and not in it: a thread in the loop's process would cost it milliseconds.
+It is not part of the loop's process, where a thread would cost the loop milliseconds.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 
 LOOK_S = 0.01
-"""How often the source is looked at, at least [s]"""
+"""Longest time between two polls of the source [s]"""
 PRIORITY = 1
-"""Of real-time scheduling, where it is granted: a busy machine must not let the wall go"""
+"""Real-time priority, where it is granted: on a busy machine the wall must not go off"""
 
 
 def watch(source: Source, words: memoryview[int]) -> OSError:
-    """Say until when the dead man counts as held, again and again.
+    """Write until when the dead man counts as held, again and again.
 
     Returns:
-        Why the source is gone; the dead man is released then, for good.
+        Why the source is gone; the dead man then stays released.
     """
     descriptors = [] if source.descriptor is None else [source.descriptor]
     while True:
@@ -44,10 +44,10 @@ def main() -> None:
     """Watch until told to end."""
     orders = read_orders()
     for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends after the loop, not before
+        signal.signal(number, signal.SIG_IGN)  # it must outlive the loop
     die_with_parent(orders["parent"], signal.SIGKILL)
     if orders["real_time"]:
-        with contextlib.suppress(OSError):  # not granted: a stall is a release
+        with contextlib.suppress(OSError):  # not granted: a stall then acts as a release
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     telemetry = Telemetry(orders["telemetry"])
     hold = Hold(**orders["hold"])

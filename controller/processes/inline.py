@@ -1,4 +1,4 @@
-"""A run on the simulated clock: loop, recorder and statistics in one process, nothing to watch."""
+"""Executes a run on the simulated clock: loop, recorder and statistics in one process."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None
     """Run a plan in this process, on the simulated clock.
 
     Args:
-        plan: What to run.
-        telemetry: Where a stop is asked for.
-        tell: Called with what a person should know meanwhile.
+        plan: The run.
+        telemetry: Memory that holds the stop request.
+        tell: Called with messages for a person.
 
     Raises:
         ServoError: The servo could not be started.

@@ -1,7 +1,7 @@
-"""The loop's own process: takes its orders on standard input, reports on standard output.
+"""The loop's own process: reads its orders on standard input, reports on standard output.
 
-Orders are one JSON object; reports are one JSON object a line, each with an ``event``. Nothing
-else runs here: a busy thread beside the loop would cost it stalls of 5 ms.
+Orders are one JSON object; reports are one JSON object a line, each with an ``event``. The process
+runs nothing else: a busy thread beside the loop would cost it stalls of 5 ms.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
 
 LAST_S = 5
-"""How long this process may live on after it was told to end by a signal [s]; the kernel ends it
-then, which ends no torque: the servo's Bus Watchdog has."""
+"""Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
+torque goes off by the servo's Bus Watchdog only."""
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What the supervisor tells the loop."""
+    """The supervisor's orders to the loop."""
 
     config: str
     """The effective configuration as JSON"""
@@ -57,17 +57,17 @@ class Orders:
 
 
 def main() -> None:
-    """Run one session as ordered; it ends with torque off, or the control words say so."""
+    """Run one session as ordered; at its end the torque is off, or the control words deny it."""
     orders = Orders(**read_orders())
     telemetry = Telemetry(orders.telemetry)
 
     def stop(_signal: int, _frame: object) -> None:
         telemetry.words[Word.STOP] = 1
-        signal.alarm(LAST_S)  # who would end it by force, should it hang, may be dead
+        signal.alarm(LAST_S)  # the supervisor, which would end a hung loop by force, may be dead
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
-    # Held back by who started this process, until it had a group of its own and could hear them.
+    # The parent blocked these signals until this process had a group of its own and handlers.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
@@ -91,8 +91,8 @@ def main() -> None:
         _tell("refused", message=str(error))
         return
     except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
-        # The session was to switch the torque off on its way here; the supervisor looks whether it
-        # was read back. Say what it was.
+        # The session has tried to switch the torque off; the supervisor checks whether that was
+        # read back. Report the error.
         what = defect_text(error)
         _tell("refused", message=f"{what}: this is a defect of haptic-wall, please report it")
         return
@@ -100,10 +100,10 @@ def main() -> None:
 
 
 def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
-    """Take the real-time settings, say what was granted, and have late ticks explained.
+    """Apply the real-time settings, report the granted ones, start the explanation of late ticks.
 
     Raises:
-        PlatformError: The profile is strict, and what it needs was not granted.
+        PlatformError: The profile is strict, and a setting it needs was not granted.
     """
     wishes = config.realtime
     settings = realtime.apply(wishes.profile, wishes.priority, {core})

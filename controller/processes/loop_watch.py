@@ -1,23 +1,24 @@
-"""Is the loop alive? Judged from its heartbeat, by somebody who may have been away himself."""
+"""Judges from its heartbeat whether the loop is alive, allowing for suspensions of the observer."""
 
 from __future__ import annotations
 
 from haptic_wall.controller.runtime.telemetry import State, Word
 
 START_S = 60.0
-"""How long the loop may take to start [s]: the checked start-up, and the guard's mathematics."""
+"""Time allowed for the loop to start [s]: the checked start-up, and the guard's mathematics."""
 END_S = 2.0
-"""How long a process may take to end after it was asked to [s]."""
+"""Time allowed for a process to end after a request [s]."""
 REPORT_S = 15.0
-"""The same of a loop that has read torque off back [s]: it computes its report, which takes a small
-machine seconds, and there is nothing left to cut."""
+"""Time allowed for a loop to end after it has read torque off back [s]: computing its report takes
+seconds on a small machine, and the torque is already off."""
 AWAY_S = 0.06
-"""Who looks so seldom [s] has been stopped himself, perhaps with the loop: its silence counts from
-now on. The servo's Bus Watchdog needs no one to look."""
+"""A gap this long between two looks [s] means that this process was suspended, perhaps with the
+loop: the loop's silence then counts from now on. The servo's Bus Watchdog works without an
+observer."""
 
 
 class LoopWatch:
-    """Looks at the loop again and again, on a monotonic clock.
+    """Judges the loop from repeated looks at its control words, on a monotonic clock.
 
     Args:
         words: The control words.
@@ -34,12 +35,12 @@ class LoopWatch:
         self._asked: float | None = None
 
     def asked(self) -> None:
-        """The loop was asked to end, or has reason to; counts from the last look on."""
+        """Record that the loop has to end; its time counts from the last look."""
         if self._asked is None:
             self._asked = self._looked
 
     def overdue(self, now: float) -> str | None:
-        """What the loop has failed to do, to go behind "it"; None: nothing is wrong with it.
+        """Return what the loop has failed to do, as words after "it"; None: it is fine.
 
         Args:
             now: The present time [s].
@@ -61,6 +62,6 @@ class LoopWatch:
         if state == State.RUNNING:
             if silent > self._heartbeat_s:
                 return f"gave no sign of life for {silent:.2g} s"
-        elif silent > end_s:  # it has left the grid, and has nothing to do but to end
+        elif silent > end_s:  # it has left the grid and only has to end
             return f"did not end within {end_s:g} s of its last period"
         return None

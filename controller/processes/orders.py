@@ -1,4 +1,4 @@
-"""What a child process is told: one JSON object on its standard input."""
+"""Reads the orders of a child process: one JSON object on its standard input."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def read_orders() -> dict[str, Any]:
-    """The orders of this process; where its parent was interrupted before it gave any, it ends."""
+    """Return the orders of this process; exit if the parent ended before it sent any."""
     line = sys.stdin.readline()
     if not line.endswith("\n"):
         sys.exit()

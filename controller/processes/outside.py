@@ -1,7 +1,7 @@
-"""Watch for reasons outside to end a run: another program on the port, a suspended computer.
+"""Watches for external reasons to end a run: another program on the port, a suspended computer.
 
-Either makes loop or servo fail in ways that look like a bad cable, a weak supply or a stall. So it
-is looked for while all is well, and once more when the loop has tripped by itself.
+Either makes loop or servo fail in ways that look like a bad cable, a weak supply or a stall. The
+supervisor therefore checks for them during the run, and once more after a trip of the loop.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ _LOOKS_LIKE = frozenset(
         Trip.LOOP_HUNG,
     )
 )
-"""Trips by which either may end a run before it is noticed itself"""
+"""Trips that either may cause before it is noticed itself"""
 
 
 class Users(Protocol):
-    """Tells who else uses the port."""
+    """Finds other programs that use the port."""
 
     brief: bool
-    """Somebody opened the port and closed it again, without being seen"""
+    """Another program opened and closed the port without being identified"""
 
     def look(self) -> str:
-        """Look a little; who it is, for people. Empty: nobody was seen."""
+        """Search a little; return the program, for people. Empty: none was found."""
         ...
 
     def look_everywhere(self) -> str:
-        """Look at all there is to see; see ``look``."""
+        """Search everything; see ``look``."""
         ...
 
 
 class Outside:
-    """Looks for both, and has the last word on why a run ended.
+    """Watches for both, and corrects the stop reason of a run accordingly.
 
     Args:
-        clock: The system's; one for the tests can be suspended.
-        real: The servo is real: its Bus Watchdog runs on while the computer is suspended, so no
-            run goes on after that.
+        clock: The system's; the tests have one that can be suspended.
+        real: The servo is real: its Bus Watchdog runs on while the computer is suspended, so no run
+            goes on after that.
     """
 
     def __init__(self, clock: Clock, real: bool) -> None:
@@ -53,7 +53,7 @@ class Outside:
         self._real = real
         self._found: tuple[Trip, str] | None = None
         self.users: Users | None = None
-        """Those of the port, once it is open"""
+        """The users of the port, once it is open"""
 
     def look(self) -> bool:
         """Whether the run must end. Costs little, and never waits."""
@@ -62,13 +62,13 @@ class Outside:
         return self._found is not None
 
     def verdict(self, reason: StopReason) -> tuple[StopReason, str]:
-        """Why the run ended, when all is known, and what is behind it; empty: nothing of this.
+        """Return the final stop reason, and its external cause; empty: there was none.
 
         Args:
-            reason: As far as loop and supervisor know.
+            reason: The reason that loop and supervisor found.
         """
         if reason in _LOOKS_LIKE or reason == End.REFUSED:
-            # A computer that was suspended says more than what was opened when it came back.
+            # A suspension explains more than a port that was opened on resumption.
             found = self._suspended() or self._found or self._shared(everywhere=True)
         else:
             found = self._found if reason == End.INTERRUPTED else None
@@ -82,7 +82,7 @@ class Outside:
         return trip, text
 
     def notes(self) -> list[str]:
-        """Events that did not end the run, and should be known."""
+        """Return events that did not end the run but should be reported."""
         notes = []
         if not self._real and (seconds := self._suspension.seconds()):
             notes.append(f"the computer was suspended for {seconds:.3g} s during the run")

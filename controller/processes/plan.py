@@ -1,4 +1,4 @@
-"""What to run, and what is known when it is over."""
+"""The plan of a run, and its outcome, as plain data."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.config import Config
 
 Tell = Callable[[str], None]
-"""Called with what a person should know meanwhile."""
+"""Called with messages for a person."""
 
 
 class LogState(StrEnum):
-    """What there is of a run's log when the run is over."""
+    """State of a run's log when the run is over."""
 
     NONE = "none"
     """There were no rows to write."""
     WHOLE = "whole"
     INCOMPLETE = "incomplete"
-    """It lacks rows, or how the run ended."""
+    """It lacks rows, or the run's end."""
     MISSING = "missing"
     """It could not be written, or was removed or moved during the run."""
 
 
 @dataclass(slots=True)
 class Ended:
-    """What is known when a run is over."""
+    """The outcome of a run."""
 
     stop_reason: StopReason
     statistics: RunStatistics
@@ -44,23 +44,23 @@ class Ended:
     realtime: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     cause: str = ""
-    """Of a run that was ended from outside of the loop: what happened, and to the torque"""
+    """Why a run was ended from outside the loop, and what became of the torque"""
     cut: bool | None = None
-    """Whether torque off was read back by the supervisor; None: the loop had seen to it"""
+    """Whether the supervisor read torque off back; None: the loop had done so"""
     asked: bool = False
-    """A signal has asked to stop; where the loop was just over, the reason does not say so"""
+    """A signal asked to stop; if the loop had just ended, the reason does not say so"""
     lacking: int | None = 0
-    """Rows that the log lacks; None: nobody knows, since part of it is lost"""
+    """Rows missing from the log; None: unknown, part of it is lost"""
     log: LogState = LogState.NONE
 
     @property
     def logged(self) -> bool:
-        """Whether the log is where it should be, whole or not."""
+        """Whether the log is in its place, complete or not."""
         return self.log in (LogState.WHOLE, LogState.INCOMPLETE)
 
     @property
     def torque_off(self) -> bool | None:
-        """Whether torque off was read back in the end; None: nobody knows."""
+        """Whether torque off was read back in the end; None: unknown."""
         if self.cut is None and self.result is not None:
             return bool(self.result["torque_off"])
         return self.cut
@@ -68,7 +68,7 @@ class Ended:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run, and where its traces go."""
+    """The description of a run and of the files it writes."""
 
     config: Config
     duration_s: float | None
@@ -77,10 +77,10 @@ class Plan:
     witness: Path | None
     """Record of the emulated bus; None: none"""
     program: tuple[Phase, ...] = ()
-    """What is rendered in place of the wall; the run ends with it. Empty: the wall"""
+    """Rendered in place of the wall; the run ends with it. Empty: the wall"""
     stream: Stream | None = None
-    """Who watches live; None: nobody"""
+    """Receiver of the live stream; None: none"""
     hold: Hold | None = None
-    """The dead man; None: there is none"""
+    """The dead man; None: none"""
     force: bool = False
-    """Log and record may replace files that are none of this program's"""
+    """Log and record may replace files that this program did not write"""

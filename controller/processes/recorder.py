@@ -1,7 +1,7 @@
 """The recorder: copies rows from shared memory into the log file, in a process of its own.
 
-It may be slow, die, or find the disk full: the loop does not notice. Rows wait in the ring until
-they can be written, and another recorder goes on where a dead one ended.
+It may be slow, die, or find the disk full without an effect on the loop. Rows wait in the ring
+until they can be written, and another recorder continues the log of a dead one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import LogWriter, identity
-from haptic_wall.controller.processes.lull import pause_until_lull
+from haptic_wall.controller.processes.idle_window import pause_until_idle_window
 from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
@@ -29,19 +29,20 @@ from haptic_wall.controller.system.file_kinds import LOG
 from haptic_wall.controller.system.whole_file import Beside
 
 PAUSE_S = 0.25
-"""How long rows gather between two blocks [s]; a killed recorder loses no more than that."""
+"""Time that rows gather between two blocks [s]; a killed recorder loses no more than that."""
 SYNC_S = 0.75
-"""How long blocks gather until the disk is made to keep them [s]; a power cut loses no more than
-both, and what the disk itself takes."""
+"""Time that blocks gather between two syncs to the disk [s]; a power cut loses no more than both
+times, and what the disk itself takes."""
 BEHIND = 8192
-"""Rows that wait where a recorder before this one did not keep up"""
+"""Waiting rows that mean that the recorder before did not keep up"""
 BLOCK = 500
-"""Rows in a block at most. What has gathered while the disk was full comes in parts that fit; and a
-copy of these 80 kB lies in memory that this process has, that of more is fetched page by page."""
+"""Largest number of rows in a block. A backlog from a full disk is written in parts that fit; a
+copy of these 80 kB reuses the process's memory, that of a larger block would be fetched page by
+page."""
 
 
 def rows_lacking(words: memoryview[int]) -> int:
-    """How many of the rows that there were until now are not in the log.
+    """Return how many of the rows so far are not in the log.
 
     Args:
         words: The control words.
@@ -52,12 +53,12 @@ def rows_lacking(words: memoryview[int]) -> int:
 def begun_log(
     path: Path, metadata: Mapping[str, Any], *, force: bool, writer: int | None = None
 ) -> LogWriter:
-    """A log that replaces what is at ``path`` when it has its first rows.
+    """Return a log that replaces the file at ``path`` when it has its first rows.
 
     Args:
-        path: Where to.
+        path: Where the log goes.
         metadata: As for ``LogWriter``.
-        force: Replace whatever is there.
+        force: Replace any file.
         writer: As for ``Beside``.
 
     Raises:
@@ -71,8 +72,8 @@ class Recorder:
     """Moves rows from the ring into a log, from the log's last row on.
 
     Args:
-        telemetry: Where rows come from.
-        log: Where they go.
+        telemetry: Source of the rows.
+        log: Destination of the rows.
     """
 
     def __init__(self, telemetry: Telemetry, log: LogWriter) -> None:
@@ -82,17 +83,17 @@ class Recorder:
         if log.found is None:
             telemetry.words[Word.LACKING] = 0
         else:
-            # Who wrote the last block may have died before it could tell.
+            # The writer of the last block may have died before it updated the control words.
             self._count(log.found[log.found["seq"] >= telemetry.words[Word.TAIL]])
             self._tail = int(log.found["seq"][-1]) + 1
         telemetry.words[Word.TAIL] = self._tail
         telemetry.words[Word.LOG_FILE] = log.identity
 
     def drain(self) -> bool:
-        """Write all rows that are there; whether there were any.
+        """Write all waiting rows; return whether there were any.
 
         Raises:
-            OSError: The log cannot be written; what is not in it stays unread.
+            OSError: The log cannot be written; the unwritten rows stay in the ring.
         """
         begin, end = self._tail, self._telemetry.words[Word.HEAD]
         while self._tail < end:
@@ -102,7 +103,7 @@ class Recorder:
         return self._tail > begin
 
     def _count(self, block: NDArray[np.void]) -> None:
-        """Tell that a block is in the log, and how many rows before it never will be."""
+        """Record that a block is in the log, and how many earlier rows are lost."""
         if block.size == 0:
             return
         words = self._telemetry.words
@@ -110,7 +111,7 @@ class Recorder:
         words[Word.TAIL] = self._tail = int(block["seq"][-1]) + 1
 
     def sync(self) -> None:
-        """Have the disk keep what was written; waits for it, while rows wait in the ring.
+        """Wait until the disk keeps the written rows; new rows wait in the ring.
 
         Raises:
             OSError: As ``LogWriter.sync``.
@@ -121,16 +122,17 @@ class Recorder:
         """Close the log.
 
         Raises:
-            OSError: The file system has lost something written earlier.
+            OSError: The file system has lost earlier data.
         """
         self._log.close()
 
 
 class _Attempts:
-    """Writes whenever it can; says on standard output when it cannot, and when it can again.
+    """Writes whenever possible; reports on standard output when it fails and when it works again.
 
-    Rows that could not be written wait, and trouble ends. What is lost after it was written does
-    not come back: that is said apart, for whoever listens to remember.
+    Unwritten rows wait, and such trouble may end. Rows lost after they were written do not come
+    back:
+    that is reported as a loss.
     """
 
     def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:
@@ -141,7 +143,7 @@ class _Attempts:
         self._synced_s = 0.0
 
     def write(self) -> bool:
-        """Write what is there; whether anything was written."""
+        """Write the waiting rows; return whether there were any."""
         wrote = False
         try:
             if self._recorder is None:
@@ -165,7 +167,7 @@ class _Attempts:
             self._keep(self._recorder.close)
 
     def _open(self) -> LogWriter:
-        """The log of a recorder that is dead, where it is in its place; else a new one."""
+        """Continue the log of a dead recorder if it is in its place; else begin a new one."""
         orders = self._orders
         path = Path(orders["log"])
         if orders["resume"] and identity(path) == self._telemetry.words[Word.LOG_FILE]:
@@ -175,7 +177,7 @@ class _Attempts:
         return begun_log(path, orders["metadata"], force=force, writer=writer)
 
     def _keep(self, keep: Callable[[], None]) -> None:
-        """Have the disk keep what it has taken; say what it has lost."""
+        """Call ``keep``, and report lost rows."""
         try:
             keep()
         except OSError as error:
@@ -195,11 +197,11 @@ class _Attempts:
 
 
 def may_stand_back(words: memoryview[int]) -> bool:
-    """Whether a recorder that begins now may leave the processor to everybody else.
+    """Whether a new recorder may run at lowest priority.
 
-    One that takes over what another did not get to write must not starve in its turn: on a busy
-    machine such a process may not run for seconds. What stands back once cannot come forward again
-    without rights that few have.
+    A recorder that takes over the backlog of another must not starve: on a busy machine a process
+    at lowest priority may not run for seconds. Raising the priority again needs rights that few
+    users have.
 
     Args:
         words: The control words.
@@ -208,10 +210,10 @@ def may_stand_back(words: memoryview[int]) -> bool:
 
 
 def main() -> None:
-    """Record until the supervisor says that no more rows will come."""
+    """Record until the supervisor reports that no more rows will come."""
     orders = read_orders()
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # it ends when the run does, not before
+        signal.signal(number, signal.SIG_IGN)  # it ends with the run
     telemetry = Telemetry(orders["telemetry"])
     if may_stand_back(telemetry.words):
         stand_back()
@@ -225,12 +227,12 @@ def main() -> None:
     die_with_parent(orders["parent"], signal.SIGUSR1)
     attempts = _Attempts(telemetry, orders)
     while True:
-        finished = telemetry.words[Word.FINISHED]  # looked at first: no row comes after it
+        finished = telemetry.words[Word.FINISHED]  # read first: no row comes after it
         wrote = attempts.write()
-        # Without a supervisor the loop is about to stop: until no more rows come.
+        # Without a supervisor the loop stops soon: continue until no more rows come.
         if finished or (orphaned and not wrote):
             break
-        pause_until_lull(telemetry.words, orders["period_ns"], PAUSE_S)
+        pause_until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S)
     attempts.close()
 
 

@@ -1,4 +1,4 @@
-"""Take rows as they pass: statistics for the supervisor, and word of an oscillation."""
+"""Counts rows as they come: statistics for the supervisor, and notices of oscillations."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import Telemetry
 
 BATCH = 5000
-"""Rows that gather until they are counted. Counting takes longest of all that the supervisor does,
-for many rows hardly longer than for few, and meanwhile the kernel threads that carry the loop's
-bytes wait for their core."""
+"""Rows that gather before they are counted. Counting is the supervisor's longest work, hardly
+longer for many rows than for few; meanwhile the kernel threads that carry the loop's bytes wait for
+their core."""
 
 
 class RowCount:
-    """Looks at rows as they come, and counts them in batches.
+    """Reads rows as they come, and counts them in batches.
 
     Args:
-        telemetry: Where they come from.
+        telemetry: Source of the rows.
         plan: Of the run.
         tell: Called once when an oscillation is noticed, and once when it is over.
 
     Attributes:
-        statistics: Of the rows until now.
+        statistics: Of the rows so far.
     """
 
     def __init__(self, telemetry: Telemetry, plan: Plan, tell: Tell) -> None:
         self._telemetry = telemetry
         self._tell = tell
         self._reduces = plan.config.safety.on_oscillation == "reduce"
-        self._silent = bool(plan.program)  # an experiment makes its own of it
+        self._silent = bool(plan.program)  # an experiment judges oscillations itself
         self._looked_at = 0
         self._counted = 0
         self._oscillates = False
         self.statistics = RunStatistics()
 
     def look(self) -> None:
-        """See whether there is anything to tell; count where enough rows have come for that."""
+        """Report changes of the oscillation's state; count if a batch is complete."""
         rows, self._looked_at = self._telemetry.read(self._looked_at)
         if rows.size and not self._silent:
             self._tell_of_oscillation(rows)
@@ -49,7 +49,7 @@ class RowCount:
             self._count()
 
     def end(self) -> None:
-        """Take in the last rows: no more will come."""
+        """Count the last rows: no more will come."""
         self.look()
         self._count()
 

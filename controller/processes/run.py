@@ -1,4 +1,4 @@
-"""One run, from its plan to its end: under a supervisor, or inline on the simulated clock."""
+"""Executes a run from its plan to its end: under a supervisor, or inline on the simulated clock."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from types import FrameType
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.logs.file import append_end, identity
 from haptic_wall.controller.processes.inline import run_inline
+from haptic_wall.controller.processes.notifier import Notifier
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan, Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
 from haptic_wall.controller.processes.supervisor import Supervisor
-from haptic_wall.controller.processes.teller import Teller
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
 
 Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
-"""Shows a run while it goes on, and gives what tells a person something meanwhile"""
+"""Displays a run while it goes on, and provides the function for messages"""
 
 
 def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
     """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
 
-    In real time Ctrl-Z does the same; a SIGHUP that nohup has had ignored stays ignored.
-    SIGUSR1 asks to go back to the full wall after an oscillation has made it softer.
+    In real time Ctrl-Z also stops it; an ignored SIGHUP (nohup) stays ignored. SIGUSR1 asks to
+    return to the full wall after the derating of an oscillation.
 
     Args:
-        plan: What to run.
-        tell: Called with what a person should know meanwhile.
-        shown: Shows the run; None: nothing does.
+        plan: The run.
+        tell: Called with messages for a person.
+        shown: Displays the run; None: no display.
 
     Raises:
         ServoError: The servo could not be started.
@@ -58,25 +58,25 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
     def raise_again(_signal: int, _frame: FrameType | None) -> None:
         telemetry.words[Word.RAISE] += 1
 
-    # A terminal that is changed to show the run is put in order whatever signal comes.
+    # The display changes the terminal, which must be restored after any signal.
     with on_signals(stop), on_signals(raise_again, (signal.SIGUSR1,)), ExitStack() as stack:
         told = tell if shown is None else stack.enter_context(shown(telemetry, tell))
         if plan.config.loop.clock == "simulated":
             ended = run_inline(plan, telemetry, told)
         else:
             with (
-                on_signals(stop, (signal.SIGTSTP,)),  # stopped, nobody would watch the torque
-                on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor stopped for telling something
-                Teller(told) as teller,
+                on_signals(stop, (signal.SIGTSTP,)),  # stopped, it could not watch
+                on_signals(signal.SIG_IGN, (signal.SIGTTOU,)),  # nor may output stop it
+                Notifier(told) as notifier,
             ):
-                ended = Supervisor(plan, telemetry, teller).run()
+                ended = Supervisor(plan, telemetry, notifier).run()
         ended.log = _finished_log(plan, ended, telemetry.words)
     ended.asked = asked
     return ended
 
 
 def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
-    """Write how the run ended into its log, if that is where it should be; what there is of it."""
+    """Write the run's end into its log, if the log is in its place; return the log's state."""
     rows, written = words[Word.HEAD], words[Word.LOG_FILE]
     if not rows:
         return LogState.NONE

@@ -1,4 +1,4 @@
-"""The report of a run: everything it measured, under the names that outside tools read."""
+"""Assembles the report of a run, under the names that outside tools read."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from haptic_wall.controller.settings.servo import Servo
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
-    """The report as JSON-ready values; what is not known is None.
+    """Return the report as JSON-ready values; None for unknown values.
 
     Args:
         config: The effective configuration.
-        ended: What is known of the run.
-        log: Where the log is.
-        plot: Where the picture is.
+        ended: The outcome of the run.
+        log: Path of the log.
+        plot: Path of the picture.
     """
     result = ended.result or {}
     statistics = ended.statistics
@@ -55,11 +55,11 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
 
 
 def explanation(ended: Ended, servo: Servo) -> str | None:
-    """What a trip means and what to do; None where the run ended as planned.
+    """Explain a trip and its remedy; None where the run ended as planned.
 
     Args:
-        ended: What is known of the run.
-        servo: Of its configuration: behind a pseudo-terminal there is no cable.
+        ended: The outcome of the run.
+        servo: Of its configuration: a pseudo-terminal has no cable.
     """
     trip = Trip.of(ended.stop_reason)
     if trip is None:
@@ -74,7 +74,7 @@ def explanation(ended: Ended, servo: Servo) -> str | None:
 
 
 def _on_pseudo_terminal(servo: Servo) -> bool:
-    """Whether an emulator is at the other end of the port, and no adapter."""
+    """Whether an emulator, not an adapter, is at the other end of the port."""
     if servo.kind != "hardware":
         return servo.kind == "emulated"
     return servo.port is not None and Path(servo.port).resolve().parent == Path("/dev/pts")
@@ -83,16 +83,16 @@ def _on_pseudo_terminal(servo: Servo) -> bool:
 def exit_status(
     stop_reason: StopReason, waited_for: str | None = None, log: LogState = LogState.NONE
 ) -> int:
-    """The exit status that goes with a stop reason.
+    """Return the exit status for a stop reason.
 
-    What happened to the shaft goes before what happened to the log: only a run that ended as
-    planned tells of its log.
+    The fate of the shaft takes precedence over the fate of the log: only a run that ended as
+    planned reports its log.
 
     Args:
         stop_reason: Why the run ended.
-        waited_for: What a wall that never came on waited for; None: it came on, or the run ended
-            before it could.
-        log: What there is of its log.
+        waited_for: The unmet condition of a wall that never came on; None: it came on, or the run
+            ended before.
+        log: State of its log.
     """
     if stop_reason == Trip.SERVO_LOST:
         return 4
@@ -106,7 +106,7 @@ def exit_status(
 
 
 def _speed(config: Config, result: dict[str, Any]) -> float | None:
-    """How many times faster than real time the simulated clock ran."""
+    """Return the speed of the simulated clock relative to real time."""
     if config.loop.clock != "simulated" or not result.get("real_s"):
         return None
     return float(result["elapsed_s"] / result["real_s"])

@@ -1,6 +1,7 @@
-"""Rows as they come, one JSON object in a UDP datagram each: what PlotJuggler reads live.
+"""Streams rows as JSON objects in UDP datagrams, which PlotJuggler reads live.
 
-Nothing waits for the network: what it does not take at once is lost, for the picture only.
+The sender never waits for the network: datagrams that the network does not take at once are
+dropped.
 """
 
 from __future__ import annotations
@@ -17,31 +18,31 @@ from haptic_wall.controller.logs.columns import finite_rows
 from haptic_wall.controller.runtime.telemetry import Telemetry
 
 RATE_HZ = 100.0
-"""Rows a second that are sent unless told otherwise"""
+"""Default rate of the stream [rows/s]"""
 _PLACE = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]+)):(?P<port>\d{1,5})")
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """Where rows are sent to, and how many."""
+    """Destination and rate of the stream."""
 
     host: str
-    """An address, not a name: nothing is looked up during a run"""
+    """An address, not a name: no name is looked up during a run"""
     port: int
     rate_hz: float
-    """Rows a second [Hz]; every row where it is the loop's rate or more"""
+    """Rows per second [Hz]; every row where it is the loop's rate or more"""
 
 
 def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
-    """The stream to ``HOST:PORT``, its name looked up.
+    """Return the stream to ``HOST:PORT``; looks the name up.
 
     Args:
         place: As a person writes it; an IPv6 address in brackets.
-        rate_hz: Rows a second [Hz].
-        anywhere: It may be another machine's.
+        rate_hz: Rows per second [Hz].
+        anywhere: Other machines' addresses are allowed.
 
     Raises:
-        UserError: It is no place, it is not known, it is another machine's, or the rate is none.
+        UserError: It is no valid place, unknown, another machine's, or the rate is invalid.
     """
     if not 0.0 < rate_hz < math.inf:
         raise UserError(f"--stream-rate: found {rate_hz:g}, wanted a rate above 0 Hz")
@@ -60,10 +61,10 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
         raise UserError(
             f"--stream: the host {host} is not known ({why}); give another name, or its address"
         ) from None
-    # A name often stands for both, and who listens often listens to the old protocol only.
+    # A name often has addresses of both protocols, and receivers often listen on IPv4 only.
     addresses.sort(key=lambda address: address[0] != socket.AF_INET)
     address, _, *more = addresses[0][4]
-    scope = f"%{more[1]}" if more and more[1] else ""  # fe80::1 is somewhere on each interface
+    scope = f"%{more[1]}" if more and more[1] else ""  # fe80::1 exists on each interface
     stream = Stream(f"{address}{scope}", port, rate_hz)
     if not anywhere and not _is_here(stream):
         raise UserError(
@@ -75,16 +76,16 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
 
 
 def _is_here(stream: Stream) -> bool:
-    """Whether an address is this machine's own; nothing is sent to find out."""
+    """Whether an address is this machine's own; sends nothing."""
     address = ipaddress.ip_address(stream.host.partition("%")[0])
     if address.is_loopback or address.is_unspecified:
         return True
     with _socket(stream) as probe:
         try:
             probe.connect((stream.host, stream.port))
-        except OSError:  # no way leads there, or it is everybody's
+        except OSError:  # no route, or a broadcast address
             return False
-        # To itself a machine goes by the address that it goes to.
+        # For its own address a machine uses the same address as source.
         own = probe.getsockname()[0].partition("%")[0]
     return ipaddress.ip_address(own) == address
 
@@ -98,8 +99,8 @@ class Sender:
     """Sends the rows of a run that fall on a coarser grid than the loop's.
 
     Args:
-        telemetry: Where rows come from.
-        stream: Where they go.
+        telemetry: Source of the rows.
+        stream: Destination and rate.
         loop_hz: The loop's rate [Hz].
     """
 
@@ -115,10 +116,10 @@ class Sender:
         self._connected = False
 
     def send(self) -> list[str]:
-        """Send what has come since the last call; never waits.
+        """Send the rows since the last call; never waits.
 
         Returns:
-            What went wrong for the first time, as sentences.
+            Sentences on errors that occurred for the first time.
         """
         rows, self._tail = self._telemetry.read(self._tail)
         if rows.size == 0:
@@ -148,7 +149,7 @@ class Sender:
         self._socket.close()
 
     def _deliver(self, datagram: bytes) -> None:
-        # Connected, so that the other side's refusal comes back; a route may come up meanwhile.
+        # Connected, so that the receiver's refusal is reported; a route may appear later.
         if not self._connected:
             self._socket.connect((self._stream.host, self._stream.port))
             self._connected = True

@@ -1,8 +1,8 @@
-"""The process tree of a run: who starts, watches and ends whom.
+"""The supervisor: starts, watches and ends the processes of a run, and cuts the torque in need.
 
-The command's own process is the supervisor. It opens the port, passes its descriptor to the
-loop's process and stays silent; it writes to the bus only when the loop is dead or hung, and then
-nothing but Torque Enable 0. The recorder and, where asked for, the emulated bus are processes too.
+The command's own process is the supervisor. It opens the port, passes its descriptor to the loop's
+process and stays silent. It writes to the bus only when the loop is dead or hung, and then nothing
+but Torque Enable 0. The recorder and, where requested, the emulated bus are processes too.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from typing import Any
 
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.processes.emulator import emulator_arguments
-from haptic_wall.controller.processes.hold_keeper import HoldKeeper, start_hold
-from haptic_wall.controller.processes.log_keeper import LogKeeper
+from haptic_wall.controller.processes.hold_monitor import HoldMonitor, start_hold
+from haptic_wall.controller.processes.idle_window import until_idle_window
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
-from haptic_wall.controller.processes.lull import until_lull
 from haptic_wall.controller.processes.outside import Outside
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
+from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.row_count import RowCount
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
@@ -36,18 +36,18 @@ from haptic_wall.hw.open import cut_torque, open_port, port_users
 from haptic_wall.hw.settings import DynamixelSettings
 
 POLL_S = 0.02
-"""How often the heartbeat is looked at [s]"""
+"""Period of the checks of the heartbeat [s]"""
 LOOK_S = 0.25
-"""How often all else is looked at [s]"""
+"""Period of all other checks [s]"""
 
 
 class Supervisor:
     """Starts the children, watches them, and cuts the torque when the loop cannot.
 
     Args:
-        plan: What to run.
+        plan: The run.
         telemetry: The memory that all of them share.
-        tell: Called with what a person should know meanwhile; must not wait for the terminal.
+        tell: Called with messages for a person; must not wait for the terminal.
     """
 
     def __init__(self, plan: Plan, telemetry: Telemetry, tell: Tell) -> None:
@@ -70,16 +70,16 @@ class Supervisor:
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
     def run(self) -> Ended:
-        """Start the children, watch them to the end of the run, and leave none behind.
+        """Start the children, watch them to the end of the run, and end all of them.
 
         Raises:
-            ServoError: The servo could not be started; the message has every note of the run too.
+            ServoError: The servo could not be started; the message also has every note of the run.
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
             emulator = self._start_emulator(children)
             if emulator is not None and self._port is None:
                 return self._stopped_before_the_start()
-            log = LogKeeper(self._start_recorder, self._words, self._tell, time.monotonic())
+            log = RecorderMonitor(self._start_recorder, self._words, self._tell, time.monotonic())
             children.callback(log.close)
             self._start_streamer(children)
             hold = start_hold(self._plan, self._telemetry, self._others)
@@ -110,12 +110,12 @@ class Supervisor:
         )
 
     def _stopped_before_the_start(self) -> Ended:
-        """Ended by a person while there was no bus yet, and so no torque."""
+        """Return the outcome of a run stopped before there was a bus, and so without torque."""
         return Ended(End.INTERRUPTED, self._rows.statistics, 0, 0, cut=True)
 
     @contextlib.contextmanager
     def _away_from_the_loop(self) -> Iterator[None]:
-        """Keep this process too off the loop's core: a hung loop at real-time priority holds it."""
+        """Keep this process off the loop's core, which a hung real-time loop occupies."""
         before = os.sched_getaffinity(0)
         os.sched_setaffinity(0, self._others)
         try:
@@ -124,7 +124,7 @@ class Supervisor:
             os.sched_setaffinity(0, before)
 
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
-        """The emulated bus, if there is to be one, and the port; none where it is stopped first."""
+        """Start the emulated bus, if requested, and open the port; None: stopped before."""
         settings = self._settings
         if not isinstance(settings, DynamixelSettings):
             return None
@@ -138,7 +138,7 @@ class Supervisor:
             children.callback(emulator.dismiss, END_S)
             path = first_line(emulator, START_S, lambda: bool(self._words[Word.STOP]))
             if path is None and self._words[Word.STOP]:
-                emulator.send(signal.SIGKILL)  # one that hangs need not heed anything else
+                emulator.send(signal.SIGKILL)  # a hung emulator may ignore other signals
                 return emulator
             if path is None:
                 raise ServoError(
@@ -203,13 +203,13 @@ class Supervisor:
         loop = Child(
             "loop", ["haptic_wall.controller.processes.loop_process"], asdict(orders), descriptors
         )
-        children.callback(self._leave, loop)
+        children.callback(self._force_end, loop)
         return loop
 
     def _watch(
-        self, loop: Child, emulator: Child | None, log: LogKeeper, hold: HoldKeeper | None
+        self, loop: Child, emulator: Child | None, log: RecorderMonitor, hold: HoldMonitor | None
     ) -> StopReason:
-        """Until the loop has ended, by itself or by force; why."""
+        """Wait until the loop has ended, by itself or by force; return the stop reason."""
         looked = time.monotonic()
         watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
         while True:
@@ -235,7 +235,7 @@ class Supervisor:
             if emulator is not None and emulator.ended():
                 watch.asked()
         self._hear(loop)
-        self._mourn(emulator)
+        self._note_emulator_exit(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._cut_unconfirmed()
@@ -247,22 +247,22 @@ class Supervisor:
         return self._cut(loop, Trip.LOOP_DIED, "")
 
     def _wait_for(self, descriptors: Sequence[int]) -> bool:
-        """Wait for news on one of them, or for the next look; whether there is news."""
-        pause_s = until_lull(self._words, self._period_ns, POLL_S)
-        # Not poll(): its whole milliseconds would miss the lull.
+        """Wait for news on a descriptor or for the next check; return whether there is news."""
+        pause_s = until_idle_window(self._words, self._period_ns, POLL_S)
+        # Not poll(): its whole milliseconds would miss the idle window.
         return bool(select.select(descriptors, (), (), pause_s)[0])
 
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
-        """Cut off a loop that hangs, or has not ended when it should have; why the run ended."""
+        """End a loop that hangs or ends too late; return the stop reason."""
         served = bool(self._words[Word.HEAD])
         reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
         self._hear(loop)
-        self._mourn(emulator)
-        if self._result is not None:  # only its process would not end
+        self._note_emulator_exit(emulator)
+        if self._result is not None:  # the session is over; only its process does not end
             reason = stop_reason(self._result["stop_reason"])
         elif emulator is not None and emulator.ended():
             return Trip.SERVO_LOST
-        elif self._words[Word.STOP] and not served:  # a slow machine's start, which nobody wants
+        elif self._words[Word.STOP] and not served:  # a slow start after the stop request
             reason = End.INTERRUPTED
         else:
             return reason
@@ -270,21 +270,21 @@ class Supervisor:
         self._cause = ""
         return reason
 
-    def _mourn(self, emulator: Child | None) -> None:
+    def _note_emulator_exit(self, emulator: Child | None) -> None:
         if emulator is not None and emulator.ended():
             self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
 
     def _cut(self, loop: Child, trip: Trip, overdue: str) -> StopReason:
-        """Take the bus from a loop that is dead or hung; from here on it says nothing on it.
+        """Take the bus from a dead or hung loop, which cannot write on it any more.
 
         Args:
-            loop: Whose bus it was.
-            trip: What the run is ended by.
-            overdue: What it has failed to do; empty: it is dead.
+            loop: The loop's process.
+            trip: The trip that ends the run.
+            overdue: What the loop has failed to do; empty: it is dead.
         """
         doing = loop.doing()
         self._words[Word.CUT] = 1
-        loop.send(signal.SIGKILL)  # a loop that only seems hung must not talk during the cut
+        loop.send(signal.SIGKILL)  # a loop that only seems hung must not write during the cut
         text = self._cut_text()
         loop.wait(END_S)
         what = f"{overdue}{f' (it {doing})' if doing else ''} and was killed"
@@ -292,13 +292,13 @@ class Supervisor:
         return trip
 
     def _cut_unconfirmed(self) -> None:
-        """Try again what the loop, which has ended, could not read back; note what came of it."""
+        """Repeat a torque-off that the ended loop could not read back; note the result."""
         text = self._cut_text()
         first = "the loop could not read torque off back; " if self._torque_off else ""
         self._warnings.append(first + text)
 
-    def _leave(self, loop: Child) -> None:
-        """Whatever goes wrong here, the loop does not stay behind with its torque on."""
+    def _force_end(self, loop: Child) -> None:
+        """End the loop by force, so that it never stays behind with its torque on."""
         if not loop.ended():
             self._words[Word.STOP] = 1
             if not loop.wait(END_S):
@@ -306,7 +306,7 @@ class Supervisor:
         loop.dismiss(END_S)
 
     def _cut_text(self) -> str:
-        """Switch the torque off; what came of it."""
+        """Switch the torque off; return a sentence on the result."""
         if self._port is None or not isinstance(self._settings, DynamixelSettings):
             self._torque_off = True
             return "the simulated servo ended with it"

@@ -1,1 +1,1 @@
-"""Files, signals and terminals: what every command needs of Linux."""
+"""Files, signals and terminals: the services of Linux that every command uses."""

@@ -1,8 +1,8 @@
-"""Claims on files and folders: of two commands that would write one place, the second is refused.
+"""Claims files and folders, so that a second command cannot write to the same place.
 
-A claim is a socket's name in the kernel, so that it holds on every file system, leaves nothing
-behind, and ends with its process whatever ends that. Who writes a log has also locked the file:
-a recorder that has outlived its run, or one in another container.
+A claim is the name of a socket in the kernel. It works on every file system, leaves no file behind,
+and ends with its process, however that ends. The writer of a log also locks the file: this covers a
+recorder that has outlived its run, and one in another container.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ _BUSY = "another run is writing it"
 
 
 class ClaimedError(OSError):
-    """Another command is writing there."""
+    """Another command is writing to the place."""
 
 
 @contextmanager
 def claimed(path: Path, *, follow: bool = True) -> Iterator[None]:
     """Keep other commands of this program on this machine from writing a file or folder.
 
-    The same file under another name (a link, a relative path) is the same place. A device is
-    everybody's. On other systems than Linux nothing is claimed.
+    The same file under another name (a link, a relative path) is the same place. A device is never
+    claimed. On systems other than Linux nothing is claimed.
 
     Args:
-        path: A file or folder that need not be there yet; the folder it is in must be.
-        follow: Claim what a link leads to; else the link itself.
+        path: A file or folder, existing or not; its folder must exist.
+        follow: Claim the target of a link; else the link itself.
 
     Raises:
         ClaimedError: Another command has claimed it.
-        OSError: It cannot be looked at.
+        OSError: It cannot be accessed.
     """
     with ExitStack() as held:
         if sys.platform == "linux":
@@ -50,8 +50,8 @@ def claimed(path: Path, *, follow: bool = True) -> Iterator[None]:
 
 
 def _names(path: Path) -> list[str]:
-    """What a place is known by: its folder and name there, and its identity where it exists."""
-    place = Path(os.path.realpath(path))  # of links in a circle too
+    """Return a place's identifiers: folder and name, and its identity where it exists."""
+    place = Path(os.path.realpath(path))  # also resolves circular links
     names = [_name(place)]
     if place.is_file() or place.is_dir():
         itself = place.stat()
@@ -67,10 +67,10 @@ def _name(place: Path) -> str:
 
 
 def _held(name: str) -> socket.socket | None:
-    """A socket of that name; None: in this sandbox there are no sockets, so nobody has one.
+    """Return a socket of that name; None: this sandbox has no sockets, so no process has one.
 
     Raises:
-        ClaimedError: There is one.
+        ClaimedError: Another process has it.
     """
     digest = hashlib.sha256(name.encode(errors="surrogateescape")).hexdigest()
     try:

@@ -1,4 +1,4 @@
-"""Tells this program's files from others' by their first bytes: only its own may be replaced."""
+"""Recognises this program's files by their first bytes: only those may be replaced."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from haptic_wall import __version__
 
 _HEAD = 4096
-"""Bytes at the beginning of a file that are looked at"""
+"""Number of bytes read at the beginning of a file"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Kind:
     name: str
     """With its article"""
     begins: re.Pattern[bytes]
-    """Matches the beginning of each such file, within 4096 bytes"""
+    """Matches the beginning of every such file, within 4096 bytes"""
 
 
 LOG = Kind(
@@ -28,13 +28,13 @@ LOG = Kind(
     re.compile(rb'\x93NUMPY\x01\x00.{0,600}\{"format": "haptic-wall log"', re.DOTALL),
 )
 SOFTWARE = "haptic-wall"
-"""What every picture names as its ``Software``"""
+"""The ``Software`` tag of every picture"""
 PICTURE = Kind(
     "a picture of haptic-wall",
     re.compile(rb"\x89PNG\r\n\x1a\n.{0,200}tEXtSoftware\x00haptic-wall", re.DOTALL),
 )
 RESULT_MARK = {"program": f"haptic-wall {__version__}"}
-"""What the JSON of every result begins with"""
+"""First entry of every result's JSON"""
 RESULT = Kind(
     "a result of haptic-wall",
     re.compile(rb'\{\s*"(program|format)": "haptic-wall '),
@@ -43,22 +43,22 @@ RECORD = Kind("a record of an emulated bus", re.compile(rb"time_s,event,id,instr
 
 
 def table(columns: str) -> Kind:
-    """CSV files of this program whose header begins with these columns, commas between."""
+    """Return the kind of CSV files whose header begins with these comma-separated columns."""
     return Kind("a table of haptic-wall", re.compile(re.escape(columns.encode())))
 
 
 def may_be_replaced(path: Path, kind: Kind) -> bool:
-    """Whether nothing is lost when a file of a kind is put at ``path``.
+    """Whether a new file of a kind may replace the one at ``path`` without loss.
 
     Args:
-        path: Nothing, an empty file or a file of this kind may be there.
-        kind: What is to be put there.
+        path: May be free, an empty file, or a file of this kind.
+        kind: The kind of the new file.
     """
     if not os.path.lexists(path):
         return True
     try:
         if not path.is_file():
-            return not path.exists()  # a link to nowhere
+            return not path.exists()  # a dangling link
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except OSError:

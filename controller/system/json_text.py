@@ -1,4 +1,4 @@
-"""JSON as it is defined: Python's own reading takes NaN, and makes infinity of 1e400."""
+"""Reads strict JSON: Python's own reader accepts NaN and turns 1e400 into infinity."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 from haptic_wall.controller.system.regular_file import content
 
 MOST_BYTES = 1 << 24
-"""Of a file of results: the longest of ours has some hundred thousand"""
+"""Largest size of a file of results: the longest has some hundred thousand bytes"""
 
 
 def parse(text: bytes) -> Any:  # noqa: ANN401 - whatever the text holds
-    """The value that a JSON text holds.
+    """Return the value of a JSON text.
 
     Raises:
         ValueError: It is no JSON.
@@ -24,7 +24,7 @@ def parse(text: bytes) -> Any:  # noqa: ANN401 - whatever the text holds
 
 
 def held_in(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
-    """The value in a JSON file.
+    """Return the value in a JSON file.
 
     Raises:
         OSError: It cannot be read, is no regular file, or is longer than ``MOST_BYTES``.

@@ -1,4 +1,4 @@
-"""Files that a person names, to be read: regular files only, since anything else may never end."""
+"""Opens files for reading, regular files only: any other kind may never end."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FLAGS = (
     os.O_RDONLY
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_NOCTTY", 0)
-    | getattr(os, "O_NONBLOCK", 0)  # a pipe that has come to stand in its place does not wait
+    | getattr(os, "O_NONBLOCK", 0)  # a pipe that has replaced the file must not block
 )
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
@@ -30,7 +30,7 @@ def opened(path: Path) -> BinaryIO:
             ``strerror`` says.
     """
     try:
-        _refuse_others(path.stat().st_mode, path)  # first: a device may act on being opened
+        _refuse_others(path.stat().st_mode, path)  # first: opening a device may act
         descriptor = os.open(path, _FLAGS)
     except ValueError:
         raise OSError(errno.EINVAL, "no file can have such a name", str(path)) from None
@@ -43,14 +43,14 @@ def opened(path: Path) -> BinaryIO:
 
 
 def content(path: Path, most: int) -> bytes:
-    """All that a regular file holds.
+    """Return the content of a regular file.
 
     Args:
         path: The file.
-        most: Bytes that it may have.
+        most: Largest size [bytes].
 
     Raises:
-        OSError: As ``opened``; or it has more bytes.
+        OSError: As ``opened``; or the file is larger.
     """
     with opened(path) as file:
         held = file.read(most + 1)

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and the closed terminal: one handler for all of them, for a while."""
+"""Handles Ctrl-C, SIGTERM and a closed terminal, for the duration of a block."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ STOPPING = (
     signal.SIGTERM,
     *([] if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else [signal.SIGHUP]),
 )
-"""The signals that ask a run to stop; not the closed terminal's, where the program was begun by
-nohup."""
-_raised: list[signal.Signals] = []  # no Event: a handler must not wait for a lock
+"""The signals that ask a run to stop; without the closed terminal's if nohup started the program.
+"""
+_raised: list[signal.Signals] = []  # not an Event: a handler must not wait for a lock
 
 
 def was_interrupted() -> bool:
-    """Whether ``interrupting`` has raised in this process, through whatever library just ran."""
+    """Whether ``interrupting`` has raised in this process, in whatever library was running."""
     return bool(_raised)
 
 
@@ -31,11 +31,11 @@ def on_signals(
     handler: signal.Handlers | Callable[[int, FrameType | None], None],
     numbers: Sequence[signal.Signals] = STOPPING,
 ) -> Iterator[None]:
-    """What signals do meanwhile.
+    """Set the handler of signals for the duration of a block.
 
     Args:
-        numbers: The signals in question, those that stop a run unless told otherwise.
-        handler: As ``signal.signal`` takes it; a function of ours only sets flags.
+        numbers: The signals, by default those that stop a run.
+        handler: As ``signal.signal`` takes it; a function only sets flags.
     """
     before: list[tuple[signal.Signals, Handler]] = []
     try:
@@ -50,10 +50,10 @@ def on_signals(
 
 @contextlib.contextmanager
 def held_back(numbers: Sequence[signal.Signals]) -> Iterator[None]:
-    """Signals wait meanwhile; processes that are started inherit that, and keep it.
+    """Block signals for the duration of a block; child processes inherit that and keep it.
 
     Args:
-        numbers: The signals in question.
+        numbers: The signals.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
@@ -66,19 +66,19 @@ def held_back(numbers: Sequence[signal.Signals]) -> Iterator[None]:
 def interrupting(
     numbers: Sequence[signal.Signals] | None = None, *, at_once: bool = True
 ) -> Iterator[None]:
-    """Signals raise KeyboardInterrupt inside, where something is to be put in order first.
+    """Turn signals into KeyboardInterrupt inside a block, for clean-up.
 
-    It is raised wherever Python just is: a library may swallow it, or make an ImportError of it.
-    Such a one is raised again at the end.
+    It is raised wherever Python is executing: a library may swallow it, or convert it to an
+    ImportError. In these cases it is raised again at the end.
 
     Args:
-        numbers: The signals in question; None: those that stop a run, but for ignored ones.
-        at_once: Else at the end only.
+        numbers: The signals; None: those that stop a run, without ignored ones.
+        at_once: Raise immediately; else at the end only.
 
     Raises:
         KeyboardInterrupt: One of them came.
     """
-    if threading.current_thread() is not threading.main_thread():  # only that one hears them
+    if threading.current_thread() is not threading.main_thread():  # only that thread receives them
         yield
         return
     if numbers is None:

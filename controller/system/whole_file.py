@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: written under another name, then put in place."""
+"""Writes files that are complete or absent: under a temporary name, then put in place."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from haptic_wall.controller.system.file_kinds import Kind, may_be_replaced
 from haptic_wall.controller.system.signals import interrupting
 
 _NAME = 40
-"""Characters of a file's name that its other name shows: a name has 255 bytes at most"""
+"""Characters of a file's name in its temporary name: a name has 255 bytes at most"""
 
 
 class Beside:
-    """Another name beside a file's, until there is something to replace that file with.
+    """A temporary name beside a file's, until its content may replace that file.
 
-    A device or a pipe (/dev/stdout, ``>(gzip)``) is written as it is.
+    A device or a pipe (/dev/stdout, ``>(gzip)``) is written directly.
 
     Args:
-        path: Where the file goes; what a link points to is replaced, not the link.
-        kind: What it is.
-        force: Replace whatever is there.
-        writer: Number of the process that the other name names; None: this one's.
+        path: Destination of the file; a link's target is replaced, not the link.
+        kind: Kind of the file.
+        force: Replace any file.
+        writer: Process number in the temporary name; None: this process's.
 
     Attributes:
         part: Where to write until it is placed.
@@ -34,19 +34,19 @@ class Beside:
     def __init__(
         self, path: Path, kind: Kind, *, force: bool = False, writer: int | None = None
     ) -> None:
-        # First: a pipe has no name to resolve to, and others write to what /dev/stdout is, too.
+        # Checked first: a pipe's name cannot be resolved, and /dev/stdout may have other writers.
         self._as_it_is = path.exists() and (not path.is_file() or path.is_relative_to("/dev"))
         self._kind = kind
         self._force = force
         if self._as_it_is:
             self._path = self.part = path
             return
-        self._path = Path(os.path.realpath(path))  # of links in a circle too
+        self._path = Path(os.path.realpath(path))  # also resolves circular links
         pid = os.getpid() if writer is None else writer
         self.part = self._path.with_name(f".{path.name[:_NAME]}.{pid}.part")
 
     def begin(self) -> None:
-        """Make the file to write to, anew: a link that somebody has put there is not followed.
+        """Create the file to write to; does not follow a link that another user has put there.
 
         Raises:
             OSError: It cannot be made.
@@ -56,10 +56,10 @@ class Beside:
             os.close(os.open(self.part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
 
     def place(self) -> None:
-        """Put what was written in its place.
+        """Move the written file to its destination.
 
         Raises:
-            FileExistsError: A file that is none of this program's is there.
+            FileExistsError: The destination has a file that this program did not write.
             OSError: It cannot be put there.
         """
         if self._as_it_is:
@@ -70,25 +70,25 @@ class Beside:
         self.part.replace(self._path)
 
     def discard(self) -> None:
-        """Remove what was written, if it was not placed."""
+        """Remove the written file, if it was not placed."""
         if not self._as_it_is:
             self.part.unlink(missing_ok=True)
 
 
 @contextmanager
 def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
-    """Where to write in place of ``path``; it is moved there when all went well, else removed.
+    """Yield a path to write to in place of ``path``; on success it is moved there, else removed.
 
-    Ctrl-C, SIGTERM and SIGHUP interrupt whoever writes: a terminal that is closed and a machine
-    that shuts down leave no half file. What is ignored, by nohup for instance, stays so.
+    Ctrl-C, SIGTERM and SIGHUP interrupt the writer, so that a closed terminal and a shutdown leave
+    no partial file. Ignored signals (nohup) stay ignored.
 
     Args:
-        path: Where the file goes, see ``Beside``.
-        kind: What it is.
-        force: Replace whatever is there.
+        path: Destination of the file, see ``Beside``.
+        kind: Kind of the file.
+        force: Replace any file.
 
     Raises:
-        FileExistsError: A file that is none of this program's is there.
+        FileExistsError: The destination has a file that this program did not write.
         OSError: It cannot be put in place.
         KeyboardInterrupt: It was interrupted.
     """
@@ -103,10 +103,10 @@ def whole(path: Path, kind: Kind, *, force: bool = False) -> Iterator[Path]:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what commands that were killed while they wrote a file have left beside it.
+    """Remove temporary files that killed commands have left beside a file.
 
     Args:
-        path: The file, which nobody else writes now.
+        path: The file; it has no other writer now.
 
     Raises:
         OSError: Its folder cannot be read.

@@ -1,12 +1,12 @@
 """Proves by zero exclusion that no member of a family of sampled loops has a pole on the circle.
 
-A loop whose gain grows from nearly zero is stable until a pole reaches the unit circle ``z = exp(j
-w)``. With time in periods and per unit of inertia this happens where
+A loop whose gain grows from nearly zero is stable until a pole reaches the unit circle
+``z = exp(j w)``. With time in periods and per unit of inertia this happens where
 
     A(w) = P(w) v,    A = -(z - 1)(z - exp(-delta)) z^n,    v = rho (k + (B/T) D(w))
 
-(A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P; rho = g
-T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof must show
+(A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P;
+rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof must show
 that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every frequency,
 damping and delay. A line between them shows it. The line separates them over a whole box of (w,
 damping, delay) when its distance, less the largest change that the derivatives allow, stays

@@ -339,7 +339,7 @@ def test_an_export_that_is_interrupted_leaves_nothing(log, tmp_path, monkeypatch
         "logs.mcap_export.write_mcap",
     ):
         monkeypatch.setattr(f"haptic_wall.controller.{place}", interrupted)
-    monkeypatch.setattr("haptic_wall.controller.logs.cut.cut_log", interrupted)
+    monkeypatch.setattr("haptic_wall.controller.logs.excerpt.write_excerpt", interrupted)
     assert CliRunner().invoke(command, words).exit_code
     assert seen
     assert target.read_bytes() == before

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.logs.recording import cut, parted
+from haptic_wall.controller.logs.recording import parted, sliced
 from scripts.mutation_trial import KINDS, tried
 from scripts.mutations import COUNTS, FAULTS, NAMES, PAGE, PART
 from scripts.uncertainty import PART as COMPUTED
@@ -44,7 +44,7 @@ def test_no_folder_of_a_commissioning_is(tmp_path, monkeypatch, thorough):
 
 def half_parted(whole, period, notes):
     """As it is parted, but for the half of each part, which is lost."""
-    return [cut(part, 0, part.times.size // 2) for part in parted(whole, period, notes)]
+    return [sliced(part, 0, part.times.size // 2) for part in parted(whole, period, notes)]
 
 
 @pytest.mark.parametrize(

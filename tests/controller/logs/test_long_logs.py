@@ -10,7 +10,7 @@ from haptic_wall.controller.logs import detected as seen
 from haptic_wall.controller.logs import recordings as log_recording
 from haptic_wall.controller.logs import windows as log_windows
 from haptic_wall.controller.logs.csv_export import write_csv
-from haptic_wall.controller.logs.cut import cut_log
+from haptic_wall.controller.logs.excerpt import write_excerpt
 from haptic_wall.controller.logs.file import LogWriter
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.rows import LogRows
@@ -82,7 +82,7 @@ def test_memory_does_not_grow_with_the_log(logs, tmp_path, work):
             case "csv":
                 write_csv(tmp_path / "a.csv", log)
             case "cut":
-                cut_log(tmp_path / "a.hwlog", log, "a", 0.0, 1.0)
+                write_excerpt(tmp_path / "a.hwlog", log, "a", 0.0, 1.0)
 
     some = logs[:2] if work == "csv" else logs[1:]
     do(some[0])  # what is loaded and compiled on first use

@@ -11,8 +11,8 @@ import pytest
 
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.log_keeper import LogKeeper
 from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
@@ -36,7 +36,7 @@ class Recording:
         self.telemetry = Telemetry.create()
         self.told = []
         self.recorders = []
-        self.keeper = LogKeeper(
+        self.monitor = RecorderMonitor(
             self.start, self.telemetry.words, self.told.append, time.monotonic()
         )
 
@@ -62,7 +62,7 @@ class Recording:
             assert time.monotonic() < end, self.told
             for _ in range(rows):
                 self.telemetry.write(row())
-            self.keeper.look(time.monotonic())
+            self.monitor.look(time.monotonic())
             time.sleep(0.01)
 
     def recorded(self):
@@ -81,8 +81,8 @@ def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path):
     recording.until(lambda: recording.recorded() > before)
     assert "was killed by SIGKILL; another one goes on" in recording.told[1]
     recording.telemetry.write(row())
-    (note,) = recording.keeper.end()
-    recording.keeper.close()
+    (note,) = recording.monitor.end()
+    recording.monitor.close()
     assert "no row is missing" in note
     np.testing.assert_array_equal(
         read_log(recording.path)[1]["seq"], np.arange(recording.telemetry.words[Word.HEAD])
@@ -99,15 +99,15 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     assert recorder.wait(10.0)
     assert recorder.well()
     assert len(read_log(recording.path)[1]) == recording.telemetry.words[Word.HEAD]
-    recording.keeper.close()
+    recording.monitor.close()
 
 
 def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path):
     (tmp_path / "run.hwlog").symlink_to("/dev/full")
     recording = Recording(tmp_path / "run.hwlog")
     recording.until(lambda: recording.told)
-    notes = recording.keeper.end()
-    recording.keeper.close()
+    notes = recording.monitor.end()
+    recording.monitor.close()
     assert "No space left on device" in notes[0]
     assert f"lacks {recording.telemetry.words[Word.HEAD]} of" in notes[0]
 

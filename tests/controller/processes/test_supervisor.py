@@ -317,7 +317,7 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
 
 
 def test_a_refused_start_tells_what_became_of_the_log(stage, monkeypatch):
-    monkeypatch.setattr(supervisor.LogKeeper, "end", lambda _: ["the log is incomplete"])
+    monkeypatch.setattr(supervisor.RecorderMonitor, "end", lambda _: ["the log is incomplete"])
     assert "the log is incomplete" in refused(stage, State.STARTING)
 
 

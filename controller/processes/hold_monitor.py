@@ -1,4 +1,4 @@
-"""The supervisor's side of the dead man: starts its watcher, and says when that is gone."""
+"""The supervisor's side of the dead man: starts the watcher, and reports changes and its end."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
 
 _END_S = 2.0
-"""How long the watcher may take to end [s]"""
+"""Time allowed for the watcher to end [s]"""
 
 
-class HoldKeeper:
-    """The dead man's watcher while it lives, and what it means for the wall.
+class HoldMonitor:
+    """Watches the dead man's watcher, and reports when the wall goes off or comes back.
 
-    It is not started again when it dies: a run without its dead man has no torque, and a person
+    It does not restart a dead watcher: a run without its dead man has no torque, and a person
     should find out why.
 
     Args:
         watcher: Its process.
-        telemetry: What the loop writes.
+        telemetry: The shared memory of the run.
 
     Attributes:
         trouble: Why the watcher ended by itself; empty: it has not.
@@ -37,7 +37,7 @@ class HoldKeeper:
         self.trouble = ""
 
     def look(self, tell: Tell) -> None:
-        """Say when the wall has gone off or come back, and once when the watcher has ended."""
+        """Report when the wall goes off or comes back, and once when the watcher has ended."""
         self._tell_change(tell)
         if self._gone or not self._watcher.ended():
             return
@@ -48,7 +48,7 @@ class HoldKeeper:
         tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
 
     def _tell_change(self, tell: Tell) -> None:
-        """Say what has become of a wall that was on; the session speaks for the time before."""
+        """Report changes of a wall that has been on; the session reports those before."""
         head = int(self._telemetry.words[Word.HEAD])
         rows, _ = self._telemetry.read(max(0, head - 1))
         if not len(rows) or rows[-1]["flags"] & FLAG_WARM_UP:
@@ -71,15 +71,15 @@ class HoldKeeper:
         self._watcher.dismiss(_END_S)
 
 
-def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldKeeper | None:
+def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldMonitor | None:
     """Start the dead man's watcher; None: the plan has no dead man.
 
-    From here on, and until the watcher says otherwise, the dead man is released.
+    The dead man counts as released until the watcher reports otherwise.
 
     Args:
         plan: Of the run.
-        telemetry: Where the watcher writes.
-        cores: Where it runs.
+        telemetry: Shared memory that the watcher writes to.
+        cores: Cores on which it runs.
 
     Raises:
         UserError: The source cannot be opened.
@@ -110,4 +110,4 @@ def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldKeeper 
     finally:
         if device is not None:
             os.close(device)
-    return HoldKeeper(watcher, telemetry)
+    return HoldMonitor(watcher, telemetry)

@@ -1,4 +1,4 @@
-"""Rows of logs of before as rows of today: columns that came later hold what was the case then."""
+"""Converts rows of earlier log versions to today's: fills later columns with their old meaning."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.runtime.telemetry import ROW
 
 _LATER: Final = {"phase": 0, "oscillation": 0, "measured_torque": math.nan}
-"""Columns that the first logs had not: no program was played, nothing watched or measured"""
+"""Columns that the first logs lacked, with the values that applied then: no program, no watch, no
+measurement"""
 
 
-def todays(rows: NDArray[Any], path: Path) -> NDArray[np.void]:
-    """The rows with all columns of ``telemetry.ROW``, shape (n,).
+def upgraded(rows: NDArray[Any], path: Path) -> NDArray[np.void]:
+    """Return the rows with all columns of ``telemetry.ROW``, shape (n,).
 
     Args:
         rows: Shape (n,), of columns in ``ROW``.
         path: The log, for the message.
 
     Raises:
-        LogFormatError: A column is missing that there always was.
+        LogFormatError: A column is missing that every version has.
     """
     if rows.dtype == ROW:
         return rows

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.logs.file import LogWriter, read_log
-from haptic_wall.controller.processes import log_keeper, recorder
-from haptic_wall.controller.processes.log_keeper import STUCK_S, LogKeeper
+from haptic_wall.controller.processes import recorder, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder, _Attempts, may_stand_back
+from haptic_wall.controller.processes.recorder_monitor import STUCK_S, RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemetry, Word
 
 TICKS = itertools.count()
@@ -103,7 +103,7 @@ class TalkingChild(Child):
 
 
 class Run:
-    """A loop that writes a row each millisecond, a keeper that looks, on one simulated time."""
+    """A loop that writes a row each millisecond, a monitor that looks, on one simulated time."""
 
     def __init__(self, folder, child=Child):
         self._child = child
@@ -114,7 +114,7 @@ class Run:
         self.recorders = []
         self.refused = None
         self.now = 0.0
-        self.keeper = LogKeeper(self.start, self.words, self.told.append, self.now)
+        self.monitor = RecorderMonitor(self.start, self.words, self.told.append, self.now)
 
     def start(self, resume):
         if self.refused is not None:
@@ -128,12 +128,12 @@ class Run:
             for _ in range(round(rows_per_s * step)):
                 self.telemetry.write(row())
             self.recorders[-1].turn()
-            self.keeper.look(self.now)
+            self.monitor.look(self.now)
 
     def end(self):
         """The notes, and the rows that the log holds."""
-        notes = self.keeper.end()
-        self.keeper.close()
+        notes = self.monitor.end()
+        self.monitor.close()
         return notes, read_log(self.path)[1]["seq"]
 
 
@@ -148,7 +148,7 @@ def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
     run.go(5.0)
     notes, rows = run.end()
     assert notes == run.told == []
-    assert run.keeper.lacking == 0
+    assert run.monitor.lacking == 0
     np.testing.assert_array_equal(rows, np.arange(5000))
 
 
@@ -267,7 +267,7 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     missing = run.words[Word.HEAD] - len(rows)
     assert missing > 0
     assert f"lacks {missing} of {run.words[Word.HEAD]} rows" in note
-    assert run.keeper.lacking == missing
+    assert run.monitor.lacking == missing
     assert np.all(np.diff(rows) > 0)
 
 
@@ -299,7 +299,7 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talk
     (note,) = notes
     assert note.endswith(LOST)
     assert str(talking.path) in note
-    assert talking.keeper.lacking is None
+    assert talking.monitor.lacking is None
     np.testing.assert_array_equal(rows, np.arange(2250), "and all else is kept")
 
 
@@ -314,7 +314,7 @@ def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when)
         monkeypatch.setattr(LogWriter, "close", lambda log: failing(close(log)))
     (note,), _ = talking.end()
     assert note.endswith(LOST)
-    assert talking.keeper.lacking is None
+    assert talking.monitor.lacking is None
 
 
 def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run):
@@ -348,9 +348,9 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run)
     run.refused = OSError(errno.EAGAIN, "Resource temporarily unavailable")
     notes, rows = run.end()
     assert any("lacks 1 of 2001 rows" in note for note in notes)
-    assert run.keeper.lacking == 1
+    assert run.monitor.lacking == 1
     assert len(rows) == 2000
-    assert len(run.recorders) == 1 <= log_keeper.LAST_ATTEMPTS
+    assert len(run.recorders) == 1 <= recorder_monitor.LAST_ATTEMPTS
 
 
 def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
@@ -372,7 +372,7 @@ def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talk
     before = talking.path.read_bytes()
     talking.recorders[-1].end(-9)
     talking.now = 2.0
-    talking.keeper.look(talking.now)
+    talking.monitor.look(talking.now)
     assert len(talking.recorders) == 2
     talking.recorders[-1].turn()
     assert talking.path.read_bytes() == before, "there is nothing yet to replace it with"

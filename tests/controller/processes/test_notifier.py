@@ -3,7 +3,7 @@
 import os
 import threading
 
-from haptic_wall.controller.processes.teller import Teller
+from haptic_wall.controller.processes.notifier import Notifier
 
 
 def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():
@@ -14,9 +14,9 @@ def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():
         assert goes_on.wait(30.0)
         heard.append(text)
 
-    with Teller(tell) as teller:
-        teller("first")
-        teller("second")
+    with Notifier(tell) as notifier:
+        notifier("first")
+        notifier("second")
         assert heard == [], "the call came back all the same"
         goes_on.set()
     assert heard == ["first", "second"]
@@ -30,9 +30,9 @@ def test_a_terminal_that_is_gone_is_no_reason_to_end():
             raise BrokenPipeError
         heard.append(text)
 
-    with Teller(tell) as teller:
-        teller("first")
-        teller("second")
+    with Notifier(tell) as notifier:
+        notifier("first")
+        notifier("second")
     assert heard == ["second"]
 
 
@@ -40,10 +40,10 @@ def test_who_speaks_keeps_off_the_core_that_the_speaker_has_left():
     cores = os.sched_getaffinity(0)
     others = {min(cores)}
     heard = []
-    with Teller(lambda _text: heard.append(os.sched_getaffinity(0))) as teller:
+    with Notifier(lambda _text: heard.append(os.sched_getaffinity(0))) as notifier:
         os.sched_setaffinity(0, others)
         try:
-            teller("first")
+            notifier("first")
         finally:
             os.sched_setaffinity(0, cores)
     assert heard == [others]

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import MonkeyPatch
 
-from haptic_wall.controller.processes import lull
+from haptic_wall.controller.processes import idle_window
 from haptic_wall.controller.runtime.telemetry import Word
 
 NOW_NS = 5_000_000_000
@@ -15,8 +15,8 @@ def pause_ns(ended_ns, period_ns, wanted_ns):
     words = memoryview(bytearray(4096)).cast("q")
     words[Word.HEARTBEAT_NS] = ended_ns
     with MonkeyPatch.context() as patch:
-        patch.setattr(lull.time, "monotonic_ns", lambda: NOW_NS)
-        return round(lull.until_lull(words, period_ns, wanted_ns * 1e-9) * 1e9)
+        patch.setattr(idle_window.time, "monotonic_ns", lambda: NOW_NS)
+        return round(idle_window.until_idle_window(words, period_ns, wanted_ns * 1e-9) * 1e9)
 
 
 @given(

@@ -1,6 +1,6 @@
-"""Keeps somebody writing the log: where a recorder dies or stands still, another one goes on.
+"""Restarts the recorder when it dies or hangs.
 
-The rows of the last minute are in shared memory, so that nothing is lost meanwhile.
+Shared memory holds the rows of the last minute, so that no row is lost in between.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from haptic_wall.controller.runtime.telemetry import CAPACITY, Word
 
 AGAIN_S = 1.0
 AGAIN_MOST_S = 10.0
-"""From the start of one recorder to that of the next [s], at least, after one death and after many:
-recorders that cannot live must not keep the machine busy."""
+"""Least time between the starts of two recorders [s], after one death and after many: recorders
+that keep dying must not load the machine."""
 STUCK_S = 10.0
-"""How long a recorder may write nothing while half of the memory waits for it [s]."""
+"""How long a recorder may write nothing while half of the memory is full [s]."""
 LAST_S = 5.0
-"""How long a recorder may write nothing when the run is over [s]."""
+"""How long a recorder may write nothing after the run is over [s]."""
 LAST_ATTEMPTS = 3
 
 
-class LogKeeper:
-    """Sees to it that rows are written, during the run and after it.
+class RecorderMonitor:
+    """Keeps a recorder running, during the run and until its last rows are written.
 
     Args:
-        start: Starts a recorder; True: to go on with the log of a dead one.
+        start: Starts a recorder; True: it continues the log of a dead one.
         words: The control words.
-        tell: Called at once with what a person should know.
+        tell: Called at once with messages for a person.
         now: The present time [s].
     """
 
@@ -61,11 +61,11 @@ class LogKeeper:
 
     @property
     def lacking(self) -> int | None:
-        """How many rows the log lacks; None: nobody knows, since part of it is lost."""
+        """Return the number of rows missing from the log; None: unknown, part of it is lost."""
         return rows_lacking(self._words) if self._lost is None else None
 
     def look(self, now: float) -> None:
-        """Look after the recorder; waits for nothing but the start of another where one is due.
+        """Check the recorder, and start another one where necessary; waits only for that start.
 
         Args:
             now: The present time, on a monotonic clock [s].
@@ -84,52 +84,53 @@ class LogKeeper:
             self._kept_up = now
         if self._recorder is not None:
             if self._recorder.ended():
-                self._bury(self._recorder.exit_text())
+                self._abandon(self._recorder.exit_text())
             elif now - max(self._kept_up, self._begun) > STUCK_S:
                 self._replace(now)
         pause = min(AGAIN_MOST_S, AGAIN_S * self._deaths.total())
-        if self._recorder is None and self._gone(0.0) and now - self._begun > pause:
+        if self._recorder is None and self._is_dead(0.0) and now - self._begun > pause:
             self._start_another(now)
 
     def _replace(self, now: float) -> None:
-        """End a recorder that has half of the memory wait for it."""
+        """End a recorder that leaves half of the memory full."""
         if now - max(self._moved, self._begun) > STUCK_S:
-            self._bury(f"had written nothing for {now - self._moved:.0f} s")
+            self._abandon(f"had written nothing for {now - self._moved:.0f} s")
         elif not self._hurried:
-            # One that stood back may have been starved; if the next is slow too, the disk is.
+            # A recorder at low priority may have been starved; if the next one is slow too, the
+            # disk is.
             self._hurried = True
-            self._bury(f"did not keep up for {now - self._kept_up:.0f} s")
+            self._abandon(f"did not keep up for {now - self._kept_up:.0f} s")
 
     def end(self) -> list[str]:
-        """No more rows will come: have the last ones written; what a person should know."""
+        """Have the last rows of the run written; return messages for a person."""
         words = self._words
         words[Word.FINISHED] = 1
         for _ in range(LAST_ATTEMPTS):
-            if not self._gone(LAST_S):
+            if not self._is_dead(LAST_S):
                 break
             if self._recorder is None:
                 self._start_another(time.monotonic())
             if self._recorder is None:
                 continue
-            how = self._see_to_its_end()
+            how = self._await_end()
             self._hear()
             written = words[Word.TAIL] == words[Word.HEAD]
             if self._trouble is None and not (written and how is None):
-                self._bury(how or "ended too soon")
+                self._abandon(how or "ended too soon")
             if self._trouble is not None or written:
                 break
         return self._notes()
 
     def close(self) -> None:
-        """Leave no recorder behind, whatever has happened."""
+        """End every recorder, whatever has happened."""
         self._words[Word.FINISHED] = 1
-        self._see_to_its_end()
+        self._await_end()
         for recorder in (self._recorder, self._dying):
             if recorder is not None:
                 recorder.dismiss(0.0)
 
-    def _see_to_its_end(self) -> str | None:
-        """Wait for the recorder while it gets on; how it ended where that was not well."""
+    def _await_end(self) -> str | None:
+        """Wait while the recorder makes progress; return how it failed, or None."""
         recorder = self._recorder
         if recorder is None:
             return None
@@ -141,20 +142,20 @@ class LogKeeper:
             return f"had written nothing for {LAST_S:g} s"
         return None if recorder.well() else recorder.exit_text()
 
-    def _bury(self, how: str) -> None:
+    def _abandon(self, how: str) -> None:
         if self._recorder is not None:
             self._hear()
             self._recorder.send(signal.SIGKILL)
-            # One that waits for a disk in the kernel does not even die. Nobody waits for that here,
-            # and nobody else writes the log until it is dead.
+            # A process that waits for a disk in the kernel cannot be killed. This one is not waited
+            # for, and no other recorder starts until it is dead.
             self._dying, self._recorder = self._recorder, None
         self._trouble = None
         self._deaths[how] += 1
         if not self._words[Word.FINISHED]:
             self._tell(f"the recorder {how}; another one goes on with the log")
 
-    def _gone(self, timeout_s: float) -> bool:
-        """Whether the recorder that was killed last is dead; waits for it up to ``timeout_s``."""
+    def _is_dead(self, timeout_s: float) -> bool:
+        """Whether the recorder killed last is dead; waits for it up to ``timeout_s``."""
         if self._dying is not None and self._dying.wait(timeout_s):
             self._dying.dismiss(0.0)
             self._dying = None
@@ -164,15 +165,15 @@ class LogKeeper:
         self._begun = now
         try:
             self._recorder = self._start(True)
-        except OSError as error:  # no memory, too many processes: later perhaps
-            self._bury(f"could not be started ({error.strerror})")
+        except OSError as error:  # no memory or too many processes: tried again later
+            self._abandon(f"could not be started ({error.strerror})")
 
     def _hear(self) -> None:
-        """What the recorder says of its trouble with the disk."""
+        """Process the recorder's messages about its trouble with the disk."""
         for line in [] if self._recorder is None else self._recorder.lines():
             said = json.loads(line)
             if "lost" in said:
-                self._hear_of_loss(said["lost"])
+                self._note_loss(said["lost"])
                 continue
             trouble = said["trouble"]
             if trouble is not None and self._trouble is None:
@@ -184,8 +185,8 @@ class LogKeeper:
                 self._tell("the log is written again")
             self._trouble = trouble
 
-    def _hear_of_loss(self, lost: str) -> None:
-        """For good: it is said once, and the next rows are taken as if nothing had been."""
+    def _note_loss(self, lost: str) -> None:
+        """Record a permanent loss, and report the first one."""
         if self._lost is None:
             self._lost = lost
             if not self._words[Word.FINISHED]:

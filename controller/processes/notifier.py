@@ -1,7 +1,7 @@
-"""Says things to a person from a thread of its own: a terminal that stands still holds nobody up.
+"""Passes messages to a person from a thread of its own, so that a blocked terminal does no harm.
 
-A terminal that was stopped with Ctrl-S, or a reader that does not read, blocks whoever writes to
-it; whoever watches over a torque must not be.
+A terminal that was stopped with Ctrl-S, or a reader that does not read, blocks the writer. The
+process that watches over a torque must not block.
 """
 
 from __future__ import annotations
@@ -14,27 +14,28 @@ from types import TracebackType
 from haptic_wall.controller.processes.plan import Tell
 
 
-class Teller:
-    """Takes what is to be said at once; says it in order when it can.
+class Notifier:
+    """Takes messages without waiting, and passes them on in order.
 
     Args:
-        tell: Says it, and may take its time; where nobody listens (OSError) that is all right.
+        tell: Passes a message on, and may block; an OSError (no reader) is ignored.
     """
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
         self._texts: SimpleQueue[str | None] = SimpleQueue()
-        # Begun with the first word, when whoever speaks has left the loop's core: so has it then.
+        # Started with the first message: by then the caller has left the loop's core, and the
+        # thread inherits that.
         self._thread: threading.Thread | None = None
 
     def __call__(self, text: str) -> None:
-        """Say ``text``, soon; never waits."""
+        """Queue ``text``; never waits."""
         self._texts.put(text)
         if self._thread is None:
             self._thread = threading.Thread(target=self._say, daemon=True)
             self._thread.start()
 
-    def __enter__(self) -> Teller:
+    def __enter__(self) -> Notifier:
         return self
 
     def __exit__(
@@ -43,7 +44,7 @@ class Teller:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Wait until all is said."""
+        """Wait until all messages are passed on."""
         self._texts.put(None)
         if self._thread is not None:
             self._thread.join()

@@ -1,4 +1,4 @@
-"""A stretch of a log as a log of its own."""
+"""Writes a stretch of a log as a log of its own."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.runtime.telemetry import ROW
 
 
-def cut_log(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) -> None:
-    """Write the rows of a stretch, with the log's metadata and where they were cut from.
+def write_excerpt(path: Path, rows: LogRows, name: str, from_s: float, to_s: float) -> None:
+    """Write the rows of a stretch, with the log's metadata and the excerpt's place in the log.
 
-    Rows keep their numbers and their times; how the run ended goes along with its last rows.
+    Rows keep their numbers and their times; an excerpt with the log's last rows also has the run's
+    end.
 
     Args:
-        path: Where to.
+        path: The file to write.
         rows: Of the log.
-        name: What the log is called that they are cut from.
-        from_s: Where the first of them lies in that log [s].
-        to_s: And the last [s].
+        name: The name of the log.
+        from_s: Time of the first row in that log [s].
+        to_s: Time of the last row [s].
 
     Raises:
         OSError: The file cannot be written.
