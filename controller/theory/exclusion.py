@@ -6,10 +6,10 @@ A loop whose gain grows from nearly zero is stable until a pole reaches the unit
     A(w) = P(w) v,    A = -(z - 1)(z - exp(-delta)) z^n,    v = rho (k + (B/T) D(w))
 
 (A/P = F and D of the module ``boundary``; n whole periods of delay, the fraction is in P;
-rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof must show
-that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every frequency,
-damping and delay. A line between them shows it. The line separates them over a whole box of (w,
-damping, delay) when its distance, less the largest change that the derivatives allow, stays
+rho = g T²/m). Over 0 < k <= K and all gains up to the greatest, ``v`` fills a triangle. The proof
+must show that the point A lies outside the triangle with the corners 0, P v_1, P v_2, for every
+frequency, damping and delay. A line between them shows it. The line separates them over a whole box
+of (w, damping, delay) when its distance, less the largest change that the derivatives allow, stays
 positive. A box in which none of a few lines separates them is split.
 
 At w = 0 all of these vanish. There k is eliminated: Im(A conj P) must not reach
