@@ -18,8 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from haptic_wall.controller.experiments.loop_delay import BURSTS, measure_delay
-from haptic_wall.controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
+from haptic_wall.controller.experiments.delay import BURSTS, measure_delay
+from haptic_wall.controller.experiments.steps.shaken import (
+    ExperimentFailedError,
+    plan_shaking,
+    shake,
+)
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.load import load_config
 from scripts.whole_program import emulated_bus, measured_on, page_options

@@ -14,7 +14,10 @@ from concurrent.futures import Executor, as_completed
 
 import numpy as np
 
-from haptic_wall.controller.experiments.detector_trials import (
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.experiments.trials.beyond_limit import LIMIT
+from haptic_wall.controller.experiments.trials.bouncing import BOUNCES
+from haptic_wall.controller.experiments.trials.detector_trials import (
     NAMES,
     HandTrial,
     KickTrial,
@@ -23,11 +26,8 @@ from haptic_wall.controller.experiments.detector_trials import (
     kick_trials,
     sustained_trials,
 )
-from haptic_wall.controller.experiments.hands import HANDS
-from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
-from haptic_wall.controller.experiments.trials.beyond_limit import LIMIT
-from haptic_wall.controller.experiments.trials.bouncing import BOUNCES
 from haptic_wall.controller.experiments.trials.hand_hours import HOURS
+from haptic_wall.controller.experiments.trials.hands import HANDS
 from haptic_wall.controller.experiments.trials.own_walls import WALLS
 from haptic_wall.controller.experiments.trials.recordings import RECORDINGS
 from haptic_wall.controller.experiments.trials.sections import measured

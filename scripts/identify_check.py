@@ -26,13 +26,13 @@ import numpy as np
 
 from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.experiments.commission.verdict import ASKED, Question
-from haptic_wall.controller.experiments.identification import (
+from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
     Identified,
     UnidentifiableError,
     identify,
 )
-from haptic_wall.controller.experiments.identified_config import identified_model
+from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from haptic_wall.controller.experiments.identification import UnidentifiableError, identify
-from haptic_wall.controller.experiments.identified_config import identified_model
+from haptic_wall.controller.experiments.identify.identification import UnidentifiableError, identify
+from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from scripts.identify_check import KINDS, drawn
 from scripts.ordinary_servos import (

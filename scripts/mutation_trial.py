@@ -22,7 +22,7 @@ from pathlib import Path
 from random import Random
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.identification import UnidentifiableError
+from haptic_wall.controller.experiments.identify.identification import UnidentifiableError
 from haptic_wall.controller.system.printable import printable
 from scripts import mutated_folders, mutated_texts, mutation_judges
 from scripts.crafted_logs import crafted

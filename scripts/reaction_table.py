@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from haptic_wall.controller.experiments.trials.own_walls import GROWTH
 from haptic_wall.controller.experiments.trials.sections import measured

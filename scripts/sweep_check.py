@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 
 from haptic_wall.controller.bench.loops import FORGIVING
-from haptic_wall.controller.experiments.critical import PointSearch
-from haptic_wall.controller.experiments.sweep import experiment_config
-from haptic_wall.controller.experiments.sweep_plan import Options, Setting
-from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.sweep.critical import PointSearch
+from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.experiments.testbed import Testbed
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import read_rows

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from haptic_wall.controller.bench.rows import Row, interleaved, over_rounds, ratio
-from haptic_wall.controller.experiments.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.settings import TrueServo
 

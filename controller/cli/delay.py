@@ -32,7 +32,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import RESULT_MARK
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.loop_delay import LoopDelay
+    from haptic_wall.controller.experiments.delay import LoopDelay
 
 
 @click.command()
@@ -77,7 +77,7 @@ def command(
     The torque is stepped to and fro; the shaft swings by a few degrees about where it is. The same
     is done with delay inserted on purpose, which must be found again.
     """
-    from haptic_wall.controller.experiments.loop_delay import (
+    from haptic_wall.controller.experiments.delay import (
         BURST_S,
         BURSTS,
         CHECK_STEPS,

@@ -34,8 +34,8 @@ from haptic_wall.controller.system.file_kinds import PICTURE, Kind
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.boundary_fit import BoundaryPoints
-    from haptic_wall.controller.experiments.identification import Identified
+    from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryPoints
+    from haptic_wall.controller.experiments.identify.identification import Identified
 
 _REACH = 0.6
 _CONFIG = Kind(
@@ -96,8 +96,8 @@ def command(
 
     The shaft moves by itself, to both sides, and must be free to turn.
     """
-    from haptic_wall.controller.experiments.identification import announcement, bounds_of
-    from haptic_wall.controller.experiments.identify_text import report, text
+    from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
+    from haptic_wall.controller.experiments.identify.text import report, text
 
     loaded = load_config(config, sets)
     if no_motion and (sweep is None or out is not None):
@@ -164,7 +164,7 @@ def _places(
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit; an end before the end has its own exit status."""
-    from haptic_wall.controller.experiments.identification import SECONDS, identify
+    from haptic_wall.controller.experiments.identify.identification import SECONDS, identify
     from haptic_wall.controller.experiments.testbed import (
         ExperimentInterruptedError,
         ExperimentTrippedError,
@@ -211,7 +211,7 @@ def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
     """The points of a sweep, and the configuration they were measured with: else ``config``."""
     from pydantic import ValidationError
 
-    from haptic_wall.controller.experiments.boundary_fit import read_points
+    from haptic_wall.controller.experiments.identify.boundary_fit import read_points
 
     try:
         points, held = read_points(sweep)
@@ -230,9 +230,9 @@ def _from_sweep(
     found: Identified | None,
 ) -> dict[str, Any]:
     """What the boundary says, beside the motion or the belief."""
-    from haptic_wall.controller.experiments.boundary_fit import Loop, fit_boundary
-    from haptic_wall.controller.experiments.identification import Estimated
-    from haptic_wall.controller.experiments.identify_text import (
+    from haptic_wall.controller.experiments.identify.boundary_fit import Loop, fit_boundary
+    from haptic_wall.controller.experiments.identify.identification import Estimated
+    from haptic_wall.controller.experiments.identify.text import (
         believed,
         boundary_report,
         comparison,
@@ -269,6 +269,6 @@ def _from_sweep(
 
 
 def _write(found: Identified, loaded: Loaded, path: Path) -> None:
-    from haptic_wall.controller.experiments.identified_config import identified_config
+    from haptic_wall.controller.experiments.identify.identified_config import identified_config
 
     path.write_text(identified_config(loaded.config, found, loaded.name), encoding="utf-8")

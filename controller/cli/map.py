@@ -31,7 +31,7 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MAR
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.maps import CriticalMap, Setting
+    from haptic_wall.controller.experiments.maps.maps import CriticalMap, Setting
 
 _POINT_S = 0.05
 """What a point takes on one core, about [s]"""
@@ -93,7 +93,11 @@ def command(
     safety and the believed model take no part. A two-sided wall is kicked; a servo comes against a
     one-sided wall and is returned.
     """
-    from haptic_wall.controller.experiments.maps import MapInterruptedError, Setting, critical_map
+    from haptic_wall.controller.experiments.maps.maps import (
+        MapInterruptedError,
+        Setting,
+        critical_map,
+    )
 
     loaded = load_config(config, sets)
     setting = Setting.of(loaded.config)

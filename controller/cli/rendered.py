@@ -29,7 +29,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import RESULT_MARK
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.rendering import Rendering
+    from haptic_wall.controller.experiments.rendered.rendering import Rendering
 
 
 @click.command()
@@ -59,7 +59,7 @@ def command(
     The wall that a run would command is pushed as a spring, the free shaft is moved at several
     speeds, and the wall is struck. The shaft moves by up to half a radian either way.
     """
-    from haptic_wall.controller.experiments.rendering import (
+    from haptic_wall.controller.experiments.rendered.rendering import (
         SECONDS,
         measure_rendering,
         rendering_report,

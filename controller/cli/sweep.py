@@ -29,8 +29,8 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.sweep_plan import Options, Setting
-    from haptic_wall.controller.experiments.sweep_result import PointResult
+    from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+    from haptic_wall.controller.experiments.sweep.result import PointResult
     from haptic_wall.controller.settings.config import Config
 
 _MOST_STEPS = 1000
@@ -111,10 +111,10 @@ def command(
     The shaft is kicked, at many stiffnesses about the limit: a soft spring moves it, lets it rest,
     then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
     """
-    from haptic_wall.controller.experiments.sweep import expected_s, experiment_config, sweep
-    from haptic_wall.controller.experiments.sweep_device import Device
-    from haptic_wall.controller.experiments.sweep_plan import Options
-    from haptic_wall.controller.experiments.sweep_store import PNG, Asked, SweepStore
+    from haptic_wall.controller.experiments.sweep.device import Device
+    from haptic_wall.controller.experiments.sweep.plan import Options
+    from haptic_wall.controller.experiments.sweep.store import PNG, Asked, SweepStore
+    from haptic_wall.controller.experiments.sweep.sweep import expected_s, experiment_config, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
 
@@ -166,7 +166,7 @@ def command(
 
 
 def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
-    from haptic_wall.controller.experiments.sweep_plan import Setting
+    from haptic_wall.controller.experiments.sweep.plan import Setting
 
     for value in steps:
         if value != int(value) or not 0 <= value <= _MOST_STEPS:
@@ -178,7 +178,7 @@ def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
 
 
 def _folder(out: Path | None, name: str, *, fresh: bool, force: bool) -> Path:
-    from haptic_wall.controller.experiments.sweep_store import CSV, JSON, PNG
+    from haptic_wall.controller.experiments.sweep.store import CSV, JSON, PNG
 
     if out is None:
         return new_stem("--out", f"sweep-{Path(name).stem}")
@@ -196,7 +196,7 @@ def _announce(
     done: dict[Setting, PointResult],
 ) -> None:
     """What is about to happen, before it does."""
-    from haptic_wall.controller.experiments.sweep import excursion, expected_s
+    from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 
     left = tuple(setting for setting in settings if setting not in done)
     if done:

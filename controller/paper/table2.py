@@ -74,7 +74,7 @@ def compare(simulate: Simulate | None = None) -> Table2:
     """Compute all 36 cells.
 
     Args:
-        simulate: None: the experiment of ``haptic_wall.controller.experiments.onset``.
+        simulate: None: the experiment of ``haptic_wall.controller.experiments.maps.onset``.
     """
     delay_samples, virtual_damping, printed = _printed()
     delay, virtual = np.meshgrid(delay_samples * PERIOD, virtual_damping, indexing="ij")
@@ -84,7 +84,7 @@ def compare(simulate: Simulate | None = None) -> Table2:
 
 
 def _simulate(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
-    from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+    from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 
     found = simulated_critical_stiffness(INERTIA, DAMPING, virtual_damping, PERIOD, delay)
     return np.asarray(found)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_wall.controller.experiments.loop_delay import DelayPoint, LoopDelay
-from haptic_wall.controller.experiments.step_fit import DECAY, caused, shapes
+from haptic_wall.controller.experiments.delay import DelayPoint, LoopDelay
+from haptic_wall.controller.experiments.steps.step_fit import DECAY, caused, shapes
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report.style import GREY, INK, PAGE, grid, picture, shades, titled
 

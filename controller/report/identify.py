@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identification import Identified, whole_motion
-from haptic_wall.controller.experiments.identify_text import row_text
+from haptic_wall.controller.experiments.identify.identification import Identified, whole_motion
+from haptic_wall.controller.experiments.identify.text import row_text
 from haptic_wall.controller.report.style import (
     BLUE,
     GREY,

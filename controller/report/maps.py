@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import CriticalMap
+from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report.style import (
     GREY,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_wall.controller.experiments.contact_transient import Contact
-from haptic_wall.controller.experiments.drag import Drag
-from haptic_wall.controller.experiments.rendering import Rendering
-from haptic_wall.controller.experiments.static_stiffness import StaticStiffness
+from haptic_wall.controller.experiments.rendered.contact_transient import Contact
+from haptic_wall.controller.experiments.rendered.drag import Drag
+from haptic_wall.controller.experiments.rendered.rendering import Rendering
+from haptic_wall.controller.experiments.rendered.static_stiffness import StaticStiffness
 from haptic_wall.controller.report.style import (
     BLUE,
     GREY,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report.style import (
     GREY,

@@ -101,7 +101,7 @@ def test_an_ignored_ctrl_c_stays_ignored():
 
 
 @pytest.mark.parametrize(
-    "module", ["scipy.optimize", "haptic_wall.controller.experiments.excitation"]
+    "module", ["scipy.optimize", "haptic_wall.controller.experiments.identify.excitation"]
 )
 def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path):
     """Raised in them it would be an ImportError now and then, or be forgotten."""

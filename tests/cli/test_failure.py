@@ -67,7 +67,7 @@ def test_a_trip_that_ends_an_experiment_is_one_too(capsys, tmp_path, monkeypatch
     def tripped(*_):
         raise ExperimentTrippedError("trip:overspeed", "too fast")
 
-    monkeypatch.setattr("haptic_wall.controller.experiments.loop_delay.measure_delay", tripped)
+    monkeypatch.setattr("haptic_wall.controller.experiments.delay.measure_delay", tripped)
     found = failed(capsys, "delay", "simulated", f"--out={tmp_path}")
     assert found["error"].startswith("trip:overspeed: ")
     assert found["exit_status"] == 3

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments import maps
+from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness
 

@@ -17,7 +17,7 @@ from concurrent.futures import Executor
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.experiments import maps
+from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from haptic_wall.controller.paper import items
 from haptic_wall.controller.settings.load import load_config
@@ -65,7 +65,9 @@ def cut_short(monkeypatch, thorough):
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
-    monkeypatch.setattr("haptic_wall.controller.experiments.sweep.sweep", lambda *_, **__: False)
+    monkeypatch.setattr(
+        "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
+    )
     nobody = functools.partial(maps.critical_map, executor=Nobody())
     monkeypatch.setattr(maps, "critical_map", nobody)
     monkeypatch.setattr(

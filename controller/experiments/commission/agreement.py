@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.boundary_fit import Loop, fit_boundary, read_points
-from haptic_wall.controller.experiments.identification import Estimated
-from haptic_wall.controller.experiments.identify_text import boundary_report, comparison
-from haptic_wall.controller.experiments.sweep import experiment_config
-from haptic_wall.controller.experiments.sweep_device import Device
+from haptic_wall.controller.experiments.identify.boundary_fit import Loop, fit_boundary, read_points
+from haptic_wall.controller.experiments.identify.identification import Estimated
+from haptic_wall.controller.experiments.identify.text import boundary_report, comparison
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_point
 from haptic_wall.controller.theory.checks import FloatArray

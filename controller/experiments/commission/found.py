@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from haptic_wall.controller.experiments.commission.outcome import Outcome, Step
 from haptic_wall.controller.experiments.kept_folder import first_wrong
-from haptic_wall.controller.experiments.sweep_result import PointResult
+from haptic_wall.controller.experiments.sweep.result import PointResult
 
 _HUGE = 1e9
 """No quantity of a servo is larger, in SI units"""

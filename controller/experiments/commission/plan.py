@@ -6,12 +6,17 @@ import math
 from dataclasses import dataclass
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments import loop_delay, rendering
+from haptic_wall.controller.experiments import delay as loop_delay
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.contact_transient import FASTEST
 from haptic_wall.controller.experiments.holding import torque_limit_of
-from haptic_wall.controller.experiments.identification import SECONDS, announcement, bounds_of
-from haptic_wall.controller.experiments.sweep import excursion, expected_s, experiment_config
+from haptic_wall.controller.experiments.identify.identification import (
+    SECONDS,
+    announcement,
+    bounds_of,
+)
+from haptic_wall.controller.experiments.rendered import rendering
+from haptic_wall.controller.experiments.rendered.contact_transient import FASTEST
+from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
 from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)

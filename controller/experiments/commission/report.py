@@ -13,7 +13,7 @@ from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES,
 from haptic_wall.controller.experiments.commission.sequence import Ended
 from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG, SWEEP
 from haptic_wall.controller.experiments.commission.verdict import Question, verdict
-from haptic_wall.controller.experiments.sweep_store import JSON
+from haptic_wall.controller.experiments.sweep.store import JSON
 
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
 """What ``status`` may be"""

@@ -18,16 +18,19 @@ from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.plan import BURSTS, DELAY_STEPS
 from haptic_wall.controller.experiments.commission.store import AGAIN, LOGS, SWEEP, CommissionStore
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.identification import identify
-from haptic_wall.controller.experiments.identified_config import identified_config
-from haptic_wall.controller.experiments.identify_text import report as identify_report
-from haptic_wall.controller.experiments.loop_delay import delay_report, measure_delay
-from haptic_wall.controller.experiments.rendering import measure_rendering, rendering_report
-from haptic_wall.controller.experiments.sweep import experiment_config, sweep
-from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.experiments.sweep_plan import Setting
-from haptic_wall.controller.experiments.sweep_result import PointResult
-from haptic_wall.controller.experiments.sweep_store import Asked, SweepStore
+from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.identify.identification import identify
+from haptic_wall.controller.experiments.identify.identified_config import identified_config
+from haptic_wall.controller.experiments.identify.text import report as identify_report
+from haptic_wall.controller.experiments.rendered.rendering import (
+    measure_rendering,
+    rendering_report,
+)
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import Setting
+from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.store import Asked, SweepStore
+from haptic_wall.controller.experiments.sweep.sweep import experiment_config, sweep
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from haptic_wall.controller.experiments.holding import sample_age
-from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.experiments.sweep_plan import Options, Setting, reach
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import Options, Setting, reach
 from haptic_wall.controller.settings.config import Config
 
 OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.hands import HANDS
 from haptic_wall.controller.experiments.trials.cases import PRESETS, Case, draw_damping, hand_case
 from haptic_wall.controller.experiments.trials.draws import (
     bench_of,
@@ -15,6 +14,7 @@ from haptic_wall.controller.experiments.trials.draws import (
     damping_ceiling_of,
     draw_truth,
 )
+from haptic_wall.controller.experiments.trials.hands import HANDS
 from haptic_wall.controller.experiments.trials.operators import HARDER, Operator, operator_of
 from haptic_wall.controller.experiments.trials.rates import hourly
 from haptic_wall.controller.experiments.trials.run import Trial, WallAsked

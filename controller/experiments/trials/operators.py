@@ -11,7 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.hands import HANDS, draw_grips, slow_changes, wanted_motion
+from haptic_wall.controller.experiments.trials.hands import (
+    HANDS,
+    draw_grips,
+    slow_changes,
+    wanted_motion,
+)
 from haptic_wall.controller.theory.checks import FloatArray
 
 HARDER = ("jittered", "resonant", "varying", "heavy")

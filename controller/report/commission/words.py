@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.experiments.commission.report import INCOMPLETE, NOT_MEASURED
-from haptic_wall.controller.experiments.identify_text import UNITS
+from haptic_wall.controller.experiments.identify.text import UNITS
 from haptic_wall.controller.guard.delay_parts import ms
 
 Report = Mapping[str, Any]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.boundary_fit import (
+from haptic_wall.controller.experiments.identify.boundary_fit import (
     BoundaryPoints,
     Loop,
     fit_boundary,

@@ -6,10 +6,10 @@ import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import testbed
-from haptic_wall.controller.experiments.critical import PointSearch
-from haptic_wall.controller.experiments.sweep import excursion, expected_s, experiment_config
-from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.experiments.sweep_plan import Options, Setting, hold_spring
+from haptic_wall.controller.experiments.sweep.critical import PointSearch
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import Options, Setting, hold_spring
+from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.processes.run import run

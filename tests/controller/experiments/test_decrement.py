@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.decrement import growth, turning_points
+from haptic_wall.controller.experiments.sweep.decrement import growth, turning_points
 
 COUNT = 2 * np.pi / 4096
 

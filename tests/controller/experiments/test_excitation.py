@@ -1,6 +1,6 @@
 """The motions of an identification let go of a shaft that something takes far beyond its reach."""
 
-from haptic_wall.controller.experiments.excitation import Bounds, Guess, motions
+from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess, motions
 from haptic_wall.controller.laws.program import Program
 
 BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)

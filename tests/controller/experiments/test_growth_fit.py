@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.decrement import Growth
-from haptic_wall.controller.experiments.growth_fit import Trial, balance
+from haptic_wall.controller.experiments.sweep.decrement import Growth
+from haptic_wall.controller.experiments.sweep.growth_fit import Trial, balance
 
 LIMIT, KICK = 12.0, 0.1
 

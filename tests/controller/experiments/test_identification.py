@@ -6,17 +6,20 @@ import pytest
 import yaml
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments import identification
-from haptic_wall.controller.experiments.fitting import fit_motion
-from haptic_wall.controller.experiments.identification import (
+from haptic_wall.controller.experiments.identify import identification
+from haptic_wall.controller.experiments.identify.bench import Bench
+from haptic_wall.controller.experiments.identify.fitting import fit_motion
+from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
     UnidentifiableError,
     bounds_of,
     identify,
 )
-from haptic_wall.controller.experiments.identified_config import identified_config, identified_model
-from haptic_wall.controller.experiments.identify_bench import Bench
-from haptic_wall.controller.experiments.motion_model import motion_of
+from haptic_wall.controller.experiments.identify.identified_config import (
+    identified_config,
+    identified_model,
+)
+from haptic_wall.controller.experiments.identify.motion_model import motion_of
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant.body import Pull, step

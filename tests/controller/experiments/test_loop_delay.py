@@ -7,9 +7,13 @@ import pytest
 
 import haptic_wall.hw.simulated
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.loop_delay import delay_report, measure_delay
-from haptic_wall.controller.experiments.shaken import ExperimentFailedError, plan_shaking, shake
-from haptic_wall.controller.experiments.step_fit import lost_motion
+from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.steps.shaken import (
+    ExperimentFailedError,
+    plan_shaking,
+    shake,
+)
+from haptic_wall.controller.experiments.steps.step_fit import lost_motion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.experiments.trials.servo import TrialServo
 from haptic_wall.controller.experiments.trials.truth import Truth

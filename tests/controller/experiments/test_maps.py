@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.maps import MapInterruptedError, Setting, critical_map
-from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.maps import MapInterruptedError, Setting, critical_map
+from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.settings.load import load_config
 
 DAMPINGS, STEPS, KICKS = [0.0, 0.05], [0, 2], [0.01, 0.1]

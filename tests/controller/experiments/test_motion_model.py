@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.motion_model import (
+from haptic_wall.controller.experiments.identify.motion_model import (
     Motion,
     Parameters,
     motion_of,

@@ -8,8 +8,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.many_walls import Loops, Walls, split_delay
-from haptic_wall.controller.experiments.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, split_delay
+from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.friction import onset_amplitude
 from scripts.nonlinear_walls import Motion

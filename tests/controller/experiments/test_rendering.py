@@ -2,9 +2,12 @@
 
 import pytest
 
-from haptic_wall.controller.experiments.contact_transient import plan_approach
-from haptic_wall.controller.experiments.rendering import measure_rendering, rendering_report
-from haptic_wall.controller.experiments.static_stiffness import plan_push
+from haptic_wall.controller.experiments.rendered.contact_transient import plan_approach
+from haptic_wall.controller.experiments.rendered.rendering import (
+    measure_rendering,
+    rendering_report,
+)
+from haptic_wall.controller.experiments.rendered.static_stiffness import plan_push
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import restitution
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptic_wall.controller.experiments.loop_delay import measure_delay
+from haptic_wall.controller.experiments.delay import measure_delay
 from haptic_wall.controller.settings.load import load_config
 from scripts.ordinary_servos import Effects, ordinary
 

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_wall.controller.experiments.maps import Setting, critical_map
+from haptic_wall.controller.experiments.maps.maps import Setting, critical_map
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import maps as map_plot
 from haptic_wall.controller.settings.load import load_config

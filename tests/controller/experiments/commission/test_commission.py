@@ -14,8 +14,8 @@ from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.sequence import run_steps
 from haptic_wall.controller.experiments.commission.steps import Bench, Measured
 from haptic_wall.controller.experiments.commission.store import CommissionStore, settings_of
-from haptic_wall.controller.experiments.identification import UnidentifiableError
-from haptic_wall.controller.experiments.sweep_plan import Setting
+from haptic_wall.controller.experiments.identify.identification import UnidentifiableError
+from haptic_wall.controller.experiments.sweep.plan import Setting
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,

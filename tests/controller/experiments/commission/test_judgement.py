@@ -6,8 +6,8 @@ import pytest
 from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.commission.verdict import Question, verdict
-from haptic_wall.controller.experiments.sweep_device import Device
-from haptic_wall.controller.experiments.sweep_plan import reach
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 

@@ -1,0 +1,1 @@
+"""Identifies a servo: inertia, friction, delay and torque constant, with bounds."""

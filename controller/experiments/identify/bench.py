@@ -1,0 +1,227 @@
+"""A servo on the bench: moved by stronger and stronger pulses, then by programs, and fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.experiments.identify.excitation import (
+    PULSE_S,
+    Bounds,
+    Guess,
+    first_pulse,
+    motions,
+    pulses,
+)
+from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
+from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded
+from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.testbed import Played, Testbed
+from haptic_wall.controller.laws.program import Phase
+
+_STRONGER = 1.5
+"""Each pulse that did not move the shaft is followed by one stronger by this"""
+_MOVED = 6
+"""Counts by which a pulse must move the shaft"""
+_MOVED_RAD = 0.005
+"""The same where nothing is counted [rad]"""
+_FRICTION_SHARE = 0.4
+"""Of the torque limit that friction may take: the rest is for the motion"""
+_TRIES = 3
+_SOFTER = 0.6
+"""By this a program that went too far is repeated smaller"""
+_ONE_WAY = 3
+"""Pulses, each stronger, of which both may turn the shaft the same way: a weight does that"""
+_ROUNDING = 1.0 / math.sqrt(12.0)
+"""Root mean square of rounding [counts]"""
+_UNQUANTISED = 1e-5
+"""Residual of a servo without an encoder's counts that is still taken for none [rad]"""
+_LOADED, _BETTER = 1.2, 0.9
+"""Residual, in shares of what rounding leaves, from which loads are fitted; the share of it that
+they must leave at most"""
+SPOILT = 3.0
+"""Residual in those shares from which a motion is repeated: something has touched the shaft"""
+
+
+def rounding_of(bounds: Bounds) -> float:
+    """Root mean square residual that rounding alone leaves of a motion [rad]."""
+    return _ROUNDING * bounds.step or _UNQUANTISED
+
+
+class UnidentifiableError(HapticWallError):
+    """The servo is not what the model can describe, or does not move as it must."""
+
+
+class Bench:
+    """Plays the motions, again and smaller where they went too far; keeps the names of the logs."""
+
+    def __init__(self, testbed: Testbed, bounds: Bounds, tell: Callable[[str], None]) -> None:
+        self._testbed = testbed
+        self._bounds = bounds
+        self._tell = tell
+        self._age = 0.0
+        self._loaded: Fit | None = None
+        """Of the motion before, where loads were found"""
+        self.logs: list[Path] = []
+
+    def find_moving_torque(self, guess: Guess) -> Guess:
+        """Stronger pulses until the shaft moves, each way with the torque; the friction it has."""
+        bounds = self._bounds
+        least = max(_MOVED * bounds.step, _MOVED_RAD)
+        torque = first_pulse(guess, bounds)
+        tried: list[float] = []
+        one_way = 0
+        while True:
+            self._tell(f"pulses of {torque:.3g} N·m")
+            phases = pulses(torque, bounds)
+            played = self._play(f"pulse-{len(tried) + 1}", phases)
+            furthest = _furthest(played)
+            if furthest > bounds.reach:
+                raise UnidentifiableError(
+                    f"a pulse of {torque:.3g} N·m sent the shaft {furthest:.2g} rad away, wanted"
+                    f" at most {bounds.reach:.2g}: something else moves it (a weight, a spring, a"
+                    " hand), or it is far lighter than model.inertia says; take it off, or correct"
+                    " model.inertia"
+                )
+            moved = [_moved(played, pulse) for pulse in (0, 2)]
+            tried.append(torque)
+            if min(map(abs, moved)) >= least:
+                one_way += moved[0] * moved[1] > 0.0
+                if moved[0] * moved[1] < 0.0 or one_way > _ONE_WAY:
+                    break
+            if torque >= bounds.torque:
+                raise UnidentifiableError(_unmoved(tried, moved, bounds))
+            torque = min(_STRONGER * torque, bounds.torque)
+        _check_sign(moved, torque)
+        way = 0.5 * sum(abs(_moved(played, pulse, coast=True)) for pulse in (0, 2))
+        # Driven for PULSE_S, then slowed by friction alone: u (u - c) / c = 2 m x / t².
+        friction = torque**2 / (torque + 2.0 * guess.inertia * way / PULSE_S**2)
+        if friction > _FRICTION_SHARE * bounds.torque:
+            raise UnidentifiableError(
+                f"friction takes {friction:.2g} N·m of the torque limit of {bounds.torque:.2g}"
+                f" N·m, wanted at most {_FRICTION_SHARE:g} of it so that enough is left to move"
+                " the shaft; raise servo.torque_limit if the servo allows more, or free the shaft"
+            )
+        return Guess(guess.inertia, guess.damping, friction, guess.delay)
+
+    def fitted(self, name: str, guess: Guess, amplitude: float) -> tuple[Played, Fit]:
+        """A program and the model fitted to it, on data that stayed within the reach.
+
+        A motion that is spoilt is repeated: too far, too little, or not to be explained.
+
+        Args:
+            name: Of the log.
+            guess: What the motions are scaled to.
+            amplitude: How far the shaft should come to each side [rad].
+
+        Raises:
+            UnidentifiableError: It stays too large, or cannot be fitted.
+        """
+        bounds = self._bounds
+        furthest, unfit = 0.0, ""
+        best: tuple[Played, Fit] | None = None
+        for attempt in range(1, _TRIES + 1):
+            self._tell(f"motions of about {amplitude:.2g} rad to each side")
+            label = name if attempt == 1 else f"{name}-{attempt}"
+            played = self._play(label, motions(guess, bounds, amplitude))
+            furthest = _furthest(played)
+            self._age = float(np.median(played.rows["age_ns"])) * 1e-9
+            try:
+                fit = self._explained(motion_of(played.rows))
+            except NoFitError as error:
+                unfit = f"the motion in {played.log} cannot be fitted: {error}"
+                self._tell(f"{unfit}; once more")
+                continue
+            if furthest > bounds.reach:
+                guess, amplitude = self.corrected(fit), _SOFTER * amplitude
+                continue
+            if best is not None or fit.residual <= SPOILT * rounding_of(bounds):
+                return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
+            best = (played, fit)
+            self._tell("something may have touched the shaft: its motion is not explained; again")
+        if best is not None:
+            return best
+        if unfit and furthest <= bounds.reach:
+            raise UnidentifiableError(
+                f"{unfit}, in {_TRIES} tries; see that the shaft is free, and give it more --reach"
+                " or servo.torque_limit"
+            )
+        raise UnidentifiableError(
+            f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries, wanted at most"
+            f" {bounds.reach:.2g} rad; give it more --reach, or see what else moves it"
+        )
+
+    def _explained(self, motion: Motion) -> Fit:
+        """The model's fit; with loads where it leaves much, and they explain it."""
+        step = self._bounds.step
+        before, enough = self._loaded, _LOADED * rounding_of(self._bounds)
+        plain: Fit | None = None
+        if before is None:
+            with suppress(NoFitError):  # a weight may hide that the torque moves it
+                plain = fit_motion(motion, step)
+        if plain is not None and plain.residual <= enough:
+            return plain
+        fit = fit_loaded(motion, step, before)
+        if plain is not None and fit.residual > _BETTER * plain.residual:
+            return plain
+        self._loaded = fit
+        return fit
+
+    def corrected(self, fit: Fit) -> Guess:
+        """Parameters that the next motions are scaled to."""
+        least = (
+            0.1 * fit.inertia
+        )  # a spring must be stable even if there is no friction to speak of
+        return Guess(
+            fit.inertia, max(fit.damping, least), fit.coulomb, max(fit.delay, 0.0) + self._age
+        )
+
+    def _play(self, name: str, phases: list[Phase]) -> Played:
+        played = self._testbed.play(name, phases, delay_steps=0)
+        self.logs.append(played.log)
+        return played
+
+
+def _furthest(played: Played) -> float:
+    """How far the shaft came from where it was at the beginning [rad]."""
+    position = played.rows["position"]
+    return float(np.max(np.abs(position - position[0])))
+
+
+def _moved(played: Played, pulse: int, *, coast: bool = False) -> float:
+    """How far the shaft came during a pulse [rad], or to the end of the coasting that follows."""
+    phase = played.rows["phase"]
+    of_it = (phase == pulse) | (coast & (phase == pulse + 1))
+    position = played.rows["position"][of_it]
+    return float(position[-1] - position[0]) if position.size else 0.0
+
+
+def _unmoved(tried: list[float], moved: list[float], bounds: Bounds) -> str:
+    torques = ", ".join(f"{torque:.2g}" for torque in tried)
+    ways = " and ".join(f"{way:+.2g}" for way in moved)
+    return (
+        f"the servo does not move: pulses of {torques} N·m each way, the last at the torque limit,"
+        f" turned it by {ways} rad, wanted {max(_MOVED * bounds.step, _MOVED_RAD):.2g} at least;"
+        " see that the shaft is not blocked, or raise servo.torque_limit"
+    )
+
+
+def _check_sign(moved: list[float], torque: float) -> None:
+    forward, back = moved
+    if forward > 0.0 > back:
+        return
+    if forward < 0.0 < back:
+        raise UnidentifiableError(
+            f"a torque of +{torque:.2g} N·m turned the shaft by {forward:+.2g} rad: its sign is"
+            " reversed; set the servo's Drive Mode to normal (reverse bit 0)"
+        )
+    raise UnidentifiableError(
+        f"torques of +{torque:.2g} and -{torque:.2g} N·m turned the shaft by {forward:+.2g} and"
+        f" {back:+.2g} rad, both the same way: something else moves it (a weight, a spring, a"
+        " hand); take it off"
+    )

@@ -1,0 +1,235 @@
+"""A servo's inertia, friction and delay from its motion: output error, with honest standard errors.
+
+The motion is cut at moments of speed into pieces, each with a beginning of its own, so that nothing
+that the model does not know adds up for longer than a piece. The least squares start from a
+regression on smoothed data, which takes nothing on trust but the model's form.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from haptic_wall.controller.experiments.identify.loads import Loads
+from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, pieces_of
+from haptic_wall.controller.experiments.identify.output_error import OutputError, least_squares
+from haptic_wall.controller.experiments.identify.standard_errors import standard_errors
+from haptic_wall.controller.theory.checks import FloatArray
+
+PIECE_S = 0.4
+"""Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""
+_STALL = 4.5
+"""Periods without a sample at which a piece ends [1]; fewer are lost replies"""
+_SMOOTH_S = 0.021
+"""Window of the smoothing for the start [s]"""
+_LATEST_S = 0.03
+"""The longest delay that the start is searched to [s]"""
+_VISIBLE = 4.0
+"""Standard errors of its own that play must be above zero to count"""
+_LEAST_PLAY = 1e-6
+"""[rad]"""
+_SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
+"""No value is known better than by this share: rounding is in what the spring answers to as well"""
+NAMES = ("inertia", "damping", "coulomb", "delay", "play")
+
+
+class NoFitError(Exception):
+    """The motion does not hold what the model needs; the message says what is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A model and how well it is known; torques in the unit in which they were sent."""
+
+    inertia: float
+    """[kg·m²]"""
+    damping: float
+    """[N·m·s/rad]"""
+    coulomb: float
+    """[N·m]"""
+    delay: float
+    """From a torque's sending to its action [s]"""
+    play: float
+    """[rad]; 0 where none was fitted"""
+    stderr: tuple[float, ...]
+    """Of the five, in order; 0 of a play that was not fitted"""
+    residual: float
+    """Root mean square of measured less fitted position [rad]"""
+    pieces: Pieces
+    fitted: FloatArray
+    """Positions of the model [rad], shape as the pieces'"""
+    loads: Loads | None = None
+    """None: none were fitted"""
+
+
+def fit_motion(motion: Motion, step: float) -> Fit:
+    """Fit the model; with play between shaft and encoder only where the motion shows it.
+
+    Args:
+        motion: At least two seconds in which the shaft moves.
+        step: One count of the encoder [rad]; 0: not quantised.
+
+    Raises:
+        NoFitError: The motion cannot tell.
+    """
+    speed, acceleration = smoothed(motion)
+    cuts = cuts_of(motion, speed, max(step, 1e-6))
+    start = start_of(motion, speed, acceleration)
+    pieces = pieces_of(motion, cuts)
+    speeds = np.array([speed[begin] for begin, _ in cuts])
+    without, speeds = fitted(pieces, start, speeds, with_play=False)
+    # Play not counted with passes for delay: half a count of it for a third of a millisecond.
+    return visible_play(without, speeds) or without
+
+
+def visible_play(without: Fit, speeds: FloatArray) -> Fit | None:
+    """The fit with play; None: it is not to be seen.
+
+    Args:
+        without: The fit without.
+        speeds: Of its pieces [rad/s].
+    """
+    begun = replace(without, play=max(2.0 * without.residual, _LEAST_PLAY))
+    found, _ = fitted(without.pieces, begun, speeds, with_play=True)
+    return found if found.play > _VISIBLE * found.stderr[4] + _LEAST_PLAY else None
+
+
+def window_of(motion: Motion) -> int:
+    """Samples of the smoothing's window."""
+    period = float(np.median(np.diff(motion.sampled)))
+    return max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
+
+
+def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Speed [rad/s] and acceleration [rad/s²] at each sample, over a window of some samples.
+
+    Raises:
+        NoFitError: There is hardly any motion.
+    """
+    if motion.sampled.size < 500:
+        raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
+    period = float(np.median(np.diff(motion.sampled)))
+    window = window_of(motion)
+    # On an even grid: losses and missed periods are bridged by a line.
+    even = np.arange(motion.sampled[0], motion.sampled[-1], period)
+    position = np.interp(even, motion.sampled, motion.position)
+    smooth = [savgol_filter(position, window, 3, deriv=n, delta=period) for n in (1, 2)]
+    speed, acceleration = (np.interp(motion.sampled, even, s) for s in smooth)
+    return speed, acceleration
+
+
+def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
+    """Pieces from one moment of high speed to another; those in which little moves are left out."""
+    begins: list[int] = []
+    sampled, fast = motion.sampled, np.abs(speed)
+    end = float(sampled[-1])
+    at = float(sampled[0])
+    while at < end:
+        low, high = np.searchsorted(sampled, [at, at + 0.5 * PIECE_S])
+        if high > low:
+            begins.append(int(low + np.argmax(fast[low:high])))
+        at += PIECE_S
+    # What a stall has left unrecorded may have reached the servo at other times than it was sent.
+    gaps = np.diff(sampled)
+    stalls = np.flatnonzero(gaps > _STALL * np.median(gaps)) + 1
+    edges = np.unique([*begins, *stalls.tolist(), sampled.size]).tolist()
+    cuts = []
+    for begin, after in itertools.pairwise(edges):
+        moved = motion.position[begin:after]
+        if after - begin >= 20 and np.ptp(moved) >= 8 * step:
+            cuts.append((begin, after))
+    if len(cuts) < 6:
+        raise NoFitError(
+            f"the shaft moved in {len(cuts) * PIECE_S:.1f} s only, wanted at least"
+            f" {6 * PIECE_S:.1f} s"
+        )
+    return cuts
+
+
+def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
+    """The torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
+    grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
+    held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
+    window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
+    smooth = savgol_filter(held, window, 3)
+    return [np.interp(motion.sampled - delay, grid, smooth) for delay in delays]
+
+
+def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
+    """Where the fit begins: the torques, smoothed alike, against the motion, for each delay."""
+    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
+    signs = np.sign(speed[moving])
+    columns = np.column_stack([acceleration[moving], speed[moving], signs])
+    best: tuple[float, float, FloatArray] | None = None
+    delays = np.arange(0.0, _LATEST_S, 2.5e-4).tolist()
+    for delay, acting in zip(delays, torque_on(motion, delays), strict=True):
+        torque = acting[moving]
+        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
+        left = float(np.sum((torque - columns @ found) ** 2))
+        if best is None or left < best[0]:
+            best = (left, delay, found)
+    assert best is not None
+    inertia, damping, coulomb = (float(value) for value in best[2])
+    if inertia <= 0.0:
+        raise NoFitError("the shaft does not speed up with the torque that was sent")
+    empty = np.zeros((1, 1))
+    nothing = Pieces(motion, empty, empty, empty > 0)
+    # What cannot be told apart at the start begins near nothing, not below it.
+    least = 0.05 * inertia
+    return Fit(
+        inertia, max(damping, least), max(coulomb, least), best[1], 0.0, (), 0.0, nothing, empty
+    )
+
+
+def fitted(
+    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool, thorough: bool = True
+) -> tuple[Fit, FloatArray]:
+    """The fit that begins at another, and the speeds at the beginnings of the pieces.
+
+    Args:
+        pieces: What was recorded.
+        start: Its loads are fitted too, where it has any.
+        speeds: Of each piece, to begin with [rad/s].
+        with_play: Fit the play.
+        thorough: To the end; else as near as another round brings little.
+    """
+    count = 5 if with_play else 4
+    begin = np.array([getattr(start, name) for name in NAMES[:count]])
+    model = OutputError(pieces, begin, start.loads)
+    values, speeds = least_squares(model, speeds, thorough)
+    linear = model.linear(values, speeds)
+    left = linear.left[pieces.held]
+    five = [*values[:count].tolist(), *([] if with_play else [0.0])]
+    inertia, damping, coulomb, delay, play = five
+    period = float(np.median(np.diff(pieces.motion.sampled)))
+    all_errors = standard_errors(linear, period)
+    errors = [*all_errors[:count], *([] if with_play else [0.0])]
+    loads = start.loads
+    if loads is not None:
+        static, fading, *weights = values[count:].tolist()
+        loads = replace(
+            loads,
+            static=static,
+            fading=fading,
+            weights=tuple(weights),
+            errors=tuple(all_errors[count:]),
+        )
+    fit = Fit(
+        inertia,
+        damping,
+        coulomb,
+        delay,
+        play,
+        stderr=tuple(
+            float(np.hypot(error, share * value))
+            for error, share, value in zip(errors, _SURE, five, strict=True)
+        ),
+        residual=float(np.sqrt(np.mean(left**2))),
+        pieces=pieces,
+        fitted=pieces.position + linear.left,
+        loads=loads,
+    )
+    return fit, speeds

@@ -1,0 +1,78 @@
+"""A configuration with its belief replaced by what was identified, as YAML with its reasons."""
+
+from __future__ import annotations
+
+import time
+
+import yaml
+
+from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.settings.config import Config
+
+_ERRORS = 2.0
+"""Standard errors to each side that the truth is believed to lie within"""
+FLOORS = {"inertia": 0.02, "damping": 0.05, "coulomb": 0.05}
+"""Share of a value that its bounds lie away at least: servos warm up and wear between runs"""
+_LEAST = 0.05
+"""Of the inertia, which the guard wants above zero"""
+DELAY_FLOOR = 0.05
+"""The same of the delay, in periods"""
+
+
+def identified_config(config: Config, identified: Identified, source: str) -> str:
+    """YAML text of ``config`` with its ``model`` section replaced.
+
+    Args:
+        config: The effective configuration.
+        identified: What was found of its servo.
+        source: What ``config`` came from, for people.
+    """
+    data = config.model_dump(mode="json", exclude_none=True)
+    data["model"] = identified_model(identified, config.period_s)
+    unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
+    floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())
+    head = [
+        f"{source}, with its belief replaced by what haptic-wall identify found on"
+        f" {time.strftime('%Y-%m-%d %H:%M')}",
+        f"Bounds: {_ERRORS:g} standard errors, at least {floors}, {DELAY_FLOOR:g} periods of the"
+        " delay.",
+        f"Inertia and friction are in the unit of the {unit}.",
+        f"Residual of the fit: {1e3 * identified.residual:.3g} mrad, of which rounding leaves"
+        f" {1e3 * identified.rounding:.3g}.",
+        *identified.warnings,
+    ]
+    text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return "".join(f"# {line}\n" for line in head) + "\n" + text
+
+
+def identified_model(identified: Identified, period: float) -> dict[str, dict[str, float]]:
+    """Value and bounds of each quantity of the model section.
+
+    Args:
+        identified: What was found.
+        period: Sampling period [s].
+    """
+    gain = identified.torque_gain.value
+    model = {
+        name: _bounded(getattr(identified, name), share * getattr(identified, name).value)
+        for name, share in FLOORS.items()
+    }
+    model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
+    model["delay"] = _bounded(identified.delay, DELAY_FLOOR * period)
+    # The others are in its unit: what is not certain of their ratio to it is in their bounds.
+    model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
+    return model
+
+
+def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:
+    value = max(estimated.value, 0.0)
+    away = max(_ERRORS * estimated.stderr, floor)
+    return {
+        "value": _short(value),
+        "low": _short(max(value - away, 0.0)),
+        "high": _short(value + away),
+    }
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -1,0 +1,133 @@
+"""An identification in words and as the JSON that outside tools read."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryFit
+from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.settings.config import Config
+
+UNITS = {
+    "inertia": "kg·m²",
+    "damping": "N·m·s/rad",
+    "coulomb": "N·m",
+    "delay": "s",
+    "torque_gain": "",
+}
+_WORDS = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
+
+
+def row_text(found: Identified, name: str) -> str:
+    """One value with its standard error: "inertia 0.01195 ± 0.0000063 kg·m²"."""
+    estimated: Estimated = getattr(found, name)
+    word = _WORDS.get(name, name)
+    if name == "delay":
+        return f"{word} {1e3 * estimated.value:.3f} ± {1e3 * estimated.stderr:.3f} ms"
+    return f"{word} {_with_error(estimated)} {UNITS[name]}".rstrip()
+
+
+def report(found: Identified) -> dict[str, Any]:
+    """The contract's keys, and what they were found from."""
+    return {
+        **{name: _entry(getattr(found, name)) for name in UNITS},
+        "torque_unit": "measured" if found.gain_measured else "commanded",
+        "backlash": None if found.backlash is None else _entry(found.backlash),
+        "residual_rad": found.residual,
+        "rounding_rad": found.rounding,
+        "warnings": list(found.warnings),
+        "logs": [str(log) for log in found.logs],
+    }
+
+
+def boundary_report(fit: BoundaryFit) -> dict[str, Any]:
+    """Figures of a measured boundary, as the report holds them."""
+    return {
+        "damping": _entry(fit.damping),
+        "delay": _entry(fit.delay),
+        "line": None
+        if fit.line_damping is None or fit.line_delay is None
+        else {"damping": _entry(fit.line_damping), "delay": _entry(fit.line_delay)},
+        "points": fit.used,
+        "straight_points": fit.straight,
+    }
+
+
+def comparison(
+    motion: tuple[Estimated, Estimated], boundary: tuple[Estimated, Estimated]
+) -> dict[str, Any]:
+    """Two answers for damping and delay: their difference, and whether it is within two errors."""
+    compared = {}
+    for name, one, other in zip(("damping", "delay"), motion, boundary, strict=True):
+        error = math.hypot(one.stderr, other.stderr)
+        difference = other.value - one.value
+        compared[name] = {
+            "difference": difference,
+            "stderr": error,
+            "agree": abs(difference) <= 2.0 * error,
+        }
+    return compared
+
+
+def believed(config: Config) -> tuple[Estimated, Estimated]:
+    """Damping and delay of the belief; a quarter of the width of its bounds is the error."""
+    belief = config.belief()
+    damping, delay = (
+        Estimated(b.value, 0.25 * (b.high - b.low)) for b in (belief.damping, belief.delay)
+    )
+    return damping, delay
+
+
+def text(answer: dict[str, Any], found: Identified | None) -> str:
+    """The report for people."""
+    lines = []
+    if found is not None:
+        lines += [f"  {row_text(found, name)}" for name in UNITS if name != "torque_gain"]
+        if found.gain_measured:
+            lines.append(f"  {row_text(found, 'torque_gain')}: measured over commanded torque")
+        else:
+            lines.append("  torques in the unit of the torque commanded: no current is measured")
+        if found.backlash is None:
+            lines.append("  backlash not to be seen")
+        else:
+            lines.append(
+                f"  backlash {1e3 * found.backlash.value:.3g} ±"
+                f" {1e3 * found.backlash.stderr:.2g} mrad"
+            )
+        lines.append(
+            f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding"
+        )
+        lines = ["found, with standard errors", *lines]
+        lines += [f"warning: {warning}" for warning in found.warnings]
+    if (boundary := answer.get("from_sweep")) is not None:
+        lines += ["", *_boundary_lines(boundary)]
+    return "\n".join(lines)
+
+
+def _boundary_lines(boundary: dict[str, Any]) -> list[str]:
+    lines = [f"from the boundary, {boundary['points']} points"]
+    ways = [("exact boundary", boundary)]
+    if boundary["line"] is not None:
+        ways.append((f"straight line, {boundary['straight_points']} points", boundary["line"]))
+    for way, values in ways:
+        damping, delay = (Estimated(**values[name]) for name in ("damping", "delay"))
+        lines.append(
+            f"  {way}: damping {_with_error(damping)} N·m·s/rad,"
+            f" delay {1e3 * delay.value:.3f} ± {1e3 * delay.stderr:.3f} ms"
+        )
+    for name, compared in boundary["compared"].items():
+        said = "agree" if compared["agree"] else "do NOT agree"
+        lines.append(f"  {name}: the two answers {said} within two standard errors")
+    return lines
+
+
+def _entry(estimated: Estimated) -> dict[str, float]:
+    return {"value": estimated.value, "stderr": estimated.stderr}
+
+
+def _with_error(estimated: Estimated) -> str:
+    if estimated.stderr <= 0.0:
+        return f"{estimated.value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(estimated.stderr)))
+    return f"{estimated.value:.{digits}f} ± {estimated.stderr:.{digits}f}"

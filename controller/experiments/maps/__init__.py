@@ -1,0 +1,1 @@
+"""Maps of where walls oscillate, by the simulation of many walls at once."""

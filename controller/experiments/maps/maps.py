@@ -1,0 +1,258 @@
+"""Maps of the simulated critical stiffness over virtual damping, delay and kick, on many cores.
+
+The work is cut into tasks by the settings alone, and each task is computed by itself: the result
+does not depend on who computes what, nor on how many do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.maps.many_walls import Walls
+from haptic_wall.controller.experiments.maps.onset import onset
+from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.signals import interrupting
+from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.settings import TrueServo
+
+TOLERANCE = 1e-3
+"""Relative accuracy of a map unless told otherwise."""
+_TASK = 64
+"""Points in one task at most: fewer cost nearly as much time, more would leave cores idle."""
+
+Progress = Callable[[int, int], None]
+"""Called with how many points are done, and how many there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """The servo and the loop that a map is made for; travels between processes."""
+
+    servo: TrueServo
+    """The servo; its delay comes on top of the map's, position and hand do not count"""
+    period_ns: int
+    """Sampling period [ns]"""
+    one_sided: bool
+    """Whether the wall never pulls"""
+    velocity_samples: int = 1
+    """N of the velocity difference"""
+
+    @classmethod
+    def of(cls, config: Config) -> Setting:
+        """That of a configuration, whose simulated or emulated servo is the truth.
+
+        Raises:
+            UserError: The servo is real.
+        """
+        if config.servo.kind == "hardware":
+            raise UserError(
+                f"CONFIG: found a real servo at {config.servo.port}, wanted a simulated or an"
+                " emulated one, whose truth is known; name such a configuration, or set"
+                " servo.backend=simulated and the servo's identified values"
+            )
+        one_sided = config.wall.side != "both"
+        servo = config.true_servo()
+        clip = config.wall.torque_clip
+        if clip is not None:  # to a wall it is the same as the servo's own limit
+            servo = replace(servo, torque_limit=min(clip, servo.torque_limit))
+        return cls(servo, config.period_ns, one_sided, config.wall.velocity_samples)
+
+    @property
+    def period(self) -> float:
+        """Sampling period [s]."""
+        return self.period_ns * 1e-9
+
+    @property
+    def kick_matters(self) -> bool:
+        """Whether anything but the torque limit makes the result depend on the kick."""
+        servo = self.servo
+        return servo.coulomb > 0.0 or servo.counts_per_rev > 0 or servo.backlash > 0.0
+
+    def delay(self, steps: IntArray) -> FloatArray:
+        """Total delay [s] with this many inserted periods."""
+        total_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
+        return total_ns.astype(np.float64) * 1e-9
+
+    def walls(self, virtual_damping: FloatArray, steps: int) -> Walls:
+        """Walls of these virtual dampings, whose delay has that many inserted periods."""
+        servo, one = self.servo, np.ones_like(virtual_damping)
+        delay_ns = round(servo.delay * 1e9)
+        whole, lag_ns = steps + delay_ns // self.period_ns, delay_ns % self.period_ns
+        return Walls(
+            inertia=servo.inertia * one,
+            damping=servo.damping * one,
+            coulomb=servo.coulomb * one,
+            counts_per_radian=servo.counts_per_rev / (2.0 * math.pi) * one,
+            backlash=servo.backlash * one,
+            torque_limit=servo.torque_limit * one,
+            torque_step=servo.torque_step * one,
+            stiffness=0.0 * one,
+            virtual_damping=virtual_damping,
+            period=self.period * one,
+            whole=np.full(one.size, whole),
+            lag=lag_ns * 1e-9 * one,
+            rest=(self.period_ns - lag_ns) * 1e-9 * one,
+            velocity_samples=np.full(one.size, self.velocity_samples),
+            one_sided=np.full(one.size, self.one_sided),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalMap:
+    """Critical stiffness that was found, beside the theory, whose arrays are delays × dampings."""
+
+    setting: Setting
+    virtual_damping: FloatArray
+    """B [N·m·s/rad]"""
+    delay_steps: IntArray
+    """Inserted delay in periods"""
+    delay: FloatArray
+    """Total delay [s], with the servo's own"""
+    kick: FloatArray
+    """[rad]"""
+    stiffness: FloatArray
+    """Simulated, delays × dampings × kicks [N·m/rad]: 0 every motion grows, inf none does, NaN
+    not computed"""
+    linear: FloatArray
+    """Limit of the linear condition [N·m/rad]"""
+    exact: FloatArray
+    """Exact limit of the two-sided wall without friction [N·m/rad]"""
+    one_sided: FloatArray
+    """Limit of the wall that never pulls, without friction [N·m/rad]"""
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point was computed."""
+        return not bool(np.isnan(self.stiffness).any())
+
+    @property
+    def begun(self) -> bool:
+        """Whether any point was computed."""
+        return not bool(np.isnan(self.stiffness).all())
+
+
+class MapInterruptedError(KeyboardInterrupt):
+    """Ctrl-C, and what was done until then.
+
+    Attributes:
+        partial: The map; NaN where nothing was computed.
+    """
+
+    def __init__(self, partial: CriticalMap) -> None:
+        super().__init__()
+        self.partial = partial
+
+
+def critical_map(
+    setting: Setting,
+    virtual_dampings: Sequence[float],
+    delay_steps: Sequence[int],
+    kicks: Sequence[float],
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    tolerance: float = TOLERANCE,
+) -> CriticalMap:
+    """Critical stiffness by simulation at every combination; what grows, see ``onset``.
+
+    Args:
+        setting: The servo and the loop.
+        virtual_dampings: B [N·m·s/rad].
+        delay_steps: Whole periods inserted, >= 0.
+        kicks: > 0 [rad].
+        executor: Computes the tasks, which are picklable; it stays open. None: a process for each
+            core, started for this call.
+        workers: How many processes instead, where there is no executor.
+        progress: Told how far it is, in this thread.
+        tolerance: Wanted relative accuracy, > 0.
+
+    Raises:
+        ValueError: A value is outside of its domain.
+        MapInterruptedError: Ctrl-C; tasks that had not begun were cancelled.
+        PlatformError: A process started for this call was ended from outside.
+        Exception: What a task, or the caller's executor, raised; the other tasks were cancelled.
+    """
+    damping = np.array(virtual_dampings, dtype=np.float64)
+    steps = np.array(delay_steps, dtype=np.int64)
+    kick = np.array(kicks, dtype=np.float64)
+    _check(damping, steps, kick, tolerance)
+    found = _theory(setting, damping, steps, kick)
+    size = max(1, _TASK // kick.size)
+    tasks = [
+        (i, slice(first, first + size))
+        # The longest delays, which take longest, first: the cores are done together then.
+        for i in np.argsort(-steps, kind="stable").tolist()
+        for first in range(0, damping.size, size)
+    ]
+    own = processes(min(workers or cores(), len(tasks))) if executor is None else None
+    places: dict[Future[FloatArray], tuple[int, slice]] = {}
+    try:
+        with interrupting(), own or nullcontext(executor) as pool:
+            assert pool is not None
+            with not_from_the_terminal():
+                for i, part in tasks:
+                    arguments = (setting, damping[part], int(steps[i]), kick, tolerance)
+                    places[pool.submit(compute, *arguments)] = i, part
+            done = 0
+            for future in as_completed(places):
+                i, part = places[future]
+                found.stiffness[i, part] = future.result()
+                done += damping[part].size * kick.size
+                if progress is not None:
+                    progress(done, found.stiffness.size)
+    except KeyboardInterrupt:
+        raise MapInterruptedError(found) from None
+    finally:
+        for future in places:
+            future.cancel()
+    return found
+
+
+def compute(
+    setting: Setting, virtual_damping: FloatArray, steps: int, kick: FloatArray, tolerance: float
+) -> FloatArray:
+    """One task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
+    walls = setting.walls(np.repeat(virtual_damping, kick.size), steps)
+    found = onset(walls, np.tile(kick, virtual_damping.size), tolerance)
+    return found.reshape(virtual_damping.size, kick.size)
+
+
+def _check(damping: FloatArray, steps: IntArray, kick: FloatArray, tolerance: float) -> None:
+    for name, array in (("virtual_dampings", damping), ("delay_steps", steps), ("kicks", kick)):
+        if array.size == 0 or not np.all(np.isfinite(array)):
+            raise ValueError(f"{name}: wanted one finite number or more, got {array.tolist()}")
+    if steps.min() < 0:
+        raise ValueError(f"delay_steps: wanted 0 or more, got {steps.min()}")
+    if kick.min() <= 0.0 or not tolerance > 0.0:
+        raise ValueError(f"kicks and tolerance: wanted > 0, got {kick.min():g}, {tolerance:g}")
+
+
+def _theory(
+    setting: Setting, damping: FloatArray, steps: IntArray, kick: FloatArray
+) -> CriticalMap:
+    """The map with the theory's limits filled in."""
+    servo, period, samples = setting.servo, setting.period, setting.velocity_samples
+    delay = setting.delay(steps)
+    column = delay[:, None]
+    loop = (servo.inertia, servo.damping, damping, period, column, samples)
+    return CriticalMap(
+        setting=setting,
+        virtual_damping=damping,
+        delay_steps=steps,
+        delay=delay,
+        kick=kick,
+        stiffness=np.full((steps.size, damping.size, kick.size), np.nan),
+        linear=linear_limit(servo.damping, damping, period, column),
+        exact=critical_stiffness(*loop),
+        one_sided=one_sided_limit(*loop),
+    )

@@ -1,0 +1,1 @@
+"""Measures the wall that is rendered: stiffness, damping and drag."""

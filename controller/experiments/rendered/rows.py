@@ -1,0 +1,204 @@
+"""The comparison as lines: commanded or expected, rendered, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from haptic_wall.controller.experiments.rendered.contact_transient import Approach, Contact
+from haptic_wall.controller.experiments.rendered.drag import Drag
+from haptic_wall.controller.experiments.rendered.static_stiffness import Push, StaticStiffness
+from haptic_wall.controller.experiments.steps.shaken import Shaken
+from haptic_wall.controller.experiments.steps.step_fit import from_command, lost_motion
+from haptic_wall.controller.settings.config import Config
+
+_NOT_MOVED = "the shaft did not follow at two speeds both ways"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the comparison."""
+
+    name: str
+    unit: str
+    commanded: float | None
+    """Or expected, where nothing is commanded; None: neither is known"""
+    rendered: float | None
+    """None: it could not be measured, the note says why"""
+    stderr: float | None
+    note: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """Rendered over commanded; None where there is none."""
+        if self.rendered is None or not self.commanded:
+            return None
+        return self.rendered / self.commanded
+
+    def report(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "ratio": self.ratio}
+
+
+def stiffness_rows(
+    config: Config,
+    stiffness: float,
+    push: Push | None,
+    static: StaticStiffness | None,
+    shaken: Shaken,
+) -> list[Row]:
+    """The spring in commanded and in true torque, the gain between them, and the play.
+
+    Args:
+        config: What is believed.
+        stiffness: Commanded [N·m/rad].
+        push: What it was measured with; None: it could not be.
+        static: What came of it; None: nothing.
+        shaken: The torque steps.
+    """
+    fit, inertia = shaken.fit, config.belief().inertia
+    gain = fit.acceleration * inertia.value
+    gain_error = fit.acceleration_stderr * inertia.value
+    bounds = f"{fit.acceleration * inertia.low:.3g} to {fit.acceleration * inertia.high:.3g}"
+    by_inertia = f"with the believed inertia; {bounds} within its bounds"
+    rows = []
+    if static is None:
+        note = (
+            "not pushed: friction would hide a spring so soft"
+            if push is None
+            else "the spring gave way by less than the encoder can tell"
+        )
+        rows.append(Row("static stiffness", "N·m/rad", stiffness, None, None, note))
+    else:
+        rows.append(
+            Row(
+                "static stiffness",
+                "N·m/rad",
+                stiffness,
+                static.stiffness,
+                static.stiffness_stderr,
+                "in commanded torque",
+            )
+        )
+        rows.append(
+            Row(
+                "static stiffness, true",
+                "N·m/rad",
+                stiffness,
+                gain * static.stiffness,
+                math.hypot(gain * static.stiffness_stderr, gain_error * static.stiffness),
+                "times the torque gain",
+            )
+        )
+    believed = config.belief().torque_gain.value
+    rows.append(Row("torque gain", "1", believed, gain, gain_error, by_inertia))
+    lost = lost_motion(fit)
+    rows.append(
+        Row("lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: play")
+    )
+    return rows
+
+
+def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
+    """The delay, and what the free shaft resists with, against what is believed."""
+    belief = config.belief()
+    gain = belief.torque_gain.value
+    delay = from_command(shaken.fit, config.period_s)
+    expected = (
+        config.delay.steps * config.period_s
+        + belief.delay.value
+        + float(np.mean([step.age for step in delay.steps]))
+    )
+    return [
+        Row("delay", "s", expected, delay.lag, delay.stderr, "from sample to motion"),
+        Row(
+            "drag, Coulomb",
+            "N·m",
+            belief.coulomb.value / gain,
+            moved.coulomb if moved else None,
+            moved.coulomb_stderr if moved else None,
+            "in commanded torque; expected: model.coulomb" if moved else _NOT_MOVED,
+        ),
+        Row(
+            "drag, viscous",
+            "N·m·s/rad",
+            belief.damping.value / gain,
+            moved.viscous if moved else None,
+            moved.viscous_stderr if moved else None,
+            "in commanded torque; expected: model.damping" if moved else _NOT_MOVED,
+        ),
+    ]
+
+
+def contact_rows(
+    approach: Approach | None,
+    struck: Sequence[Contact],
+    predicted: Sequence[Contact],
+    worst: float,
+) -> list[Row]:
+    """By speed of approach: what comes of a contact, scaled to the mean speed of entry.
+
+    Args:
+        approach: What was planned; None: there was no wall.
+        struck: Contacts with the servo.
+        predicted: The same with a simulated one.
+        worst: Exit over entry speed that the theory allows without friction.
+    """
+    if approach is None:
+        return []
+    rows = []
+    for wanted in approach.speeds:
+        real = [c for c in struck if _nearest(approach, c) == wanted]
+        simulated = [c for c in predicted if _nearest(approach, c) == wanted]
+        if not real:
+            note = "the shaft did not coast into the wall"
+            rows.append(Row(f"contact at {wanted:.2g} rad/s", "rad", None, None, None, note))
+            continue
+        speed = float(np.mean([c.entry for c in real]))
+        for name, (unit, values) in _VALUES.items():
+            row = _row(f"{name} at {speed:.2f} rad/s", unit, speed, values, real, simulated)
+            if unit == "1":
+                said = f"; at the worst instant, without friction: {worst:.3g}"
+                row = replace(row, note=row.note + said)
+            if row.rendered is not None:
+                rows.append(row)
+    return rows
+
+
+def _nearest(approach: Approach, contact: Contact) -> float:
+    return min(approach.speeds, key=lambda speed: abs(speed - contact.entry))
+
+
+_VALUES: dict[str, tuple[str, Callable[[Contact, float], float]]] = {
+    "penetration": ("rad", lambda contact, speed: contact.penetration / contact.entry * speed),
+    "peak torque": ("N·m", lambda contact, speed: contact.torque / contact.entry * speed),
+    "exit/entry speed": ("1", lambda contact, _: contact.exit / contact.entry),
+    "contact time": ("s", lambda contact, _: contact.seconds),
+}
+"""Quantities of contacts that are compared, scaled to one speed of entry [rad/s]"""
+
+
+def _row(
+    name: str,
+    unit: str,
+    speed: float,
+    value: Callable[[Contact, float], float],
+    real: Sequence[Contact],
+    simulated: Sequence[Contact],
+) -> Row:
+    found = np.array([value(contact, speed) for contact in real])
+    found = found[np.isfinite(found)]
+    expected = np.array([value(contact, speed) for contact in simulated])
+    expected = expected[np.isfinite(expected)]
+    return Row(
+        name,
+        unit,
+        float(np.mean(expected)) if expected.size else None,
+        float(np.mean(found)) if found.size else None,
+        float(np.std(found, ddof=1) / math.sqrt(found.size)) if found.size > 1 else None,
+        f"{found.size} contacts; expected: simulated with model.*",
+    )

@@ -1,0 +1,191 @@
+"""How stiff a rendered spring is: pushed slowly to and fro with a known torque beside it.
+
+While the shaft creeps one way, the torque beside the spring is what the spring gives back and
+friction takes. Up and down have the same slope, and lie apart by twice the friction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.experiments.holding import Hold
+from haptic_wall.controller.experiments.steps.torque_steps import good
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
+
+FARTHEST = 0.3
+"""The spring is pushed no further [rad]."""
+_COUNTS = 60
+"""Encoder counts that the push shall span on either side"""
+_FRICTION = 4.0
+"""How many times the friction the push shall be"""
+_SHARE = 0.5
+"""Of the torque limit that is used at most"""
+_HALF_S = 2.0
+"""From the centre to one end of the push [s]"""
+_RISES = 100
+"""Small torque steps to one end"""
+_CYCLES = 2
+_SKIP = 0.3
+"""Share of each way that is left out behind the turn: there friction turns"""
+_BLOCKS = 6
+"""Parts of each way whose errors are taken to be independent"""
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """Spring and torque with which the stiffness is measured."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    torque: float
+    """To either side [N·m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class StaticStiffness:
+    """Stiffness that was measured."""
+
+    stiffness: float
+    """Torque commanded beside the spring per displacement [N·m/rad]"""
+    stiffness_stderr: float
+    friction: float
+    """Half of what the ways up and down lie apart by [N·m of commanded torque]"""
+    friction_stderr: float
+    position: FloatArray
+    """Of the samples used, from their middle [rad]"""
+    torque: FloatArray
+    """Torque beside the spring at these samples [N·m]"""
+    upward: NDArray[np.bool_]
+
+
+def plan_push(
+    stiffness: float, damping: float, coulomb: float, torque_limit: float, step: float
+) -> Push | None:
+    """A push that shows the spring; None where friction would hide it.
+
+    Args:
+        stiffness: Commanded [N·m/rad].
+        damping: Commanded [N·m·s/rad].
+        coulomb: Highest believed friction [N·m of commanded torque].
+        torque_limit: [N·m].
+        step: Encoder step [rad].
+    """
+    wanted = max(_COUNTS * step * stiffness, _FRICTION * coulomb, 0.02 * stiffness)
+    torque = min(wanted, _SHARE * torque_limit, FARTHEST * stiffness)
+    if stiffness <= 0.0 or torque < 2.0 * coulomb:
+        return None
+    return Push(stiffness, damping, torque)
+
+
+def push_phases(push: Push, hold: Hold, direction: float) -> list[Phase]:
+    """The program: to the centre, then to and fro in small steps of the torque."""
+    legs = [(0.0, 1.0), *[(1.0, -1.0), (-1.0, 1.0)] * _CYCLES]
+    phases = [hold.phase(2.0, still_s=0.1)]
+    for begin, end in legs:
+        rises = round(_RISES * abs(end - begin))
+        phases += [
+            Phase(
+                _HALF_S / _RISES,
+                push.stiffness,
+                push.damping,
+                torque=direction * push.torque * (begin + (end - begin) * (i + 1) / rises),
+            )
+            for i in range(rises)
+        ]
+    return phases
+
+
+def static_stiffness(
+    rows: NDArray[np.void], phases: Sequence[Phase], push: Push, step: float
+) -> StaticStiffness | None:
+    """The spring's stiffness from the displacement over the torque beside it.
+
+    Args:
+        rows: Of the log, dtype ``telemetry.ROW``.
+        phases: Of the program.
+        push: What was planned.
+        step: Encoder step [rad].
+
+    Returns:
+        None where the spring did not give way by more than the encoder can tell.
+    """
+    rows = good(rows)
+    beside = np.array([phase.torque for phase in phases])[rows["phase"]]
+    parts = [_leg(i, beside, rows, push) for i in _legs(beside, push)]
+    used = np.concatenate([part.index for part in parts])
+    upward = np.concatenate([np.full(part.index.size, part.up) for part in parts])
+    block = np.concatenate([part.block + _BLOCKS * i for i, part in enumerate(parts)])
+    x, torque = rows["position"][used], beside[used]
+    sign = np.where(upward, 1.0, -1.0)
+    columns = np.stack([torque, sign, np.ones_like(torque)], axis=1)
+    values = np.linalg.lstsq(columns, x, rcond=None)[0]
+    if values[0] <= 0.0 or values[0] * push.torque < 2.0 * step:
+        return None
+    covariance = _clustered(columns, x - columns @ values, block)
+    compliance = float(values[0])
+    stiffness = 1.0 / compliance
+    friction = -float(values[1]) * stiffness
+    spread = math.sqrt(covariance[1, 1]) * stiffness
+    # Where within a count each way begins and ends is left to chance, the same for all its blocks.
+    ends = step / math.sqrt(12.0) / (np.ptp(torque) * compliance) / math.sqrt(len(parts))
+    # On a spring made of counts the shaft stops at their edges: half a count hides in friction.
+    return StaticStiffness(
+        stiffness,
+        math.hypot(math.sqrt(covariance[0, 0]) * stiffness**2, float(ends) * stiffness),
+        friction + 0.5 * push.stiffness * step,
+        math.hypot(spread, 0.5 * push.stiffness * step / math.sqrt(3.0)),
+        x - values[2],
+        torque,
+        upward,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Leg:
+    index: NDArray[np.int64]
+    block: NDArray[np.int64]
+    up: bool
+
+
+def _legs(beside: FloatArray, push: Push) -> list[tuple[int, int]]:
+    """First and last row of each way from one end to the other."""
+    ends = np.flatnonzero(np.abs(beside) > push.torque * (1.0 - 0.5 / _RISES))
+    groups = np.split(ends, np.flatnonzero(np.diff(np.sign(beside[ends]))) + 1)
+    return [(int(first[-1]), int(second[0])) for first, second in pairwise(groups)]
+
+
+def _leg(ends: tuple[int, int], beside: FloatArray, rows: NDArray[np.void], push: Push) -> _Leg:
+    """The rows of one way behind the turn, which lasts until the shaft creeps again."""
+    first, last = ends
+    up = bool(beside[last] > beside[first])
+    sign = 1.0 if up else -1.0
+    begin = -push.torque + 2.0 * push.torque * _SKIP
+    # Friction holds the shaft while the torque changes by twice as much: the shaft itself says
+    # when it goes, a tenth of its way behind the turn.
+    ahead = sign * rows["position"][first : last + 1]
+    gone = first + int(np.argmax(ahead > ahead[0] + 0.1 * (ahead[-1] - ahead[0])))
+    index = np.arange(first, last + 1)
+    index = index[(sign * beside[first : last + 1] > begin) & (index > gone)]
+    return _Leg(index, np.arange(index.size) * _BLOCKS // max(index.size, 1), up)
+
+
+def _clustered(columns: FloatArray, rest: FloatArray, block: NDArray[np.int64]) -> FloatArray:
+    """Covariance of a least-squares fit whose errors hang together within blocks."""
+    inverse = np.linalg.pinv(columns.T @ columns)
+    meat = np.zeros((columns.shape[1], columns.shape[1]))
+    blocks = np.unique(block)
+    for number in blocks:
+        gradient = columns[block == number].T @ rest[block == number]
+        meat += np.outer(gradient, gradient)
+    few = blocks.size / max(blocks.size - columns.shape[1], 1)
+    found: FloatArray = few * (inverse @ meat @ inverse)
+    return found

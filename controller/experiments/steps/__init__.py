@@ -1,0 +1,1 @@
+"""Torque steps against the wall, and what the motion after them tells."""

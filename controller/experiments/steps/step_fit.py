@@ -1,0 +1,340 @@
+"""Lag, acceleration and friction from torque steps: one motion of known shape fitted to them all.
+
+While a shaft keeps its direction under a held torque its motion is, per unit inertia, ::
+
+    x(t) = x0 + v0 h(t) + a S(t)        h = (1 - exp(-decay t)) / decay,  S = (t - h) / decay
+
+with ``a = gain u - friction sign(v)``. Around a step, t counts from the instant at which the new
+torque begins to act, ``lag`` after it was sent; before it u is the old torque, behind it the new
+one. ``x0`` and ``v0`` are each step's own, the other four are common to all steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from haptic_wall.controller.experiments.steps.torque_steps import Step
+from haptic_wall.controller.theory.checks import FloatArray
+
+LAG, GAIN, FRICTION, DECAY = range(4)
+FEWEST_STEPS = 8
+_RESOLUTION = 1e-9
+"""Instants are kept in whole nanoseconds [s]."""
+_SMALL = 1e-3
+_USUAL = 0.25
+"""Share of a period by which a step's delay from command to sending may differ from the others'"""
+_WIDTH = 1e-4
+"""Of the differences that derivatives are taken by, in the values' scales."""
+_ITERATIONS, _HALVINGS = 30, 12
+_ENOUGH = 1e-9
+"""Share of the squares that a step must take away for another to follow."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepFit:
+    """Parameters that fit all the steps best."""
+
+    values: FloatArray
+    """Lag [s], gain [1/(kg·m²)], friction [rad/s²], decay [1/s]: shape (4,)"""
+    covariance: FloatArray
+    """Of the values, shape (4, 4); by the scatter from step to step"""
+    steps: tuple[Step, ...]
+    residual: float
+    """Root of the mean square [rad]"""
+    systematic: float = 0.0
+    """Error of the lag beside that by scatter [s]"""
+
+    @property
+    def lag(self) -> float:
+        """From sending a torque to its action [s]."""
+        return float(self.values[LAG])
+
+    @property
+    def stderr(self) -> float:
+        """Of the lag [s]."""
+        return math.hypot(math.sqrt(self.covariance[LAG, LAG]), _RESOLUTION, self.systematic)
+
+    @property
+    def acceleration(self) -> float:
+        """Per torque commanded [rad/s² per N·m]: torque gain over inertia."""
+        return float(self.values[GAIN])
+
+    @property
+    def acceleration_stderr(self) -> float:
+        """Of the acceleration [rad/s² per N·m]."""
+        return float(np.sqrt(self.covariance[GAIN, GAIN]))
+
+    @property
+    def friction(self) -> float:
+        """Deceleration by Coulomb friction [rad/s²]."""
+        return float(self.values[FRICTION])
+
+    @property
+    def decay(self) -> float:
+        """Viscous damping over inertia [1/s]."""
+        return float(self.values[DECAY])
+
+
+def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
+    """Fit the motion to all steps at once.
+
+    Args:
+        steps: At least ``FEWEST_STEPS``, of both directions.
+        lag: To begin with [s], right to a period or so.
+
+    Raises:
+        ValueError: There are too few steps.
+    """
+    if len(steps) < FEWEST_STEPS or len({step.direction for step in steps}) < 2:
+        raise ValueError(
+            f"{len(steps)} usable torque steps, wanted at least {FEWEST_STEPS} of both directions"
+        )
+    gain = _gain_scale(steps, lag)
+    values, jacobian = _least_squares(steps, np.array([lag, gain, 0.0, 0.0]), scale_of(steps, gain))
+    left = residuals(steps, values)
+    covariance = covariance_of(jacobian, left)
+    every = np.concatenate(left)
+    return StepFit(values, covariance, tuple(steps), float(np.sqrt(np.mean(every**2))))
+
+
+def from_command(fit: StepFit, period: float) -> StepFit:
+    """The same with the lag counted from the sample that each torque was computed with.
+
+    Steps that a stall of the machine has held up, or brought forward, are left out: what they
+    were late by says nothing of the others.
+
+    Args:
+        fit: Of the lag from sending.
+        period: [s].
+    """
+    commanded = np.array([step.commanded for step in fit.steps])
+    usual = np.abs(commanded - np.median(commanded)) < _USUAL * period
+    mean = float(np.mean(commanded[usual]))
+    counted = [
+        replace(step, time=step.time - step.commanded, commanded=0.0)
+        for step, kept in zip(fit.steps, usual, strict=True)
+        if kept
+    ]
+    if np.ptp(commanded) < _RESOLUTION:  # nothing else would come of it
+        shifted = fit.values.copy()
+        shifted[LAG] -= mean
+        return replace(fit, values=shifted, steps=tuple(counted))
+    return replace(fit_steps(counted, fit.lag - mean), systematic=fit.systematic)
+
+
+def lost_motion(fit: StepFit) -> tuple[float, float] | None:
+    """How far the shaft moves at each turn without the encoder following [rad], and its stderr.
+
+    The motions fitted before and behind a turn are each continued to it: with play, or a yielding
+    gear, they miss each other by as much.
+
+    Returns:
+        None where no two steps follow each other.
+    """
+    gaps = _gaps(fit.steps, fit.values)
+    if gaps.size < 2:
+        return None
+    scatter = float(np.std(gaps, ddof=1) / np.sqrt(gaps.size))
+    slope = np.zeros(4)
+    for i, width in enumerate(np.sqrt(np.diag(fit.covariance))):
+        changed = fit.values.copy()
+        changed[i] += width
+        slope[i] = (np.mean(_gaps(fit.steps, changed)) - np.mean(gaps)) / width if width else 0.0
+    common = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0))
+    return float(np.mean(gaps)), float(np.hypot(scatter, common))
+
+
+def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
+    """Effect of each step on the motion, per torque: zero until it acts, then its acceleration's.
+
+    Returns:
+        Times since it was sent [s] and distances [rad/(N·m)] of all samples.
+    """
+    times, motions = [], []
+    for step in fit.steps:
+        time, once, _ = _parts(step, fit.values)
+        position, velocity = _start(step, fit.values)
+        _, twice = shapes(fit.decay, time)
+        gain, friction = fit.values[GAIN], fit.values[FRICTION]
+        without = (gain * step.before - friction * step.direction) * twice
+        away = step.position - position - velocity * once - without
+        times.append(step.time)
+        motions.append(away / (step.after - step.before))
+    return np.concatenate(times), np.concatenate(motions)
+
+
+def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance per velocity [s] and per acceleration [s²] after a time [s] of either sign."""
+    y = decay * time
+    small = np.abs(y) < _SMALL
+    safe = decay if decay else 1.0
+    once = np.where(small, time * (1 - y / 2 + y * y / 6), -np.expm1(-y) / safe)
+    twice = np.where(small, time**2 * (0.5 - y / 6 + y * y / 24), (time - once) / safe)
+    return once, twice
+
+
+def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
+    """Residuals of each step with the best start of its own [rad].
+
+    Args:
+        steps: Any.
+        values: As in ``StepFit``.
+    """
+    left = []
+    for step in steps:
+        _, once, forced = _parts(step, values)
+        left.append(_without_start(once, step.position - forced))
+    return left
+
+
+def without_start(step: Step, values: FloatArray, motion: FloatArray) -> FloatArray:
+    """Rest of a motion that no position and velocity at the beginning of a step explain.
+
+    Args:
+        step: Its samples.
+        values: As in ``StepFit``.
+        motion: One or more motions at these samples, shape (samples, ...).
+    """
+    return _without_start(_parts(step, values)[1], motion)
+
+
+def _without_start(once: FloatArray, motion: FloatArray) -> FloatArray:
+    basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
+    rest: FloatArray = motion - basis @ (basis.T @ motion)
+    return rest
+
+
+def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) -> FloatArray:
+    """Derivatives of all residuals by the values, shape (samples, 4).
+
+    Args:
+        steps: Any.
+        values: As in ``StepFit``.
+        scale: About the size of each value, all above 0; ``scale_of`` gives it.
+    """
+    columns = []
+    for i, width in enumerate(_WIDTH * scale):
+        up, down = values.copy(), values.copy()
+        up[i] += width
+        down[i] -= width
+        ahead, behind = residuals(steps, up), residuals(steps, down)
+        columns.append((np.concatenate(ahead) - np.concatenate(behind)) / (2.0 * width))
+    return np.stack(columns, axis=1)
+
+
+def scale_of(steps: Sequence[Step], gain: float) -> FloatArray:
+    """About the size of each of a fit's values."""
+    return np.array([1e-3, gain, gain * abs(steps[0].after), 1.0])
+
+
+def _least_squares(
+    steps: Sequence[Step], values: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gauss and Newton's method, each step halved until it helps; values and their Jacobian.
+
+    The lag stays where there are samples on both sides of most steps: from elsewhere the fit runs
+    away to lags of any size, at which a torque has always acted, or never will.
+    """
+    earliest = float(np.median([step.time[0] for step in steps]))
+    latest = float(np.median([step.time[-1] for step in steps]))
+    rest = np.concatenate(residuals(steps, values))
+    jacobian = np.zeros((rest.size, values.size))
+    for _ in range(_ITERATIONS):
+        jacobian = jacobian_of(steps, values, scale)
+        change = -np.linalg.lstsq(jacobian * scale, rest, rcond=None)[0] * scale
+        for _ in range(_HALVINGS):
+            if earliest < values[LAG] + change[LAG] < latest:
+                with np.errstate(over="ignore", invalid="ignore"):  # of a decay out of all bounds
+                    tried = np.concatenate(residuals(steps, values + change))
+                    if tried @ tried <= rest @ rest:
+                        break
+            change /= 2.0
+        else:
+            break  # nothing but rounding is left
+        gained = 1.0 - (tried @ tried) / (rest @ rest)
+        values, rest = values + change, tried
+        if gained < _ENOUGH:
+            break
+    return values, jacobian
+
+
+def _gain_scale(steps: Sequence[Step], lag: float) -> float:
+    """Acceleration per torque from the curvature behind each step, roughly."""
+    found = []
+    for step in steps:
+        behind = step.time > lag
+        if np.count_nonzero(behind) >= 4:
+            columns = np.vander(step.time[behind] - lag, 3)
+            curve = np.linalg.lstsq(columns, step.position[behind], rcond=None)[0]
+            found.append(2.0 * float(curve[0]) / step.after)
+    return max(float(np.median(np.array(found))) if found else 1.0, 1e-6)
+
+
+def _parts(step: Step, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time since the torque acts, distance per initial velocity, distance by torque, friction."""
+    lag, gain, friction, decay = values
+    time = step.time - lag
+    once, twice = shapes(float(decay), time)
+    torque = np.where(time < 0.0, step.before, step.after)
+    forced: FloatArray = (gain * torque - friction * step.direction) * twice
+    return time, once, forced
+
+
+def _start(step: Step, values: FloatArray) -> tuple[float, float]:
+    """Position [rad] and velocity [rad/s] at the instant at which the new torque acts."""
+    _, once, forced = _parts(step, values)
+    columns = np.stack([np.ones_like(once), once], axis=1)
+    solved = np.linalg.lstsq(columns, step.position - forced, rcond=None)[0]
+    return float(solved[0]), float(solved[1])
+
+
+def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArray:
+    """Covariance of the values common to all steps, from the scatter between the steps.
+
+    Residuals of one step hang together (they are mostly the encoder's rounding), those of two
+    steps do not: the sandwich of the steps' gradients.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    ends = np.cumsum([part.size for part in residuals])
+    width = jacobian.shape[1]
+    meat = np.zeros((width, width))
+    for end, part in zip(ends, residuals, strict=True):
+        gradient = jacobian[end - part.size : end].T @ part
+        meat += np.outer(gradient, gradient)
+    count = len(residuals)
+    found: FloatArray = inverse @ meat @ inverse * (count / max(count - width, 1))
+    return found
+
+
+def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
+    """Distances by which the motions on both sides of each turn miss each other [rad]."""
+    gaps = []
+    for first, second in pairwise(steps):
+        if first.burst != second.burst or first.direction == second.direction:
+            continue
+        if abs(first.after - second.before) > 1e-12:
+            continue  # a step between them was not usable
+        turned = _turn(first, values, first.after)
+        returned = _turn(second, values, second.before)
+        if turned is not None and returned is not None:
+            gaps.append(first.direction * (returned - turned))
+    return np.array(gaps)
+
+
+def _turn(step: Step, values: FloatArray, torque: float) -> float | None:
+    """Where the motion under a torque comes to rest, continued in either direction of time."""
+    _, gain, friction, decay = values
+    position, velocity = _start(step, values)
+    acceleration = gain * torque - friction * step.direction
+    ratio = -velocity / acceleration
+    argument = decay * ratio
+    if argument <= -1.0:
+        return None
+    time = ratio * (np.log1p(argument) / argument if abs(argument) > 1e-9 else 1.0)
+    once, twice = shapes(float(decay), np.array([time]))
+    return float(position + velocity * once[0] + acceleration * twice[0])

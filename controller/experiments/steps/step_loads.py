@@ -1,0 +1,146 @@
+"""Torques that go with the angle, taken out of the motion that torque steps are fitted to.
+
+A weight and cogging push the shaft by the same torque wherever it passes the same angle. The steps
+come at much the same angles again and again, so that this passes for lag. The positions are
+measured, and so is the course of such a torque but for its size. Per unit inertia it has moved the
+shaft, within the window of a step, by its integral taken twice::
+
+    L(t) = integral of integral of w(x(t)),    w = sin x, cos x, sin N x, cos N x
+
+Damping is left out of it: within a window of some ten milliseconds it changes L by less than the
+friction's uncertainty. The sizes are fitted with the lag by least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from haptic_wall.controller.experiments.steps.step_check import ROUGH, noise
+from haptic_wall.controller.experiments.steps.step_fit import (
+    GAIN,
+    LAG,
+    StepFit,
+    covariance_of,
+    fit_steps,
+    jacobian_of,
+    residuals,
+    scale_of,
+    without_start,
+)
+from haptic_wall.controller.experiments.steps.torque_steps import Step
+from haptic_wall.controller.theory.checks import FloatArray
+
+EXPLAINED = 1.01
+"""Root mean square of the residuals, in that of the noise, up to which there is nothing to seek"""
+_PERIODS = range(4, 201, 2)
+"""Of cogging in a turn that are tried"""
+_WEIGHT, _COGGING = 1.5, 2.0
+"""Squares that a weight, and a cogging besides, must explain, in those of a mean step"""
+_ROUNDS = 2
+
+
+class _Measured(NamedTuple):
+    """Steps as they were measured, and the fit that loads are looked for beside."""
+
+    steps: tuple[Step, ...]
+    values: FloatArray
+    rest: FloatArray
+    """Residuals of all samples [rad]"""
+    jacobian: FloatArray
+    """Of the residuals, shape (samples, 4)"""
+
+
+class _Found(NamedTuple):
+    """A least squares solution."""
+
+    left: float
+    """Sum of the squares that are left [rad²]"""
+    sizes: FloatArray
+    """Accelerations per wave [rad/s²]"""
+    columns: FloatArray
+    """Derivatives of the samples' residuals by values and sizes, shape (samples, 4 + sizes)"""
+    rest: FloatArray
+    """Residuals of the samples [rad]"""
+
+
+def without_loads(fit: StepFit) -> StepFit:
+    """Fit again without the motion that a weight or cogging has caused, where one is seen.
+
+    Its uncertainty is part of the systematic error of the lag.
+
+    Args:
+        fit: Of the motion as it was measured.
+
+    Returns:
+        The same fit where rounding explains its residuals, or where they are larger than any
+        weight leaves: then something else is wrong, which waves may only hide.
+    """
+    if not EXPLAINED < fit.residual / noise(fit.steps) <= ROUGH:
+        return fit
+    measured = _measured(fit.steps, fit.values)
+    waves = _waves(measured)
+    if not waves:
+        return fit
+    free = fit
+    for _ in range(_ROUNDS):
+        found = _solved(_measured(fit.steps, free.values), waves)
+        free = fit_steps(_freed(fit.steps, waves, found.sizes), free.lag)
+    found = _solved(_measured(fit.steps, free.values), waves)
+    ends = np.cumsum([step.time.size for step in fit.steps])
+    joint = covariance_of(found.columns, np.split(found.rest, ends[:-1]))
+    more = max(float(joint[LAG, LAG] - free.covariance[LAG, LAG]), 0.0)
+    return replace(free, systematic=math.sqrt(more))
+
+
+def _waves(measured: _Measured) -> list[float]:
+    """Periods in a turn of the waves that are seen; 1: a weight."""
+    one = float(measured.rest @ measured.rest) / len(measured.steps)
+    least = _solved(measured, [1.0]).left
+    waves = [1.0]
+    if measured.rest @ measured.rest - least < _WEIGHT * one:
+        waves, least = [], float(measured.rest @ measured.rest)
+    cogged = {n: _solved(measured, [*waves, n]).left for n in map(float, _PERIODS)}
+    periods = min(cogged, key=cogged.__getitem__)
+    if least - cogged[periods] >= _COGGING * one:
+        waves.append(periods)
+    return waves
+
+
+def _measured(steps: tuple[Step, ...], values: FloatArray) -> _Measured:
+    scale = scale_of(steps, abs(float(values[GAIN])))
+    rest = np.concatenate(residuals(steps, values))
+    return _Measured(steps, values, rest, jacobian_of(steps, values, scale))
+
+
+def _solved(measured: _Measured, waves: list[float]) -> _Found:
+    """The sizes of waves that explain most of the motion, the values adjusted with them."""
+    values = measured.values
+    loads = [without_start(step, values, _moved(step, waves).T) for step in measured.steps]
+    columns = np.concatenate([measured.jacobian, -np.concatenate(loads)], axis=1)
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    solution = np.linalg.lstsq(columns / scale, -measured.rest, rcond=None)[0] / scale
+    rest = measured.rest + columns @ solution
+    return _Found(float(rest @ rest), solution[4:], columns, rest)
+
+
+def _freed(steps: Sequence[Step], waves: list[float], sizes: FloatArray) -> list[Step]:
+    """The steps as they would have been without the waves."""
+    return [replace(s, position=s.position - sizes @ _moved(s, waves)) for s in steps]
+
+
+def _moved(step: Step, waves: list[float]) -> FloatArray:
+    """How far each wave has moved the shaft per size [s²], shape (2 per wave, samples)."""
+    angles = np.outer(waves, step.position)
+    pushed = np.concatenate([np.sin(angles), np.cos(angles)])
+    return _integrated(step.time, _integrated(step.time, pushed))
+
+
+def _integrated(time: FloatArray, values: FloatArray) -> FloatArray:
+    pieces = 0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(time)
+    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(pieces, axis=1)], axis=1)

@@ -1,0 +1,1 @@
+"""Measures the stiffness at which a wall begins to oscillate."""

@@ -1,0 +1,326 @@
+"""The critical stiffness of whatever servo there is: let go at many stiffnesses, watched each time.
+
+For each trial a soft spring moves the shaft to the kick and lets it come to rest; then the wall
+itself, about the place where all began, takes over, and what the motion does in its first cycles is
+measured. Trials bracket the limit, then crowd about it until it is known well enough. One run holds
+a batch of trials, so that a start-up is paid once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
+from haptic_wall.controller.experiments.sweep.plan import (
+    Options,
+    Setting,
+    hold_spring,
+    reach,
+    trial_phase,
+)
+from haptic_wall.controller.experiments.sweep.result import (
+    PointResult,
+    nothing_text,
+    out_of_reach_text,
+    unstable_text,
+)
+from haptic_wall.controller.experiments.sweep.trial_watch import Seen, watch
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed, recorded
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.logs.file import SUFFIX
+
+_FIRST = (0.6, 0.8, 1.0, 1.25)
+_STIFFER = (1.2, 1.5, 1.9, 2.5)
+_SOFTER = (0.3, 0.5, 0.7, 0.85)
+_BETWEEN = (0.05, 0.35, 0.65, 0.95)
+_BACK = 0.6
+"""Where to begin again below a stiffness that tripped"""
+_AROUND = (-1.0, -0.4, 0.4, 1.0)
+_COARSE, _FINE = 0.12, 0.04
+"""Half width of a batch about an estimate, of the stiffness' logarithm"""
+_SOFTEST = 1e-2
+"""Where the search ends below, in predicted stiffnesses"""
+_BATCHES, _MOST_FINE = 12, 4
+_TRIPS = 3
+"""Of overspeed or oscillation a point is given up after so many; others end the search"""
+_MOST_OFFSET = 2.0
+"""So many kicks may the soft spring's centre be off the place it is to bring the shaft to"""
+_IDLE = 4
+"""Batches without one more half cycle to fit, after which it makes no sense to go on"""
+_AGE = 1.0, 2.0
+"""Sample age in periods that is reckoned with before it is measured: immediate, pipelined"""
+_CORRECTED = 0.7
+"""Share of a miss that the next kick from that side makes good"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    stiffness: float
+    sign: float
+    aim: float
+    """Centre of the soft spring, without its sign [rad]"""
+
+
+class PointSearch:
+    """Looks for the critical stiffness at one point.
+
+    Args:
+        bed: The servo.
+        setting: The point.
+        options: Kick, repeats, tolerance.
+        tell: Called with what is tried.
+    """
+
+    def __init__(
+        self,
+        bed: Testbed,
+        setting: Setting,
+        options: Options,
+        tell: Callable[[str], None] = lambda _text: None,
+    ) -> None:
+        self._bed = bed
+        self._setting = setting
+        self._options = options
+        self._tell = tell
+        self._device = Device.of(bed.config)
+        config = bed.config
+        bus = config.servo.kind != "simulated"
+        self._longest_age = 0.0
+        if bus:
+            periods = _AGE[config.servo.schedule == "pipelined"]
+            self._longest_age = max(periods * config.period_s, config.guard.sample_age)
+        self._ages: list[float] = []
+        self._delay = self._total_delay()
+        self._trials: list[Trial] = []
+        self._cap = math.inf
+        self._too_stiff = 0
+        self._offset = {1.0: 0.0, -1.0: 0.0}
+        self._repeat = 0
+        self.result = PointResult(
+            virtual_damping=setting.virtual_damping,
+            delay_steps=setting.delay_steps,
+            delay_s=self._delay,
+            exact=self._device.exact(setting.virtual_damping, self._delay),
+            linear=self._device.linear(setting.virtual_damping, self._delay),
+            kick_rad=options.kick,
+        )
+
+    def run(self) -> PointResult:
+        """Search to the end.
+
+        Raises:
+            ServoError: The servo could not be started.
+            ExperimentInterruptedError: A person has ended it.
+            ExperimentTrippedError: A trip has, after which the servo must be looked at.
+            UserError: A log could not be kept whole.
+        """
+        result = self.result
+        damping = self._setting.virtual_damping
+        if result.exact <= 0.0:
+            result.reason = unstable_text(self._device, damping, self._delay)
+            return result
+        self._reach = reach(self._device, self._setting, self._delay, self._options.kick)
+        self._kick = self._reach.kick
+        result.kick_rad = self._kick
+        self._hold = hold_spring(
+            self._device, self._setting.delay_steps, self._longest_age, self._kick
+        )
+        if self._reach.top <= _SOFTEST * self._reach.predicted:
+            result.reason = out_of_reach_text(self._reach, "nothing was tried")
+            return result
+        found: Balance | None = None
+        fine = idle = 0
+        for number in range(_BATCHES):
+            found = self._estimate()
+            if found is not None and self._enough(found, fine):
+                break
+            near = found is not None and self._near(found)
+            batch = self._around(found, near) if found is not None else self._bracketing()
+            if not batch:
+                break
+            fine += near
+            usable = len(self._usable())
+            if not self._play(number, batch):
+                break
+            idle = idle + 1 if len(self._usable()) == usable else 0
+            if idle == _IDLE:
+                break
+        found = self._estimate()
+        self._conclude(found, damping)
+        return result
+
+    def _usable(self) -> list[Trial]:
+        """Those with half cycles to fit, or whose end says enough to go by."""
+        return [trial for trial in self._trials if trial.growth.log_ratio.size]
+
+    def _total_delay(self) -> float:
+        inserted = self._setting.delay_steps * self._device.period
+        guess = 0.5 * self._longest_age
+        age = float(np.mean(self._ages)) if self._ages else guess
+        return inserted + self._device.lag + age
+
+    # What to try next
+
+    def _near(self, found: Balance) -> bool:
+        """Whether an estimate is good enough to crowd about it."""
+        return found.high / found.low < math.exp(3.0 * _COARSE)
+
+    def _around(self, found: Balance, near: bool) -> list[_Asked]:
+        half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
+        return self._possible([found.stiffness * math.exp(half * x) for x in _AROUND], repeats)
+
+    def _bracketing(self) -> list[_Asked]:
+        """Trials toward the side that was not seen yet, or between the two."""
+        highest = min(self._reach.top, self._cap)
+        grew, died = self._grew(), self._died()
+        if not self._trials:
+            first = self._reach.predicted if self._cap == math.inf else _BACK * self._cap
+            first = min(first, highest / _FIRST[-2])
+            return self._possible([first * factor for factor in _FIRST], 1)
+        if not grew:
+            if max(died) > 0.999 * highest:
+                return []
+            return self._possible([min(max(died) * x, highest) for x in _STIFFER], 1)
+        if not died:
+            return self._possible([min(grew) * factor for factor in _SOFTER], 1)
+        ends = sorted([min(grew), max([k for k in died if k < min(grew)], default=min(died))])
+        ratio = max(ends[1] / ends[0], 1.02)
+        return self._possible([ends[0] * ratio**share for share in _BETWEEN], 1)
+
+    def _possible(self, wanted: Sequence[float], repeats: int) -> list[_Asked]:
+        """Those within reach, each once, or as often as repeated."""
+        lowest = _SOFTEST * self._reach.predicted
+        highest = min(self._reach.top, self._cap)
+        return self._asked({k for k in wanted if lowest <= k <= highest}, repeats)
+
+    def _asked(self, stiffnesses: set[float], repeats: int) -> list[_Asked]:
+        """Softest first, from either side in turn, never twice from quite the same place."""
+        asked = []
+        for _ in range(repeats):
+            for stiffness in sorted(stiffnesses):
+                self._repeat += 1
+                sign = 1.0 if self._repeat % 2 else -1.0
+                # The golden ratio spreads the places evenly, whatever their number.
+                dither = (self._repeat * 0.618034) % 1.0 - 0.5
+                step = max(self._device.position_step, 0.02 * self._kick)
+                asked.append(_Asked(stiffness, sign, self._kick + dither * step))
+        return asked
+
+    def _enough(self, found: Balance, fine: int) -> bool:
+        if fine == 0 or not found.low <= found.stiffness <= found.high:
+            return False
+        return found.uncertainty <= self._options.tolerance * found.stiffness or fine >= _MOST_FINE
+
+    def _estimate(self) -> Balance | None:
+        grew, died = self._grew(), self._died()
+        if not grew or not died:
+            return None
+        # Near the limit one that dies may be stiffer than one that grows.
+        guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
+        return balance(self._trials, self._kick, guess)
+
+    # One batch
+
+    def _play(self, number: int, batch: Sequence[_Asked]) -> bool:
+        """Play a batch of trials; whether to go on."""
+        setting, result = self._setting, self.result
+        phases: list[Phase] = []
+        for asked in batch:
+            centre = asked.sign * (asked.aim + self._offset[asked.sign])
+            phases.append(self._hold.phase(centre, asked.sign, self._kick))
+            phases.append(
+                trial_phase(self._device, setting, self._delay, asked.stiffness, self._kick)
+            )
+        # Back to where it stood: the next batch begins wherever this one leaves the shaft.
+        phases.append(self._hold.phase(0.0, -batch[-1].sign, self._kick))
+        name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{number + 1}"
+        soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
+        self._tell(
+            f"B {setting.virtual_damping:g}, {setting.delay_steps} steps: {len(batch)} trials from"
+            f" {soft:.4g} to {stiff:.4g} N·m/rad"
+        )
+        tripped: ExperimentTrippedError | None = None
+        result.logs.append(f"{name}{SUFFIX}")
+        try:
+            rows = self._bed.play(name, phases, setting.delay_steps).rows
+        except ExperimentTrippedError as error:
+            if error.gone:
+                raise
+            tripped = error
+            if error.fault:  # nobody knows at which stiffness
+                raise UserError(error.fault) from error
+            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
+        over = int(rows["phase"][-1]) if rows.size else -1
+        for n, asked in enumerate(batch):
+            phase = 2 * n + 1
+            if phase > over or (tripped is not None and phase == over):
+                break
+            self._take(watch(rows, phase, phases[phase], self._device, self._kick), asked)
+        if tripped is not None:
+            culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
+            result.trips.append(f"{tripped.stop_reason} at {culprit.stiffness:.4g} N·m/rad")
+            if tripped.of_motion:
+                self._too_stiff += 1
+                self._cap = min(self._cap, 0.999 * culprit.stiffness)
+            elif len(result.trips) - self._too_stiff == _TRIPS:
+                raise tripped  # not the wall's doing, and no figure of this point
+        self._delay = self._total_delay()
+        return self._too_stiff < _TRIPS
+
+    def _take(self, seen: Seen | None, asked: _Asked) -> None:
+        if seen is None:
+            return
+        self._trials.append(seen.trial)
+        if seen.age is not None:
+            self._ages.append(seen.age)
+        # Friction and gravity keep the soft spring from its centre: aim better next time.
+        offset = self._offset[asked.sign] + _CORRECTED * (asked.aim - asked.sign * seen.start)
+        # A shaft that is held does not come, however far off the spring's centre is.
+        most = _MOST_OFFSET * self._kick
+        self._offset[asked.sign] = max(-most, min(most, offset))
+
+    def _died(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if not trial.grew]
+
+    def _grew(self) -> list[float]:
+        return [trial.stiffness for trial in self._trials if trial.grew]
+
+    # The end
+
+    def _conclude(self, found: Balance | None, damping: float) -> None:
+        result, device = self.result, self._device
+        result.trials = len(self._trials)
+        result.delay_s = self._delay
+        result.exact = device.exact(damping, self._delay)
+        result.linear = device.linear(damping, self._delay)
+        if self._too_stiff >= _TRIPS:
+            result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
+            return
+        if found is None:
+            result.reason = nothing_text(
+                self._reach, self._died(), self._grew(), self._cap, result.trips
+            )
+            return
+        result.measured = found.stiffness
+        result.uncertainty = found.uncertainty
+        result.frequency_hz = found.frequency if math.isfinite(found.frequency) else None
+        result.kick_rad = found.amplitude
+        if result.exact > 0.0:
+            again = reach(device, self._setting, self._delay, found.amplitude)
+            result.predicted_with_friction = again.predicted
+            onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)
+            result.onset_rad = float(onset[0]) if np.isfinite(onset[0]) else None
+        if not found.low <= found.stiffness <= found.high:
+            result.reason = "extrapolated: no trial on one of its sides"
+        elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
+            result.reason = "trials differ by more than the tolerance: see the uncertainty"
+
+
+def _middle(values: Sequence[float]) -> float:
+    return float(np.median(values))

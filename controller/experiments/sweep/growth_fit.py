@@ -1,0 +1,222 @@
+"""The stiffness at which an oscillation of a given amplitude neither grows nor shrinks.
+
+Near it the growth per half cycle is a plane over the logarithm of the stiffness and, because
+Coulomb friction takes a share that falls with the amplitude, over the amplitude's inverse. The
+plane is fitted to the half cycles of all trials, so that trials on either side of the limit bracket
+it and each of them counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_wall.controller.experiments.sweep.decrement import Growth
+from haptic_wall.controller.theory.checks import FloatArray
+
+_NEAR = (0.1, 0.25)
+"""Trials within this logarithmic distance of the estimate are fitted: the nearer where they are
+enough, for growth bends over the stiffness"""
+_ENOUGH = 4
+"""Different stiffnesses"""
+_CURVED = 5
+"""Different stiffnesses from which on the growth may bend over them"""
+_SPREAD = 0.02
+"""Relative width of the inverse amplitudes from which on their influence can be told"""
+_DRIFT = 0.1
+"""Share of a half cycle's error that is its own; the rest is that of two turning points, and is
+shared with its neighbours."""
+_STRETCH = 1.05
+"""How far outside of the amplitudes seen near the guess the growth is still told"""
+_BESIDE = 4
+"""How many of the trials nearest to the guess say which amplitudes were seen"""
+_FADED = 0.35
+"""Share of the amplitude asked for below which friction has the say, and noise"""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Result of one release at one stiffness."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    growth: Growth
+    half_period: float
+    """[s]; NaN: too few turning points"""
+    grew: bool
+    """Whether the motion grew; how it ended, where its growth is not known"""
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """Where growth is zero."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    uncertainty: float
+    """One standard error [N·m/rad]"""
+    frequency: float
+    """[Hz]"""
+    amplitude: float
+    """For which it holds [rad]"""
+    low: float
+    """Softest and ..."""
+    high: float
+    """... stiffest trial near it [N·m/rad]"""
+
+
+def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | None:
+    """Fit the growth of all trials near the balance and find it.
+
+    Args:
+        trials: Of any stiffness.
+        kick: Amplitude for which it is asked [rad].
+        guess: Stiffness about where it may be [N·m/rad].
+
+    Returns:
+        None where trials do not tell it: too few half cycles, or growth that does not rise with
+        the stiffness.
+    """
+    usable = [trial for trial in trials if trial.growth.log_ratio.size]
+    estimate = None
+    for _ in range(3):
+        near = _near(usable, guess)
+        if len({trial.stiffness for trial in near}) < 2:
+            return estimate
+        zero = _zero(near, kick, guess)
+        if zero is None:
+            return estimate
+        stiffness, error, amplitude = zero
+        found = [_without(near, left, kick, guess) for left in range(len(near)) if len(near) > 3]
+        spread = np.array([value for value in found if value is not None])
+        # Delete one trial at a time (jackknife): what repeats differ by, whatever the reason.
+        if spread.size > 2:
+            n = spread.size
+            again = float(np.sqrt((n - 1) / n * np.sum((spread - spread.mean()) ** 2)))
+            error = max(error, again)
+        stiffnesses = [trial.stiffness for trial in near]
+        estimate = Balance(
+            stiffness=stiffness,
+            uncertainty=error,
+            frequency=_frequency(near, stiffness),
+            amplitude=amplitude,
+            low=min(stiffnesses),
+            high=max(stiffnesses),
+        )
+        if abs(np.log(stiffness / guess)) < 0.01:
+            break
+        guess = stiffness
+    return estimate
+
+
+def _near(trials: Sequence[Trial], guess: float) -> list[Trial]:
+    """The trials nearest to the guess, of at least as many stiffnesses as are enough."""
+    ordered = sorted(trials, key=lambda trial: abs(math.log(trial.stiffness / guess)))
+    near: list[Trial] = []
+    for distance in _NEAR:
+        near = [t for t in ordered if abs(math.log(t.stiffness / guess)) < distance]
+        if len({trial.stiffness for trial in near}) >= _ENOUGH:
+            return near
+    return near if len(near) > _ENOUGH else ordered[:_ENOUGH]
+
+
+def _without(trials: Sequence[Trial], left: int, kick: float, guess: float) -> float | None:
+    zero = _zero([trial for n, trial in enumerate(trials) if n != left], kick, guess)
+    return None if zero is None else zero[0]
+
+
+def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
+    """Stiffness without growth, its standard error, and the amplitude it is for.
+
+    The trials come in order of their distance from the guess.
+    """
+    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials[:_BESIDE]])
+    reached = float(np.clip(kick, amplitudes.min() / _STRETCH, amplitudes.max() * _STRETCH))
+    amplitudes = np.concatenate([trial.growth.amplitude for trial in trials])
+    inverse = reached / amplitudes[amplitudes >= _FADED * reached] - 1.0
+    curved = len({trial.stiffness for trial in trials}) >= _CURVED
+    by_amplitude = float(np.ptp(inverse)) > _SPREAD
+    rows, values = [], []
+    for trial in trials:
+        away = math.log(trial.stiffness / guess)
+        growth = _lasting(trial.growth, _FADED * reached)
+        n = growth.log_ratio.size
+        if n == 0:
+            continue
+        terms = [np.ones(n), np.full(n, away)]
+        if curved:
+            terms.append(np.full(n, away * away))
+        if by_amplitude:
+            terms.append(reached / growth.amplitude - 1.0)
+        whiten = _whitening(growth)
+        rows.append(whiten @ np.column_stack(terms))
+        values.append(whiten @ growth.log_ratio)
+    if not rows:
+        return None
+    matrix, value = np.concatenate(rows), np.concatenate(values)
+    if matrix.shape[0] < matrix.shape[1] + 2:
+        return None
+    found, *_ = np.linalg.lstsq(matrix, value, rcond=None)
+    rest = value - matrix @ found
+    variance = float(rest @ rest) / (matrix.shape[0] - matrix.shape[1])
+    covariance = variance * np.linalg.pinv(matrix.T @ matrix)
+    root = _root(found[0], found[1], found[2] if curved else 0.0)
+    if root is None:
+        return None
+    x = root
+    gradient = np.zeros(found.size)
+    gradient[:2] = 1.0, x
+    if curved:
+        gradient[2] = x * x
+    slope = found[1] + (2.0 * found[2] * x if curved else 0.0)
+    error = float(np.sqrt(gradient @ covariance @ gradient) / slope)
+    stiffness = guess * float(np.exp(x))
+    return stiffness, error * stiffness, reached
+
+
+def _lasting(growth: Growth, least: float) -> Growth:
+    keep = growth.amplitude >= least
+    return Growth(growth.log_ratio[keep], growth.amplitude[keep], growth.number[keep])
+
+
+def _root(constant: float, slope: float, bend: float) -> float | None:
+    """Where growth passes zero upward, nearest to the guess; None: nowhere near."""
+    if slope <= 0.0:
+        return None
+    x = -constant / slope
+    for _ in range(30):
+        steep = slope + 2.0 * bend * x
+        if steep <= 0.2 * slope:
+            # The bend is no more than noise there: the straight line.
+            x = -constant / slope
+            break
+        x -= (constant + slope * x + bend * x * x) / steep
+    return x if abs(x) < 1.5 else None
+
+
+def _whitening(growth: Growth) -> FloatArray:
+    """Makes the errors of a trial's half cycles independent, shape (n, n).
+
+    Neighbours share an amplitude: its error lifts the one and lowers the other.
+    """
+    n = growth.number.size
+    covariance = (1.0 + _DRIFT) * np.eye(n)
+    together = np.flatnonzero(np.diff(growth.number) == 1)
+    covariance[together, together + 1] = covariance[together + 1, together] = -0.5
+    result: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
+    return result
+
+
+def _frequency(trials: Sequence[Trial], stiffness: float) -> float:
+    """Of the oscillation at a stiffness [Hz], by a straight line between logarithms."""
+    known = [trial for trial in trials if np.isfinite(trial.half_period)]
+    if not known:
+        return float("nan")
+    x = np.log([trial.stiffness / stiffness for trial in known])
+    y = np.log([0.5 / trial.half_period for trial in known])
+    if np.ptp(x) < 1e-3:
+        return float(np.exp(np.mean(y)))
+    return float(np.exp(np.polyfit(x, y, 1)[1]))

@@ -1,0 +1,87 @@
+"""Result of one point of a sweep, and the reason where it has no figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import Reach
+
+
+@dataclass(slots=True)
+class PointResult:
+    """One measured point; what is not known is None."""
+
+    virtual_damping: float
+    delay_steps: int
+    delay_s: float
+    """Total: inserted, the device's own as believed, and the measured age of the samples"""
+    exact: float
+    """Without friction, for the believed servo [N·m/rad]; 0: nothing is stable"""
+    linear: float
+    kick_rad: float | None
+    """Amplitude at which growth is zero"""
+    measured: float | None = None
+    """[N·m/rad]"""
+    uncertainty: float | None = None
+    """Standard error [N·m/rad]"""
+    frequency_hz: float | None = None
+    predicted_with_friction: float | None = None
+    """Stiffness whose onset amplitude is the kick, for the believed friction [N·m/rad]"""
+    onset_rad: float | None = None
+    """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
+    trials: int = 0
+    reason: str | None = None
+    """Why there is no figure, or what is to be known of it"""
+    trips: list[str] = field(default_factory=list)
+    logs: list[str] = field(default_factory=list)
+
+
+def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
+    """Why nothing is tried where theory knows of no stable stiffness."""
+    ceiling = device.ceiling(delay)
+    if virtual_damping >= ceiling:
+        return (
+            f"virtual damping {virtual_damping:g} is over the ceiling {ceiling:.4g} N·m·s/rad at"
+            " this delay: no stiffness is stable; nothing was tried"
+        )
+    return (
+        f"virtual damping {virtual_damping:g} takes away all of the servo's own"
+        f" {device.damping:g} N·m·s/rad: no stiffness is stable; nothing was tried"
+    )
+
+
+def out_of_reach_text(edge: Reach, seen: str) -> str:
+    """Name the limit that keeps a point from being measured: torque or speed."""
+    room = f"room up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no room at all"
+    return (
+        f"{edge.bound_by} leaves {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
+        f" at {edge.predicted:.4g} N·m/rad; {seen}: use a smaller --kick or raise {edge.bound_by}"
+    )
+
+
+def nothing_text(
+    edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, trips: Sequence[str]
+) -> str:
+    """Why trials gave no figure.
+
+    Args:
+        edge: What limits allow.
+        died: Stiffnesses at which motion died [N·m/rad].
+        grew: At which it grew.
+        cap: Below the softest that tripped.
+        trips: What tripped.
+    """
+    if died and not grew:
+        if cap < edge.top:
+            return f"did not grow below the stiffness that tripped: {'; '.join(trips)}"
+        return out_of_reach_text(edge, f"motion still died at {max(died):.4g} N·m/rad")
+    if grew and not died:
+        return (
+            f"motion grew at every stiffness down to {min(grew):.4g} N·m/rad: the believed servo"
+            " (model.*) is far from this one, or something else moves it"
+        )
+    if not died:
+        return "no trial could be watched to its end"
+    return "too few undisturbed half cycles to tell growth from decay"

@@ -1,0 +1,194 @@
+"""A sweep's folder: what was measured, under which settings; only the same settings may go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from haptic_wall import __version__
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.kept_folder import (
+    fingerprint,
+    first_wrong,
+    kept_bytes,
+    made,
+    replaced,
+)
+from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.settings.config import Config
+
+JSON, CSV, PNG, LOGS = "sweep.json", "sweep.csv", "sweep.png", "logs"
+_FORMAT: Final = "haptic-wall sweep 1"
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """Which sweep a file holds."""
+
+    format: Literal["haptic-wall sweep 1"]
+    program: str
+    fingerprint: str
+    summary: str
+    """For people"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """Points that the sweep has measured."""
+
+    points: list[PointResult]
+
+
+_HEAD, _POINTS = TypeAdapter(_Head), TypeAdapter(_Points)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Everything a sweep's figures depend on."""
+
+    config: Config
+    settings: tuple[Setting, ...]
+    options: Options
+
+    @property
+    def fingerprint(self) -> str:
+        """Differs when anything does, the program's version too."""
+        return fingerprint(
+            {
+                "config": self.config.model_dump(mode="json"),
+                "settings": [asdict(setting) for setting in self.settings],
+                "options": asdict(self.options),
+            }
+        )
+
+
+class SweepStore:
+    """Keeps the points that are done, after each of them.
+
+    Args:
+        folder: Made if need be.
+        asked: What is to be measured.
+        fresh: Forget what an earlier sweep left here.
+
+    Attributes:
+        done: Results by point.
+
+    Raises:
+        UserError: The folder holds a sweep of other settings, or cannot be used.
+    """
+
+    def __init__(self, folder: Path, asked: Asked, fresh: bool) -> None:
+        self.folder = folder
+        self._asked = asked
+        self.done: dict[Setting, PointResult] = {}
+        made(folder, LOGS)
+        path = folder / JSON
+        if os.path.lexists(path) and not fresh:
+            self._resume(path)
+
+    def _resume(self, path: Path) -> None:
+        again = "name another folder, or give --fresh to replace it"
+        text = kept_bytes(path, again)
+        try:
+            held = _HEAD.validate_json(text, strict=True)
+        except ValidationError:
+            raise UserError(
+                f"--out {self.folder}: {JSON} there is not a sweep of ours; {again}"
+            ) from None
+        if held.fingerprint != self._asked.fingerprint:
+            raise UserError(
+                f"--out {self.folder}: it holds a sweep with other settings"
+                f" ({held.summary}, {held.program}); name another folder, or give --fresh to"
+                " measure anew and replace it"
+            )
+        try:
+            points = _POINTS.validate_json(text, strict=True).points
+        except ValidationError as error:
+            raise UserError(
+                f"--out {self.folder}: {JSON} is not what this program writes"
+                f" ({first_wrong(error)}); {again}"
+            ) from None
+        for point in points:
+            self.done[Setting(point.virtual_damping, point.delay_steps)] = point
+
+    def add(self, setting: Setting, result: PointResult) -> None:
+        """Keep one more point; what is on disk is never half of it.
+
+        Raises:
+            UserError: It cannot be written.
+        """
+        self.done[setting] = result
+        self.write()
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point is done."""
+        return all(setting in self.done for setting in self._asked.settings)
+
+    def points(self) -> list[PointResult]:
+        """Those that are done, in the order asked for."""
+        return [self.done[s] for s in self._asked.settings if s in self.done]
+
+    def report(self, name: str) -> dict[str, Any]:
+        """Content of ``sweep.json`` without the keys that only a later sweep needs."""
+        config = self._asked.config
+        return {
+            "name": name,
+            "servo": config.servo.kind,
+            "clock": config.loop.clock,
+            "period_s": config.period_s,
+            "complete": self.complete,
+            "points": [asdict(point) for point in self.points()],
+        }
+
+    def write(self) -> None:
+        """Write table and results.
+
+        Raises:
+            UserError: They cannot be written.
+        """
+        try:
+            self._write()
+        except OSError as error:
+            raise UserError(
+                f"--out {self.folder}: cannot be written: {error.strerror or error}; make room, or"
+                " name another place"
+            ) from error
+
+    def _write(self) -> None:
+        points = [asdict(point) for point in self.points()]
+        held: Mapping[str, Any] = {
+            "format": _FORMAT,
+            "program": f"haptic-wall {__version__}",
+            "fingerprint": self._asked.fingerprint,
+            "summary": _summary(self._asked),
+            "complete": self.complete,
+            "config": self._asked.config.model_dump(mode="json"),
+            "points": points,
+        }
+        with replaced(self.folder / JSON) as stream:
+            stream.write(json.dumps(held, indent=2, allow_nan=False) + "\n")
+        with replaced(self.folder / CSV) as stream:
+            writer = csv.DictWriter(stream, [part.name for part in fields(PointResult)])
+            writer.writeheader()
+            writer.writerows({key: _cell(value) for key, value in row.items()} for row in points)
+
+
+def _summary(asked: Asked) -> str:
+    """In a few words, for whoever finds the folder."""
+    kick = "chosen kicks" if asked.options.kick is None else f"kick {asked.options.kick:g} rad"
+    return f"{asked.config.servo.kind} servo, {len(asked.settings)} points, {kick}"
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "; ".join(map(str, value))
+    return value

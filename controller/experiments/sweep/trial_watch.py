@@ -1,0 +1,109 @@
+"""From the rows of a run to what one trial in it did: where it started, how it grew, how late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.experiments.sweep.decrement import Growth, growth, turning_points
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.growth_fit import Trial
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.servo import Outcome
+
+_DISTURBED, _HOPELESS = 0.03, 0.2
+"""Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have; where
+most have more, the better half of them, up to the second"""
+_NOISE_COUNTS = 2.5
+_NOISE_SHARE = 0.002
+"""Smallest half cycle that is no noise: in counts; in kicks, without an encoder a tenth of that"""
+_FIRST_CYCLES = 6
+"""Half cycles whose mean says whether a motion grows"""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One trial, watched."""
+
+    trial: Trial
+    start: float
+    """Where the shaft was let go, from where the program began [rad]"""
+    age: float | None
+    """Of the sample behind the torque, averaged over the half cycles used [s]; None: none was"""
+
+
+def watch(
+    rows: NDArray[np.void], number: int, phase: Phase, device: Device, kick: float
+) -> Seen | None:
+    """Measure the motion of a trial.
+
+    Args:
+        rows: Of the whole run.
+        number: Of the trial's phase.
+        phase: That phase.
+        device: What is believed; its period and encoder step count.
+        kick: [rad]
+
+    Returns:
+        None where the phase has hardly begun.
+    """
+    own = rows[rows["phase"] == number]
+    if own.size < 3:
+        return None
+    position = own["position"] - float(rows["position"][0])
+    time = (own["sampled_ns"] - own["sampled_ns"][0]) * 1e-9
+    good = own["outcome"] == Outcome.OK
+    step = device.position_step
+    least = _NOISE_SHARE * kick * (1.0 if step else 0.1)
+    turns = turning_points(time[good], position[good], max(_NOISE_COUNTS * step, least))
+    sound = _sound(own, phase, position, time, turns.time, device.period)
+    found = growth(turns, sound)
+    age = None
+    if sound.any():
+        used = sound[np.clip(np.searchsorted(turns.time, time) - 1, 0, sound.size - 1)]
+        age = _mean_age(own, used, device.period) if used.any() else None
+    trial = Trial(phase.stiffness, found, turns.half_period, _grew(found, turns.position, position))
+    return Seen(trial, float(position[0]), age)
+
+
+def _sound(
+    own: NDArray[np.void],
+    phase: Phase,
+    position: FloatArray,
+    time: FloatArray,
+    turned: FloatArray,
+    period: float,
+) -> NDArray[np.bool_]:
+    """Which half cycles nothing disturbed: no loss, no stall, no saturation."""
+    asked = -phase.stiffness * position - phase.damping * own["velocity"]
+    # The torque limit has cut what is not what spring and damper ask for.
+    cut = np.abs(asked - own["wall_torque"]) > 1e-9 * (1.0 + np.abs(asked))
+    wrong = cut + (own["outcome"] != Outcome.OK) + own["missed"]
+    total = np.concatenate([[0.0], np.cumsum(wrong)])
+    at = np.clip(np.searchsorted(time, turned), 0, own.size)
+    share = np.diff(total[at]) / np.maximum(np.diff(turned) / period, 1.0)
+    usual = float(np.median(share)) if share.size else 0.0
+    result: NDArray[np.bool_] = share <= min(max(usual, _DISTURBED), _HOPELESS)
+    return result
+
+
+def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:
+    """Age of the sample behind the torque, averaged over the time in which each torque acts [s].
+
+    A lost sample leaves an older one in force, a skipped period an older torque.
+    """
+    held = np.append(1.0 + own["missed"][1:], 1.0) * used
+    stale = own["age_ns"] * 1e-9 + 0.5 * period * (held - 1.0)
+    return float(np.sum(held * stale) / np.sum(held))
+
+
+def _grew(found: Growth, turned: FloatArray, position: FloatArray) -> bool:
+    """Whether the motion grew, as far as can be told."""
+    if found.log_ratio.size:
+        return bool(np.mean(found.log_ratio[:_FIRST_CYCLES]) > 0.0)
+    if turned.size > 2:
+        return abs(float(turned[-1])) > abs(float(turned[1]))
+    return bool(np.max(np.abs(position)) > 1.2 * abs(float(position[0])))
