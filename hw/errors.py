@@ -3,6 +3,7 @@
 ::
 
     ServoError
+    ├── BackendError (also LookupError) no backend of this name, or it cannot be loaded
     ├── PortError (also OSError)        the serial port cannot be used
     │   ├── PortBusyError               another program holds it
     │   └── BaudRefusedError            it cannot make this rate
@@ -19,6 +20,10 @@ from __future__ import annotations
 
 class ServoError(Exception):
     """The servo could not be reached, is unfit, or was lost."""
+
+
+class BackendError(ServoError, LookupError):
+    """There is no servo backend of this name, or it cannot be loaded."""
 
 
 class PortError(ServoError, OSError):

@@ -1,4 +1,4 @@
-"""The one place that turns settings into a servo; imports only what the settings name.
+"""The registry of servo backends: from a name to a backend, from settings to a servo.
 
 What is not simulated by its settings never becomes simulated: a port that cannot be opened is an
 error, not a reason to run something else.
@@ -7,78 +7,118 @@ error, not a reason to run something else.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from haptic_wall.hw.clock import Clock, SimulatedClock
-from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.backend import Backend
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.errors import BackendError
 from haptic_wall.hw.servo import Servo
-from haptic_wall.hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
 
 if TYPE_CHECKING:
-    from haptic_wall.hw.dynamixel.line import Line
+    from importlib.metadata import EntryPoint
+
     from haptic_wall.hw.dynamixel.port_users import PortUsers
 
-EMULATED_FIRMWARE: Final = 48
-"""Of the emulated servo in memory: knows everything the driver wants of a servo"""
+GROUP: Final = "haptic_wall.servos"
+"""The entry points by which a distribution registers its backends, ``NAME = "module:ATTRIBUTE"``"""
+_OURS: Final[Mapping[str, str]] = {
+    "simulated": "haptic_wall.hw.backends.simulated:BACKEND",
+    "dynamixel": "haptic_wall.hw.backends.dynamixel:BACKEND",
+}
+"""Entry points of this distribution. They stand here: to read them off the metadata of all that is
+installed takes 50 ms at each start, and an editable install keeps its metadata of old"""
 
 
-def torque_models() -> dict[str, bool]:
-    """The models that can be commanded in torque, and whether their torque constant is published.
+def backend_names() -> list[str]:
+    """The names of all backends: ours, then those of installed distributions."""
+    return [*_OURS, *sorted(_installed())]
 
-    Of those whose constant is not, it must be measured and configured.
+
+@cache
+def backend(name: str) -> Backend:
+    """The backend of this name.
+
+    Raises:
+        BackendError: There is none, or it cannot be loaded.
     """
-    from haptic_wall.hw.dynamixel.tables import MODELS
+    if name in _OURS:
+        module, _, attribute = _OURS[name].partition(":")
+        ours: Backend = getattr(import_module(module), attribute)
+        return ours
+    entries = _installed().get(name, [])
+    if not entries:
+        raise BackendError(
+            f"No servo backend is called {name!r}: known are {', '.join(backend_names())}."
+        )
+    whose = " and ".join(sorted({entry.dist.name for entry in entries if entry.dist}))
+    if len(entries) > 1:
+        raise BackendError(
+            f"The servo backend {name!r} is registered more than once, by {whose}: uninstall all "
+            "but one."
+        )
+    try:
+        found = entries[0].load()
+    except Exception as error:
+        raise BackendError(
+            f"The servo backend {name!r} of the distribution {whose} cannot be loaded "
+            f"({type(error).__name__}: {error}): install what it needs, or another version of it."
+        ) from error
+    if not isinstance(found, Backend):
+        raise BackendError(
+            f"The servo backend {name!r} of the distribution {whose} is a {type(found).__name__}, "
+            "wanted a haptic_wall.hw.backend.Backend: install another version of it."
+        )
+    return found
 
-    return {
-        model.name: model.torque_constant is not None
-        for model in MODELS.values()
-        if model.current_mode
-    }
+
+def _installed() -> dict[str, list[EntryPoint]]:
+    """Entry points of other distributions by name; who takes a name of ours is not heard."""
+    from importlib.metadata import entry_points  # not at the top: it takes long, for our own too
+
+    found: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=GROUP):
+        if entry.name not in _OURS:
+            found.setdefault(entry.name, []).append(entry)
+    return found
 
 
-def no_load_speeds() -> dict[str, float]:
-    """No-load speed [rad/s] of the models that can be commanded in torque.
-
-    At the supply that their figures hold for.
-    """
-    from haptic_wall.hw.dynamixel.tables import MODELS
-
-    return {model.name: model.no_load_speed for model in MODELS.values() if model.current_mode}
-
-
-def check_fault(spec: str, servo_id: int) -> None:
-    """Whether an emulated bus with this servo would take a fault of ``DynamixelSettings.faults``.
+def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:
+    """The servo that ``settings`` describe, not started.
 
     Args:
-        spec: The fault, as text.
-        servo_id: The one id on the bus.
+        settings: Which servo, and where.
+        clock: Tells it the time.
+        descriptor: Its port, where it is already open (as from ``open_port``, perhaps inherited);
+            the servo's ``close`` closes it, and so does a refusal. None: open the port here.
 
     Raises:
-        ValueError: It is no fault, or one of a servo that is not there.
+        BackendError: There is no such backend, or it cannot be loaded.
+        PortError: The port cannot be used.
+        PortBusyError: Another program holds it.
+        UnfitServoError: The model cannot be driven in torque as configured.
+        ValueError: What is to be simulated or emulated cannot exist.
     """
-    from haptic_wall.hw.emulated.faults import parse_fault
-
-    parse_fault(spec).check_servo([servo_id])
+    return backend(settings.backend).open(settings, clock, descriptor)
 
 
-def open_port(settings: DynamixelSettings) -> int:
-    """Open the servo's serial port for this process and those it hands the descriptor to.
+def open_port(settings: ServoSettings) -> int | None:
+    """Open the servo's port for this process and those it hands the descriptor to.
 
     Returns:
-        A descriptor for ``open_servo`` and ``cut_torque``; whoever opens it closes it.
+        A descriptor for ``open_servo`` and ``cut_torque``; whoever opens it closes it. None: a
+        servo of this make has no port.
 
     Raises:
+        BackendError: There is no such backend, or it cannot be loaded.
         PortError: The port cannot be used.
         PortBusyError: Another program holds it.
     """
-    from haptic_wall.hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
-
-    if not settings.port:
-        raise PortError(
-            "No serial port is configured: set servo.port to the adapter's device, "
-            "e.g. /dev/ttyUSB0."
-        )
-    return port.open_port(settings.port, settings.baud)
+    opened_by = backend(settings.backend).open_port
+    return None if opened_by is None else opened_by(settings)
 
 
 def port_users(descriptor: int) -> PortUsers | None:
@@ -95,90 +135,19 @@ def port_users(descriptor: int) -> PortUsers | None:
     return PortUsers(descriptor) if os.isatty(descriptor) else None
 
 
-def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:
-    """The servo that ``settings`` describe, not started.
-
-    Args:
-        settings: Which servo, and where.
-        clock: Tells it the time.
-        descriptor: Its port, where it is already open (as from ``open_port``, perhaps inherited);
-            the servo's ``close`` closes it, and so does a refusal. None: open the port here.
-
-    Raises:
-        PortError: The port cannot be used.
-        PortBusyError: Another program holds it.
-        UnfitServoError: The model cannot be driven in torque as configured.
-        ValueError: What is to be simulated or emulated cannot exist.
-    """
-    if isinstance(settings, SimulatedSettings):
-        from haptic_wall.hw.simulated import SimulatedServo
-
-        return SimulatedServo(settings, clock)
-
-    from haptic_wall.hw.dynamixel.servo import DynamixelServo
-
-    if descriptor is None and not settings.port and settings.emulated is not None:
-        if not isinstance(clock, SimulatedClock):
-            raise PortError(
-                "An emulated bus in memory runs on the simulated clock only: set "
-                "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
-                "path."
-            )
-        return DynamixelServo(settings, _memory_line(settings, settings.emulated, clock))
-
-    from haptic_wall.hw.dynamixel.serial_line import FdLine
-
-    if descriptor is None:
-        descriptor = open_port(settings)
-    line = FdLine(descriptor, clock)
-    try:
-        return DynamixelServo(settings, line)
-    except BaseException:
-        line.close()
-        raise
-
-
-def _memory_line(settings: DynamixelSettings, true: TrueServo, clock: SimulatedClock) -> Line:
-    """An emulated bus in memory with the configured servo on it."""
-    from haptic_wall.hw.dynamixel.drivable import drivable
-    from haptic_wall.hw.emulated.bus import EmulatedBus
-    from haptic_wall.hw.emulated.injection import Faults
-    from haptic_wall.hw.emulated.memory_line import MemoryLine
-    from haptic_wall.hw.emulated.servo import EmulatedServo
-
-    model, _ = drivable(settings)
-    now_ns = clock.now_ns()
-    servo = EmulatedServo(
-        model,
-        settings.id,
-        EMULATED_FIRMWARE,
-        true,
-        start_ns=now_ns,
-        baud=settings.baud,
-    )
-    bus = EmulatedBus(
-        [servo],
-        baud=settings.baud,
-        start_ns=now_ns,
-        faults=Faults(settings.faults, settings.fault_seed),
-    )
-    return MemoryLine(bus, clock)
-
-
-def cut_torque(settings: DynamixelSettings, descriptor: int, clock: Clock) -> bool:
+def cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
     """Switch off the torque of a servo whose driver is dead or hung.
-
-    See ``haptic_wall.hw.dynamixel.cut``.
 
     Args:
         settings: Which servo.
-        descriptor: Its port; stays open.
+        descriptor: Its port, which stays open; None: it has none.
         clock: Tells the time.
 
     Returns:
-        Whether torque off was read back.
+        Whether torque off was read back. True of a simulated servo, which ends with its process;
+        False where the backend has no way to do it.
     """
-    from haptic_wall.hw.dynamixel import cut
-    from haptic_wall.hw.dynamixel.serial_line import FdLine
-
-    return cut.cut_torque(FdLine(descriptor, clock), settings.id, settings.baud)
+    make = backend(settings.backend)
+    if make.cut_torque is None:
+        return make.simulated
+    return make.cut_torque(settings, descriptor, clock)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Final, Literal
 
+EMULATED: Final = "emulated"
+"""The port that stands for an emulated bus of our own"""
+
+Kind = Literal["simulated", "emulated", "hardware"]
 HandName = Literal["none", "push", "tap", "lean"]
 Schedule = Literal["immediate", "pipelined"]
 
@@ -46,47 +50,44 @@ class TrueServo:
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedSettings:
-    """A servo simulated in the controller's own process."""
+class ServoSettings:
+    """What the configuration says of its servo; a backend takes from it what it knows.
 
-    true: TrueServo
+    What a backend of somebody else needs beside is in ``options``.
+    """
 
-
-@dataclass(frozen=True, slots=True)
-class DynamixelSettings:
-    """A Dynamixel on a serial port, real or emulated: the driver cannot tell which."""
-
-    port: str
-    """Device path; empty: an emulated bus in memory (``emulated`` must be given)"""
-    baud: int
-    id: int
-    model: str
-    """Model name as in the control tables, e.g. XM430-W350"""
+    backend: str = "simulated"
+    """The name of the backend that opens it"""
+    port: str = ""
+    """Device path; empty: none, which for an emulated servo means a bus in memory"""
+    baud: int = 0
+    """Of the bus [bit/s]; 0: none is given"""
+    id: int = 1
+    """On the bus"""
+    model: str = ""
+    """Model name, e.g. XM430-W350"""
     torque_constant: float = 0.0
-    """[N·m/A]; 0: the model's stall ratio"""
+    """[N·m/A]; 0: the model's"""
     torque_limit: float = 0.0
-    """[N·m]; 0: what the servo's own Current Limit allows"""
+    """[N·m]; 0: what the servo itself allows"""
     watchdog_s: float = 0.04
-    """Bus Watchdog [s], in steps of 0.02"""
+    """The servo drops its torque after this long without a message [s]"""
     probe_torque: float = 0.3
     """Largest torque of the probe that proves the torque's sign [N·m]; 0: no probe"""
     probe_direction: int = -1
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
-    """Of the loop that will drive it [s]: what fits on the bus beside a sample"""
+    """Of the loop that will drive it [s]"""
     max_speed: float | None = 0.0
     """Positions that it could reach only faster are refused [rad/s]; 0: none are; None: faster
     than ``Facts.fastest``"""
     speed_asked: bool = False
-    """``max_speed`` is what somebody has asked for: the start-up says where it is above the servo's
-    no-load speed"""
-    emulated: TrueServo | None = None
-    """Truth of the emulated servo where the bus is in memory"""
+    """``max_speed`` was asked for by somebody"""
+    true: TrueServo | None = None
+    """What a simulated or emulated servo is; None: it is real, and nobody knows"""
     faults: tuple[str, ...] = ()
-    """What goes wrong on an emulated bus, as ``haptic_wall.hw.emulated.faults`` reads
-    it"""
+    """What goes wrong on an emulated bus, as ``haptic_wall.hw.emulated.faults`` reads it"""
     fault_seed: int = 0
     """Decides what those faults strike"""
-
-
-ServoSettings = SimulatedSettings | DynamixelSettings
+    options: Any = None
+    """The backend's own settings, an instance of its ``options``; None: it has none"""

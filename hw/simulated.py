@@ -14,7 +14,7 @@ import math
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
-from haptic_wall.hw.settings import SimulatedSettings
+from haptic_wall.hw.settings import TrueServo
 
 GRAIN_NS = 1000
 """In real time the motion is computed at whole microseconds [ns]: steps of the same length come
@@ -44,13 +44,12 @@ class SimulatedServo:
     waited_ns: int
     trouble: str
 
-    def __init__(self, settings: SimulatedSettings, clock: Clock) -> None:
+    def __init__(self, true: TrueServo, clock: Clock) -> None:
         """Open it; its time begins with ``start``.
 
         Raises:
-            ValueError: A setting is out of range.
+            ValueError: A value of the truth is out of range.
         """
-        true = settings.true
         self._true = true
         self._now_ns = clock.now_ns
         self._written: float | None = None
@@ -139,7 +138,7 @@ class SimulatedServo:
 
     def stand_in(self, clock: Clock) -> SimulatedServo:
         """See ``Servo``: another simulated servo, on a clock of its own."""
-        other = SimulatedServo(SimulatedSettings(self._true), clock)
+        other = SimulatedServo(self._true, clock)
         other.start()
         return other
 

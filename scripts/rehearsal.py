@@ -13,6 +13,7 @@ from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -20,7 +21,7 @@ from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Row
 from haptic_wall.hw.servo import Servo
-from haptic_wall.hw.settings import DynamixelSettings
+from haptic_wall.hw.settings import ServoSettings
 
 LIMITS_OF_HARDWARE = (
     "safety.max_speed=15",
@@ -83,12 +84,12 @@ def rehearse(
     buses = []
     given_ns: list[int] = []
 
-    def opener(settings: DynamixelSettings, clock: Clock, _port: int | None) -> Servo:
+    def opener(settings: ServoSettings, clock: Clock, _port: int | None) -> Servo:
         truth = EmulatedServo(
             MODELS[settings.model],
             settings.id,
             FIRMWARE,
-            settings.emulated,
+            settings.true,
             start_ns=0,
             baud=settings.baud,
         )
@@ -100,7 +101,7 @@ def rehearse(
             adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
-        return DynamixelServo(settings, MemoryLine(bus, clock))
+        return DynamixelServo(DynamixelSettings.of(settings), MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:

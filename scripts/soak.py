@@ -14,6 +14,7 @@ from scipy.stats import binom
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Parser, encode_status
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.damage import Passage
@@ -21,7 +22,7 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.settings import TrueServo
 
 DAMAGE = (
     "drop:p=0.01,way=reply",

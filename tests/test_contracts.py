@@ -72,17 +72,18 @@ def test_opening_loads_only_what_is_opened() -> None:
         "from haptic_wall.hw.clock import MonotonicClock\n"
         "from haptic_wall.hw.errors import PortError\n"
         "from haptic_wall.hw.open import open_servo\n"
-        "from haptic_wall.hw.settings import DynamixelSettings\n"
+        "from haptic_wall.hw.settings import ServoSettings\n"
         "with contextlib.suppress(PortError):\n"
-        "    open_servo(DynamixelSettings('/dev/none', 57600, 1, 'XM430-W350'), MonotonicClock())"
+        "    settings = ServoSettings('dynamixel', '/dev/none', 57600, 1, 'XM430-W350')\n"
+        "    open_servo(settings, MonotonicClock())"
     )
     assert "haptic_wall.hw.dynamixel.servo" in real
     assert within(real, *SIMULATED) == []
     simulated = loaded_by(
         "from haptic_wall.hw.clock import SimulatedClock\n"
         "from haptic_wall.hw.open import open_servo\n"
-        "from haptic_wall.hw.settings import SimulatedSettings, TrueServo\n"
-        "open_servo(SimulatedSettings(TrueServo(0.01)), SimulatedClock())"
+        "from haptic_wall.hw.settings import ServoSettings, TrueServo\n"
+        "open_servo(ServoSettings(true=TrueServo(0.01)), SimulatedClock())"
     )
     assert "haptic_wall.hw.simulated" in simulated
     assert within(simulated, "haptic_wall.hw.dynamixel", "serial", "dynamixel_sdk") == []

@@ -16,7 +16,7 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
 
 _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000
@@ -165,7 +165,7 @@ def _each_alone(walls: list[Wall]) -> list[float]:
 def alone(wall: Wall, periods: int) -> float:
     """Last measured position [rad] of the simulated servo with that wall, run by itself."""
     clock = SimulatedClock()
-    body = open_servo(SimulatedSettings(wall.servo), clock)
+    body = open_servo(ServoSettings(true=wall.servo), clock)
     body.start()
     before = math.nan
     for k in range(periods):

@@ -85,6 +85,8 @@ def _text(value: Any) -> str:  # noqa: ANN401
         return "null"
     if isinstance(value, tuple):
         return " ".join(map(str, value)) or "none"
-    if isinstance(value, dict):
+    if isinstance(value, dict) and "value" in value:
         return f"{value['value']:g} ({value['low']:g} to {value['high']:g})"
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {inner}" for name, inner in value.items()) or "none"
     return f"{value:.8g}" if isinstance(value, float) else str(value)

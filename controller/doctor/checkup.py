@@ -17,8 +17,7 @@ from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
-from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.processes.emulator import emulator_arguments
+from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
@@ -33,6 +32,7 @@ from haptic_wall.hw.dynamixel.examine.replies import Replies
 from haptic_wall.hw.dynamixel.examine.search import Found, opened
 from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
 from haptic_wall.hw.errors import (
     PortBusyError,
@@ -41,10 +41,8 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.settings import DynamixelSettings
+from haptic_wall.hw.settings import ServoSettings
 
-_START_S: Final = 60.0
-_END_S: Final = 2.0
 _CABLE: Final = "check the cable and the power supply"
 _OF_THE_SERVO: Final = ("model", "firmware", "registers")
 _ON_THE_BUS: Final = (
@@ -77,34 +75,28 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     """
     checkup = _Checkup(config, tell, consent, change_baud)
     settings = config.servo_settings()
-    if isinstance(settings, DynamixelSettings):
+    if config.servo.backend == "dynamixel":
         with _port_of(config, settings) as path:
-            checkup.bus(replace(settings, port=path, emulated=None))
+            checkup.bus(replace(DynamixelSettings.of(settings), port=path))
     else:
-        why = "the servo is simulated in this process"
+        why = f"a servo of the backend {config.servo.backend} is not examined"
+        if config.servo.kind == "simulated":
+            why = "the servo is simulated in this process"
         checkup.report.findings.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
         checkup.machine(measure(config, None))
     return checkup.report
 
 
 @contextlib.contextmanager
-def _port_of(config: Config, settings: DynamixelSettings) -> Iterator[str]:
+def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
     """The configured port, or that of an emulated bus which runs meanwhile."""
     if config.servo.kind != "emulated":
         yield settings.port
         return
-    arguments = emulator_arguments(settings, config.true_servo(), None)
-    emulator = Child("emulator", arguments, None, (), pick_cores(config.realtime.core)[1])
-    try:
-        path = first_line(emulator, _START_S)
-        if path is None:
-            raise ServoError(
-                f"the emulated bus did not start: it {emulator.exit_text()}; see its message "
-                "above, if any, and start again"
-            )
+    cores = pick_cores(config.realtime.core)[1]
+    with emulated_bus(emulator_arguments(settings), cores) as (_, path):
+        assert path is not None  # nobody stops it while it starts
         yield path
-    finally:
-        emulator.dismiss(_END_S)
 
 
 class _Checkup:

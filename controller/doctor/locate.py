@@ -20,10 +20,10 @@ from haptic_wall.hw.dynamixel.examine.search import (
     search,
 )
 from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
-from haptic_wall.hw.settings import DynamixelSettings
 
 
 class Locator:

@@ -1,26 +1,79 @@
-"""Builds the command for the emulated bus that a run starts for itself."""
+"""Starts and ends the emulated bus of a run or of an examination."""
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
-from haptic_wall.hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.controller.processes.children import Child, first_line
+from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.settings import ServoSettings
+
+START_S = 60.0
+"""How long the bus may take to start [s]"""
+END_S = 2.0
+"""How long it may take to end when asked to [s]"""
 
 
 def emulator_arguments(
-    settings: DynamixelSettings, true: TrueServo, witness: Path | None, *, force: bool = False
+    settings: ServoSettings, witness: Path | None = None, *, force: bool = False
 ) -> list[str]:
-    """Return the arguments after ``python -m`` that start an emulated bus with one servo."""
+    """Return the arguments after ``python -m`` that start an emulated bus with one servo.
+
+    Args:
+        settings: Of the servo; its truth must be known.
+        witness: Where the bus keeps a record; None: nowhere.
+        force: A file of ours that is there may be replaced.
+    """
     arguments = ["haptic_wall.controller.cli.main", "emulate", "--die-with-parent"]
     arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
     arguments += ["--seed", str(settings.fault_seed)]
     for fault in settings.faults:
         arguments += ["--fault", fault]
-    for part in fields(true):
-        value = getattr(true, part.name)
+    assert settings.true is not None
+    for part in fields(settings.true):
+        value = getattr(settings.true, part.name)
         if value is not None:
             arguments += ["--set", f"servo.{part.name}={value}"]
     if witness is not None:
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
     return arguments
+
+
+@contextmanager
+def emulated_bus(
+    arguments: list[str],
+    cores: set[int],
+    stopped: Callable[[], bool] = lambda: False,
+    start_s: float = START_S,
+) -> Iterator[tuple[Child, str | None]]:
+    """An emulated bus in a process of its own, as long as it is needed.
+
+    Args:
+        arguments: As from ``emulator_arguments``.
+        cores: Where it may run.
+        stopped: Asked while it starts: whether nobody wants it any more.
+        start_s: How long it may take to start [s].
+
+    Yields:
+        The process, and the path of its port; None: it was stopped before it had one.
+
+    Raises:
+        ServoError: It does not start.
+    """
+    bus = Child("emulator", arguments, None, (), cores)
+    try:
+        path = first_line(bus, start_s, stopped)
+        if path is None and stopped():
+            bus.send(signal.SIGKILL)  # one that hangs need not heed anything else
+        elif path is None:
+            raise ServoError(
+                f"the emulated bus did not start: it {bus.exit_text()}; see its message above, if"
+                " any, and start again"
+            )
+        yield bus, path
+    finally:
+        bus.dismiss(END_S)

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.processes.emulator import emulator_arguments
+from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.processes.hold_monitor import HoldMonitor, start_hold
 from haptic_wall.controller.processes.idle_window import until_idle_window
 from haptic_wall.controller.processes.loop_process import Orders
@@ -32,8 +32,7 @@ from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_re
 from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
-from haptic_wall.hw.open import cut_torque, open_port, port_users
-from haptic_wall.hw.settings import DynamixelSettings
+from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
 
 POLL_S = 0.02
 """Period of the checks of the heartbeat [s]"""
@@ -125,28 +124,19 @@ class Supervisor:
 
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
         """Start the emulated bus, if requested, and open the port; None: stopped before."""
-        settings = self._settings
-        if not isinstance(settings, DynamixelSettings):
-            return None
+        settings, plan = self._settings, self._plan
         emulator = None
-        config = self._plan.config
-        if config.servo.kind == "emulated":
-            plan = self._plan
-            true = config.true_servo()
-            arguments = emulator_arguments(settings, true, plan.witness, force=plan.force)
-            emulator = Child("emulator", arguments, None, (), self._others)
-            children.callback(emulator.dismiss, END_S)
-            path = first_line(emulator, START_S, lambda: bool(self._words[Word.STOP]))
-            if path is None and self._words[Word.STOP]:
-                emulator.send(signal.SIGKILL)  # a hung emulator may ignore other signals
-                return emulator
+        if plan.config.servo.kind == "emulated":
+            arguments = emulator_arguments(settings, plan.witness, force=plan.force)
+            emulator, path = children.enter_context(
+                emulated_bus(arguments, self._others, lambda: bool(self._words[Word.STOP]), START_S)
+            )
             if path is None:
-                raise ServoError(
-                    f"the emulated bus did not start: it {emulator.exit_text()}; see its message"
-                    " above, if any, and start again"
-                )
+                return emulator
             settings = replace(settings, port=path)
         self._port = open_port(settings)
+        if self._port is None:
+            return emulator
         children.callback(os.close, self._port)
         self._outside.users = users = port_users(self._port)
         if users is not None:
@@ -307,16 +297,14 @@ class Supervisor:
 
     def _cut_text(self) -> str:
         """Switch the torque off; return a sentence on the result."""
-        if self._port is None or not isinstance(self._settings, DynamixelSettings):
-            self._torque_off = True
-            return "the simulated servo ended with it"
+        make = backend(self._settings.backend)
         self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
+        if make.simulated:
+            return "the simulated servo ended with it"
         if self._torque_off:
             return "the supervisor switched the torque off and read it back"
-        return (
-            "torque off could not be read back: switch the servo's power off; its Bus Watchdog"
-            " should have stopped it"
-        )
+        watchdog = "; its Bus Watchdog should have stopped it" if make.has_watchdog else ""
+        return f"torque off could not be read back: switch the servo's power off{watchdog}"
 
     def _hear(self, loop: Child) -> None:
         for line in loop.lines():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationInfo, model_validator
@@ -15,10 +16,12 @@ from haptic_wall.controller.settings.model import (
 )
 from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
 from haptic_wall.controller.settings.sections import Sections
-from haptic_wall.controller.settings.servo import EMULATED, Servo
+from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
+from haptic_wall.hw.errors import BackendError
+from haptic_wall.hw.open import backend
 from haptic_wall.hw.servo import JUMP_SPEED
-from haptic_wall.hw.settings import DynamixelSettings, ServoSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import GuardSettings, Request
@@ -46,7 +49,11 @@ class Config(Sections):
         servo, realtime = found.get("servo"), found.get("realtime", {})
         if not isinstance(servo, dict) or not isinstance(realtime, dict):
             return found
-        if servo.get("backend") != "dynamixel" or servo.get("port") == EMULATED:
+        try:
+            make = backend(servo.get("backend", Servo().backend))
+        except (BackendError, TypeError):
+            return found  # it is named as wrong
+        if make.kind(servo.get("port")) != "hardware":
             return found
         return {**found, "realtime": {"profile": "strict", **realtime}}
 
@@ -83,16 +90,10 @@ class Config(Sections):
     @property
     def driven_speed(self) -> float:
         """Speed at the nominal supply that trips where an experiment drives the shaft [rad/s]."""
-        most, servo = self.safety.max_speed, self.servo
+        most = self.safety.max_speed
         if most is not None:
             return most
-        if servo.kind != "hardware" or servo.model is None:
-            return JUMP_SPEED
-        from haptic_wall.hw.open import (
-            no_load_speeds,  # not at the top: most configurations have no bus
-        )
-
-        return DRIVEN_SHARE * no_load_speeds()[servo.model]
+        return DRIVEN_SHARE * self._no_load_speed or JUMP_SPEED
 
     @property
     def planned_speed(self) -> float:
@@ -101,9 +102,18 @@ class Config(Sections):
         Where the limit is of the model's making that is 0.8 of ``driven_speed``: the aim is not
         exceeded within the bounds of the belief.
         """
-        if self.safety.max_speed is None and self.servo.kind == "hardware":
+        if self.safety.max_speed is None and self._no_load_speed:
             return 2.0 * self.driven_speed
         return self.driven_speed
+
+    @property
+    def _no_load_speed(self) -> float:
+        """Of a real servo's model [rad/s]; 0: not known, or the servo is not real."""
+        servo = self.servo
+        models = backend(servo.backend).models
+        if servo.kind != "hardware" or servo.model is None or models is None:
+            return 0.0
+        return models()[servo.model].no_load_speed
 
     @property
     def start_position(self) -> float:
@@ -169,38 +179,24 @@ class Config(Sections):
             hand_direction=-1 if self.wall.side == "below" else 1,
         )
 
-    def servo_settings(self, port: str | None = None) -> ServoSettings:
+    def servo_settings(self) -> ServoSettings:
         """What ``haptic_wall.hw.open`` needs.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         process of its own, and whoever started it knows its port.
-
-        Args:
-            port: The device to open in place of ``servo.port``.
         """
-        servo = self.servo
-        if servo.kind == "simulated":
-            return SimulatedSettings(self.true_servo())
-        assert servo.port is not None and servo.baud is not None and servo.model is not None
-        emulated, most = servo.kind == "emulated", self.safety.max_speed
+        servo, most = self.servo, self.safety.max_speed
+        emulated = servo.kind == "emulated"
         in_memory = emulated and self.loop.clock == "simulated"
-        return DynamixelSettings(
-            port="" if in_memory else port or servo.port,
-            baud=servo.baud,
-            id=servo.id,
-            model=servo.model,
-            # The constant of an emulated servo is its truth, which the driver must not know.
-            torque_constant=0.0 if emulated else servo.torque_constant or 0.0,
-            torque_limit=servo.torque_limit or 0.0,
-            watchdog_s=servo.watchdog_s,
-            probe_torque=servo.probe_torque,
+        asked = servo.asked()
+        return replace(
+            asked,
+            port="" if in_memory else asked.port,
             probe_direction=1 if self.wall.side == "below" else -1,
             period_s=self.period_s,
             max_speed=JUMP_SPEED if emulated and most is None else most,
             speed_asked=most is not None,
-            emulated=self.true_servo() if in_memory else None,
-            faults=servo.faults if emulated else (),
-            fault_seed=servo.fault_seed,
+            true=None if servo.kind == "hardware" else self.true_servo(),
         )
 
     def belief(self) -> Belief:

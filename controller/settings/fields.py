@@ -11,9 +11,16 @@ from pydantic.fields import FieldInfo
 
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.model import Estimate, Section
-from haptic_wall.controller.settings.servo import used_by
+from haptic_wall.controller.settings.servo import Servo, used_by
+from haptic_wall.hw.open import backend_names
 
-_KIND_NAMES = {bool: "true or false", float: "a number", int: "a whole number", str: "a text"}
+_KIND_NAMES = {
+    bool: "true or false",
+    float: "a number",
+    int: "a whole number",
+    str: "a text",
+    dict: "a section",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +58,17 @@ def _walk() -> Iterator[Field]:
         for key, info in section.model_fields.items():
             extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
             options, nullable = _split(info.annotation)
+            names = tuple(c for c in get_args(options) if isinstance(c, str))
+            wanted = _wanted(options, info)
+            if section is Servo and key == "backend":
+                names = tuple(backend_names())
+                wanted = "one of " + ", ".join(names)
             yield Field(
                 path=f"{name}.{key}",
                 unit=str(extra.get("unit", "")),
-                wanted=_wanted(options, info) + (" or null" if nullable else ""),
+                wanted=wanted + (" or null" if nullable else ""),
                 meaning=info.description or "",
-                choices=tuple(c for c in get_args(options) if isinstance(c, str)),
+                choices=names,
                 used_by=used_by(key) if name == "servo" else ("simulated", "emulated", "hardware"),
             )
 
@@ -104,7 +116,7 @@ def _bounds(annotation: Any, metadata: list[Any]) -> str:  # noqa: ANN401
                 for name in ("ge", "gt", "le", "lt", "multiple_of")
                 if hasattr(one, name)
             }
-    words = _KIND_NAMES.get(annotation, "a value")
+    words = _KIND_NAMES.get(get_origin(annotation) or annotation, "a value")
     if "multiple_of" in facts:
         words = f"a multiple of {facts['multiple_of']:g}"
     if "ge" in facts and "le" in facts:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pydantic import ValidationError
+
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.settings.sections import Sections
-from haptic_wall.controller.settings.servo import TRUTH_FIELDS
+from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
 from haptic_wall.controller.settings.shares import SPIN_SHARE
-from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.names import did_you_mean
+from haptic_wall.hw.open import backend
 
 _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
@@ -121,18 +124,24 @@ def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
 
 
 @_reads("servo.backend")
-def _bus_is_named(config: Sections) -> Iterator[Problem]:
-    if config.servo.backend != "dynamixel":
-        return
-    wanted = {
-        "port": "a serial device such as /dev/ttyUSB0, or emulated",
-        "baud": "the speed the servo is set to, e.g. 4000000",
-        "model": "the servo's model, e.g. XM430-W350",
-    }
-    for name, what in wanted.items():
-        if getattr(config.servo, name) is None:
+def _required_is_given(config: Sections) -> Iterator[Problem]:
+    name = config.servo.backend
+    for field, wanted in backend(name).required.items():
+        if getattr(config.servo, field) is None:
             yield Problem(
-                f"servo.{name}", f"found nothing, wanted {what} (servo.backend is dynamixel)"
+                f"servo.{field}", f"found nothing, wanted {wanted} (servo.backend is {name})"
+            )
+
+
+@_reads("servo.backend", "servo.options")
+def _options_are_the_backends(config: Sections) -> Iterator[Problem]:
+    try:
+        options_of(config.servo)
+    except ValidationError as error:
+        for detail in error.errors():
+            path = ".".join(("servo.options", *map(str, detail["loc"])))
+            yield Problem(
+                path, f"{detail['msg'].lower()} (servo.backend is {config.servo.backend})"
             )
 
 
@@ -210,19 +219,17 @@ def _emulated_gain(config: Sections) -> Iterator[Problem]:
 
 @_reads("servo.backend", "servo.model", "servo.torque_constant")
 def _model_makes_torque(config: Sections) -> Iterator[Problem]:
-    name = config.servo.model
-    if config.servo.backend != "dynamixel" or name is None:
+    name, known = config.servo.model, backend(config.servo.backend).models
+    if known is None or name is None:
         return
-    from haptic_wall.hw.open import torque_models  # not at the top: most configurations have no bus
-
-    models = torque_models()
+    models = known()
     if name not in models:
         yield Problem(
             "servo.model",
             f"found {name!r}, wanted one of the models with current control: "
             f"{', '.join(models)}{did_you_mean(name.upper(), models)}",
         )
-    elif not models[name] and config.servo.torque_constant is None:
+    elif not models[name].constant_known and config.servo.torque_constant is None:
         yield Problem(
             "servo.torque_constant",
             f"found nothing, wanted a measured torque per current [N·m/A]: that of the {name} is "
@@ -239,21 +246,14 @@ def _faults_can_happen(config: Sections) -> Iterator[Problem]:
             f"found {', '.join(servo.faults)}, but a simulated servo has no bus; wanted an emulated"
             " one, such as the preset emulated-xm430",
         )
-    elif servo.kind == "emulated":
-        from haptic_wall.hw.open import (
-            check_fault,  # not at the top: most configurations have no faults
-        )
 
-        for spec in servo.faults:
-            try:
-                check_fault(spec, servo.id)
-            except ValueError as error:
-                hint = (
-                    "; in a list, quote a fault that has commas"
-                    if "=" in spec.split(":")[0]
-                    else ""
-                )
-                yield Problem("servo.faults", f"{error}{hint}")
+
+@_reads(*_KIND, "servo.faults", "servo.id", "servo.options")
+def _backend_finds_no_problem(config: Sections) -> Iterator[Problem]:
+    find = backend(config.servo.backend).problems
+    if find is not None:
+        with suppress(ValidationError):  # of the options, which another rule names
+            yield from (Problem(*found) for found in find(config.servo.asked()))
 
 
 _CYCLE_SHARE = 0.8
@@ -262,8 +262,8 @@ _CYCLE_SHARE = 0.8
 
 @_reads("servo.backend", "servo.baud", "loop.rate_hz")
 def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
-    baud = config.servo.baud
-    if config.servo.backend != "dynamixel" or baud is None:
+    baud, cycle_s = config.servo.baud, backend(config.servo.backend).cycle_s
+    if cycle_s is None or baud is None:
         return
     cycle = cycle_s(baud)
     if cycle > _CYCLE_SHARE * config.period_s:
@@ -278,7 +278,7 @@ def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
 @_reads("servo.backend", "servo.watchdog_s", "loop.rate_hz")
 def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
     watchdog, period = config.servo.watchdog_s, config.period_s
-    if config.servo.backend == "dynamixel" and watchdog < 2 * period:
+    if backend(config.servo.backend).has_watchdog and watchdog < 2 * period:
         yield Problem(
             "servo.watchdog_s",
             f"found {watchdog:g} s, wanted at least two periods ({2 * period:g} s at loop.rate_hz "
@@ -289,7 +289,7 @@ def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
 @_reads("servo.backend", "servo.watchdog_s", "safety.max_silence_s")
 def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
     silence, most = config.safety.max_silence_s, SILENCE_SHARE * config.servo.watchdog_s
-    if config.servo.backend == "dynamixel" and silence > most * (1 + 1e-9):
+    if backend(config.servo.backend).has_watchdog and silence > most * (1 + 1e-9):
         yield Problem(
             "safety.max_silence_s",
             f"found {silence:g} s, wanted at most {most:g} s, half of servo.watchdog_s "
@@ -301,7 +301,7 @@ def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
 @_reads("servo.backend", "loop.warm_up_s", "loop.rate_hz")
 def _warm_up_sees_the_bus(config: Sections) -> Iterator[Problem]:
     least = WARM_UP_AGES * config.period_s
-    if config.servo.backend == "dynamixel" and config.loop.warm_up_s < least * (1 - 1e-9):
+    if backend(config.servo.backend).has_bus and config.loop.warm_up_s < least * (1 - 1e-9):
         yield Problem(
             "loop.warm_up_s",
             f"found {config.loop.warm_up_s:g} s, wanted at least {least:g} s "

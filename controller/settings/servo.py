@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
+from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
+    TypeAdapter,
     model_serializer,
 )
 from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
-from haptic_wall.hw.settings import HandName, Schedule
+from haptic_wall.hw.errors import BackendError
+from haptic_wall.hw.names import did_you_mean
+from haptic_wall.hw.open import backend, backend_names
+from haptic_wall.hw.settings import EMULATED, HandName, Kind, Schedule, ServoSettings
 
-Kind = Literal["simulated", "emulated", "hardware"]
-EMULATED = "emulated"
-"""The port that stands for an emulated bus of our own."""
 IN_WORDS = "in_words"
 """The kind of an error whose message is for people as it is."""
 
@@ -47,6 +51,19 @@ def _port(found: str) -> str:
     return found
 
 
+def _backend(found: str) -> str:
+    """Refuse what no backend is called, and a backend that cannot be loaded."""
+    try:
+        backend(found)
+    except BackendError as error:
+        text = str(error).rstrip(".")
+        names = backend_names()
+        if found not in names:
+            text = f"found {found!r}, wanted one of {', '.join(names)}{did_you_mean(found, names)}"
+        raise PydanticCustomError(IN_WORDS, "{text}", {"text": text}) from error
+    return found
+
+
 def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
     """What a field's declaration carries beside its bounds: unit, and which servos it is for."""
     return {"unit": unit, "used_by": list(used_by)}
@@ -68,8 +85,8 @@ _EMULATED: tuple[Kind, ...] = ("emulated",)
 class Servo(Section):
     """The servo: what a simulated or emulated one is, or where a real one is found."""
 
-    backend: Literal["simulated", "dynamixel"] = Field(
-        "simulated", description="In this process, or on a Dynamixel bus"
+    backend: Annotated[str, AfterValidator(_backend)] = Field(
+        "simulated", description="In this process, on a Dynamixel bus, or of an installed plugin"
     )
     inertia: Positive | None = Field(
         None, description="True inertia", json_schema_extra=_facts("kg·m²", _TRUTH)
@@ -200,12 +217,37 @@ class Servo(Section):
         json_schema_extra=_facts("N·m", _BUS),
     )
 
+    options: dict[str, Any] = Field(
+        {}, description="What a plugin's backend itself wants to know, by name"
+    )
+
     @property
     def kind(self) -> Kind:
         """Kind of servo behind the servo interface."""
-        if self.backend == "simulated":
-            return "simulated"
-        return "emulated" if self.port == EMULATED else "hardware"
+        return backend(self.backend).kind(self.port)
+
+    def asked(self) -> ServoSettings:
+        """This section as a backend takes it.
+
+        Raises:
+            ValidationError: An option is unknown, missing or wrong.
+        """
+        emulated = self.kind == "emulated"
+        return ServoSettings(
+            backend=self.backend,
+            port=self.port or "",
+            baud=self.baud or 0,
+            id=self.id,
+            model=self.model or "",
+            # The constant of an emulated servo is its truth, which the driver must not know.
+            torque_constant=0.0 if emulated else self.torque_constant or 0.0,
+            torque_limit=self.torque_limit or 0.0,
+            watchdog_s=self.watchdog_s,
+            probe_torque=self.probe_torque,
+            faults=self.faults,
+            fault_seed=self.fault_seed,
+            options=options_of(self),
+        )
 
     @model_serializer(mode="wrap")
     def _without_the_truth_of_hardware(
@@ -213,9 +255,27 @@ class Servo(Section):
     ) -> dict[str, Any]:
         """Drop what only a simulated servo has: of a real one nobody knows it."""
         fields: dict[str, Any] = handler(self)
+        if not self.options:
+            fields.pop("options", None)
         if self.kind == "hardware":
             fields = {name: value for name, value in fields.items() if name not in TRUTH_FIELDS}
         return fields
+
+
+def options_of(servo: Servo) -> Any:  # noqa: ANN401 - whatever the backend declares
+    """The backend's own settings, as an instance of its ``options``.
+
+    Raises:
+        ValidationError: An option is unknown, missing or wrong.
+    """
+    return _options(backend(servo.backend).options).validate_python(servo.options)
+
+
+@cache
+def _options(model: type) -> TypeAdapter[Any]:
+    """Unknown names are refused, unless the model itself says what becomes of them."""
+    plain = is_dataclass(model) and not hasattr(model, "__pydantic_config__")
+    return TypeAdapter(model, config=ConfigDict(extra="forbid") if plain else None)
 
 
 TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.settings import DynamixelSettings
 
 
 def drivable(settings: DynamixelSettings) -> tuple[Model, float]:

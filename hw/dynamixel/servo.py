@@ -15,6 +15,7 @@ from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.reach import Reach
 from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
@@ -29,7 +30,6 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
-from haptic_wall.hw.settings import DynamixelSettings
 
 _NAN: Final = math.nan
 _REPLY_PATIENCE: Final = 1.5

@@ -9,10 +9,10 @@ from haptic_wall.hw.dynamixel.checklist import Checklist
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import Push, probe_sign
 from haptic_wall.hw.dynamixel.sdk import Table
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
-from haptic_wall.hw.settings import DynamixelSettings
 
 _PUSHES: Final = 3
 """A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""

@@ -70,7 +70,7 @@ def test_they_travel_between_processes_and_to_the_emulator():
     sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
-    words = emulator_arguments(config.servo_settings("/dev/pts/9"), config.true_servo(), None)
+    words = emulator_arguments(config.servo_settings())
     pairs = list(itertools.pairwise(words))
     assert [value for name, value in pairs if name == "--fault"] == ["drop:p=0.01", "jump:counts=5"]
     assert ("--seed", "3") in pairs

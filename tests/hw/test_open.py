@@ -17,16 +17,16 @@ from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.errors import PortError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.open import cut_torque, open_port, open_servo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
 
 
 def settings(
-    port: str = "", emulated: TrueServo | None = None, servo_id: int = 1
-) -> DynamixelSettings:
-    return DynamixelSettings(port, 4_000_000, servo_id, "XM430-W350", emulated=emulated)
+    port: str = "", true: TrueServo | None = None, servo_id: int = 1, model: str = "XM430-W350"
+) -> ServoSettings:
+    return ServoSettings("dynamixel", port, 4_000_000, servo_id, model, true=true)
 
 
 @pytest.fixture
@@ -39,12 +39,12 @@ def silent_port() -> Iterator[str]:
 
 
 def test_simulated_settings_are_a_simulated_servo() -> None:
-    assert isinstance(open_servo(SimulatedSettings(TRUE), SimulatedClock()), SimulatedServo)
+    assert isinstance(open_servo(ServoSettings(true=TRUE), SimulatedClock()), SimulatedServo)
 
 
 def test_a_bus_in_memory_is_driven_by_the_real_driver() -> None:
     clock = SimulatedClock()
-    servo = open_servo(settings(emulated=TRUE), clock)
+    servo = open_servo(settings(true=TRUE), clock)
     assert isinstance(servo, DynamixelServo)
     assert all(check.ok for check in servo.start())
     servo.request()
@@ -64,12 +64,12 @@ def test_a_refused_servo_leaves_the_port_to_the_next(silent_port: str) -> None:
 
 def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
     with pytest.raises(PortError, match=r"loop\.clock=simulated"):
-        open_servo(settings(emulated=TRUE), MonotonicClock())
+        open_servo(settings(true=TRUE), MonotonicClock())
 
 
 def test_an_unknown_model_in_memory_is_unfit() -> None:
     with pytest.raises(UnfitServoError, match="XX1-W2 is not known"):
-        open_servo(DynamixelSettings("", 4_000_000, 1, "XX1-W2", emulated=TRUE), SimulatedClock())
+        open_servo(settings(true=TRUE, model="XX1-W2"), SimulatedClock())
 
 
 @pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
@@ -100,8 +100,8 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
         "import sys\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"
         "from haptic_wall.hw.open import cut_torque, open_port\n"
-        "from haptic_wall.hw.settings import DynamixelSettings\n"
-        f"settings = DynamixelSettings({silent_port!r}, 4_000_000, 1, 'XM430-W350')\n"
+        "from haptic_wall.hw.settings import ServoSettings\n"
+        f"settings = ServoSettings('dynamixel', {silent_port!r}, 4_000_000, 1, 'XM430-W350')\n"
         "port = open_port(settings)\n"
         "before = set(sys.modules)\n"
         "cut_torque(settings, port, MonotonicClock())\n"
@@ -156,7 +156,7 @@ def test_the_wrong_id_and_the_wrong_model_are_told_apart(emulator: str) -> None:
     with pytest.raises(ServoMissingError, match="as id 2 at 4000000 baud"):
         servo.start()
     servo.close()
-    servo = open_servo(DynamixelSettings(emulator, 4_000_000, 1, "XM430-W210"), MonotonicClock())
+    servo = open_servo(settings(emulator, model="XM430-W210"), MonotonicClock())
     with pytest.raises(UnfitServoError, match="It is an XM430-W350"):
         servo.start()
     servo.close()

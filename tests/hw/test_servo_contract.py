@@ -14,7 +14,7 @@ from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.servo import Check, Outcome, Servo
-from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 
 PERIOD_NS = 1_000_000
@@ -31,19 +31,19 @@ class Rig:
 def simulated() -> Rig:
     clock = SimulatedClock(start_ns=7 * PERIOD_NS)
     true = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, torque_step=0.001, delay=0.4e-3)
-    return Rig(SimulatedServo(SimulatedSettings(true), clock), clock)
+    return Rig(SimulatedServo(true, clock), clock)
 
 
 def simulated_without_encoder() -> Rig:
     clock = SimulatedClock()
     true = TrueServo(inertia=0.012, counts_per_rev=0)
-    return Rig(SimulatedServo(SimulatedSettings(true), clock), clock)
+    return Rig(SimulatedServo(true, clock), clock)
 
 
 def dynamixel_in_memory() -> Rig:
     clock = SimulatedClock(start_ns=7 * PERIOD_NS)
     true = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
-    settings = DynamixelSettings("", 4_000_000, 1, "XM430-W350", emulated=true)
+    settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350", true=true)
     return Rig(open_servo(settings, clock), clock)
 
 

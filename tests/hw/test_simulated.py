@@ -7,7 +7,7 @@ import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 
 MS = 1_000_000
@@ -16,7 +16,7 @@ MS = 1_000_000
 def started(start_ns=0, **settings):
     clock = SimulatedClock(start_ns)
     true = TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
-    servo = SimulatedServo(SimulatedSettings(true), clock)
+    servo = SimulatedServo(true, clock)
     servo.start()
     return servo, clock
 
@@ -46,7 +46,7 @@ def test_its_time_begins_with_the_start():
     # A hand would have moved it, had it begun when it was opened.
     clock = SimulatedClock()
     true = TrueServo(inertia=0.01, counts_per_rev=0, hand="lean", position=0.1)
-    servo = SimulatedServo(SimulatedSettings(true), clock)
+    servo = SimulatedServo(true, clock)
     clock.wait_until(5000 * MS)
     servo.start()
     servo.request()
@@ -89,7 +89,7 @@ def test_a_reading_answers_one_request():
 
 def test_a_servo_that_cannot_be_is_refused_when_it_is_opened():
     with pytest.raises(ValueError, match="inertia"):
-        SimulatedServo(SimulatedSettings(TrueServo(inertia=0.0)), SimulatedClock())
+        SimulatedServo(TrueServo(inertia=0.0), SimulatedClock())
 
 
 def test_the_same_run_is_the_same_to_the_bit():

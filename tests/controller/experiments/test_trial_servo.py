@@ -15,7 +15,7 @@ from haptic_wall.controller.experiments.trials.servo import TrialServo
 from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
-from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 
 COUNT = math.tau / 4096
@@ -78,9 +78,7 @@ def test_a_lag_is_kept_to_the_nanosecond() -> None:
     """Beside the simulated servo of the product, closed loop, with a fraction of a period."""
     lag = 3.3e-3
     clock = SimulatedClock()
-    other = SimulatedServo(
-        SimulatedSettings(TrueServo(0.012, 0.012, 0.09, delay=lag, position=0.05)), clock
-    )
+    other = SimulatedServo(TrueServo(0.012, 0.012, 0.09, delay=lag, position=0.05), clock)
     servo = TrialServo(Truth(0.012, 0.012, 0.09, delay=lag), clock, position=0.05)
     other.start()
     apart = []

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_wall.controller.processes import supervisor
+from haptic_wall.controller.processes import emulator, supervisor
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
@@ -101,7 +101,8 @@ class Stage:
         self.confirmed = True
         self.loop_acts = lambda loop: loop
         CHILDREN.clear()
-        monkeypatch.setattr(supervisor, "Child", self.child)
+        for module in (supervisor, emulator):
+            monkeypatch.setattr(module, "Child", self.child)
         monkeypatch.setattr(supervisor, "cut_torque", self.cut)
         monkeypatch.setattr(
             supervisor, "open_port", lambda _settings: os.open("/dev/null", os.O_RDWR)
@@ -302,7 +303,7 @@ def test_a_refused_start_without_torque_is_left_alone(stage, state):
 def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
     config = load_config("emulated-xm430", []).config
     stage.plan = replace(stage.plan, config=config)
-    monkeypatch.setattr(supervisor, "first_line", lambda *_: "/dev/null")
+    monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
     start = stage.child
 
     def child(name, *arguments):

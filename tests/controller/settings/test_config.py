@@ -8,7 +8,6 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, preset_names
-from haptic_wall.hw.settings import DynamixelSettings, SimulatedSettings
 
 
 def loaded(preset, *sets):
@@ -71,23 +70,18 @@ def test_the_scripted_hand_finds_the_wall():
 
 def test_an_emulated_bus_on_the_simulated_clock_is_in_memory():
     settings = loaded("emulated-xm430", "loop.clock=simulated").servo_settings()
-    assert isinstance(settings, DynamixelSettings)
     assert settings.port == ""
-    assert settings.emulated is not None
-    assert settings.emulated.inertia == 0.011951
+    assert settings.true is not None
+    assert settings.true.inertia == 0.011951
 
 
 def test_an_emulated_bus_on_the_monotonic_clock_is_like_a_real_one():
-    settings = loaded("emulated-xm430").servo_settings("/dev/pts/7")
-    assert isinstance(settings, DynamixelSettings)
-    assert settings.port == "/dev/pts/7"
-    assert settings.emulated is None
+    assert loaded("emulated-xm430").servo_settings().port == "emulated"
 
 
 def test_the_driver_does_not_know_the_emulated_torque_constant():
     config = loaded("emulated-xm430", "servo.torque_constant=2.2", "model.torque_gain=1.2")
     settings = config.servo_settings()
-    assert isinstance(settings, DynamixelSettings)
     assert settings.torque_constant == 0.0
     assert config.true_servo().torque_constant == 2.2
 
@@ -98,14 +92,12 @@ def test_the_driver_does_not_know_the_emulated_torque_constant():
 )
 def test_a_real_servo_is_probed_away_from_the_wall(side, away):
     settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
-    assert isinstance(settings, DynamixelSettings)
     assert settings.probe_direction == away
 
 
 def test_calibration_of_a_real_servo_reaches_the_driver():
     config = loaded("xm430-w350", "servo.torque_constant=1.5", "servo.torque_limit=0.5")
     settings = config.servo_settings()
-    assert isinstance(settings, DynamixelSettings)
     assert (settings.torque_constant, settings.torque_limit) == (1.5, 0.5)
 
 
@@ -120,7 +112,8 @@ def test_the_grid_period_is_whole_nanoseconds():
 
 def test_simulated_servo_settings_carry_the_truth():
     config = loaded("paper-table2")
-    assert config.servo_settings() == SimulatedSettings(config.true_servo())
+    settings = config.servo_settings()
+    assert (settings.backend, settings.true) == ("simulated", config.true_servo())
 
 
 def test_the_guard_gets_the_wall_that_is_asked_for():
@@ -145,7 +138,6 @@ def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does():
 
 def test_the_driver_knows_the_loops_period_and_the_speed_limit():
     settings = loaded("xm430-w350", "loop.rate_hz=500", "safety.max_speed=7").servo_settings()
-    assert isinstance(settings, DynamixelSettings)
     assert (settings.period_s, settings.max_speed) == (0.002, 7.0)
 
 

@@ -12,6 +12,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.dynamixel.together import Together, Way
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -19,7 +20,7 @@ from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.servo import Outcome, Reading
-from haptic_wall.hw.settings import DynamixelSettings, TrueServo
+from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.lines import US, Fate, TroubledLine
 
 MODEL = "XM430-W350"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.settings import SimulatedSettings, TrueServo
+from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 from tests.hw.oracles import closed_loop_poles
 
@@ -20,7 +20,7 @@ TABLE_II = Path(__file__).parents[3] / "controller" / "paper" / "table2.csv"
 def wall_motion(true, stiffness, virtual_damping, ticks):
     """Sampled positions of a two-sided wall at 0 on the backward difference, with no delay."""
     clock = SimulatedClock()
-    servo = SimulatedServo(SimulatedSettings(true), clock)
+    servo = SimulatedServo(true, clock)
     servo.start()
     before = true.position
     positions = []

@@ -1,0 +1,134 @@
+"""A Dynamixel on a serial port, real or emulated, or on an emulated bus in memory.
+
+Imports what it needs when it is needed: most configurations that name it are only looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Final
+
+from haptic_wall.hw.backend import Backend, TorqueModel
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.dynamixel.wire import cycle_s
+from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
+
+if TYPE_CHECKING:
+    from haptic_wall.hw.dynamixel.line import Line
+
+EMULATED_FIRMWARE: Final = 48
+"""Of the emulated servo in memory: knows everything the driver wants of a servo"""
+
+
+def _models() -> Mapping[str, TorqueModel]:
+    """The models that can be commanded in torque."""
+    from haptic_wall.hw.dynamixel.tables import MODELS
+
+    return {
+        model.name: TorqueModel(model.torque_constant is not None, model.no_load_speed)
+        for model in MODELS.values()
+        if model.current_mode
+    }
+
+
+def _problems(settings: ServoSettings) -> Iterator[tuple[str, str]]:
+    """Faults that an emulated bus would not take."""
+    if not settings.faults:
+        return
+    from haptic_wall.hw.emulated.faults import parse_fault
+
+    for spec in settings.faults:
+        try:
+            parse_fault(spec).check_servo([settings.id])
+        except ValueError as error:
+            listed = "=" in spec.split(":")[0]
+            hint = "; in a list, quote a fault that has commas" if listed else ""
+            yield "servo.faults", f"{error}{hint}"
+
+
+def _open_port(settings: ServoSettings) -> int:
+    from haptic_wall.hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
+
+    if not settings.port:
+        raise PortError(
+            "No serial port is configured: set servo.port to the adapter's device, "
+            "e.g. /dev/ttyUSB0."
+        )
+    return port.open_port(settings.port, settings.baud)
+
+
+def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Servo:
+    from haptic_wall.hw.dynamixel.servo import DynamixelServo
+    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
+
+    driver = DynamixelSettings.of(settings)
+    if descriptor is None and not settings.port and settings.true is not None:
+        if not isinstance(clock, SimulatedClock):
+            raise PortError(
+                "An emulated bus in memory runs on the simulated clock only: set "
+                "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
+                "path."
+            )
+        return DynamixelServo(driver, _memory_line(settings, settings.true, clock))
+
+    from haptic_wall.hw.dynamixel.serial_line import FdLine
+
+    line = FdLine(_open_port(settings) if descriptor is None else descriptor, clock)
+    try:
+        return DynamixelServo(driver, line)
+    except BaseException:
+        line.close()
+        raise
+
+
+def _memory_line(settings: ServoSettings, true: TrueServo, clock: SimulatedClock) -> Line:
+    """An emulated bus in memory with the configured servo on it."""
+    from haptic_wall.hw.dynamixel.drivable import drivable
+    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
+    from haptic_wall.hw.emulated.bus import EmulatedBus
+    from haptic_wall.hw.emulated.injection import Faults
+    from haptic_wall.hw.emulated.memory_line import MemoryLine
+    from haptic_wall.hw.emulated.servo import EmulatedServo
+
+    model, _ = drivable(DynamixelSettings.of(settings))
+    now_ns = clock.now_ns()
+    servo = EmulatedServo(
+        model, settings.id, EMULATED_FIRMWARE, true, start_ns=now_ns, baud=settings.baud
+    )
+    bus = EmulatedBus(
+        [servo],
+        baud=settings.baud,
+        start_ns=now_ns,
+        faults=Faults(settings.faults, settings.fault_seed),
+    )
+    return MemoryLine(bus, clock)
+
+
+def _cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
+    """See ``haptic_wall.hw.dynamixel.cut``."""
+    from haptic_wall.hw.dynamixel import cut
+    from haptic_wall.hw.dynamixel.serial_line import FdLine
+
+    if descriptor is None:
+        return False
+    return cut.cut_torque(FdLine(descriptor, clock), settings.id, settings.baud)
+
+
+BACKEND = Backend(
+    open=_open,
+    emulated_port=True,
+    has_bus=True,
+    has_watchdog=True,
+    required={
+        "port": "a serial device such as /dev/ttyUSB0, or emulated",
+        "baud": "the speed the servo is set to, e.g. 4000000",
+        "model": "the servo's model, e.g. XM430-W350",
+    },
+    models=_models,
+    cycle_s=cycle_s,
+    problems=_problems,
+    open_port=_open_port,
+    cut_torque=_cut_torque,
+)

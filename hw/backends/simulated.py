@@ -1,0 +1,19 @@
+"""A servo simulated in the loop's own process."""
+
+from __future__ import annotations
+
+from haptic_wall.hw.backend import Backend
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import ServoSettings
+
+
+def _open(settings: ServoSettings, clock: Clock, _descriptor: int | None) -> Servo:
+    from haptic_wall.hw.simulated import SimulatedServo
+
+    if settings.true is None:
+        raise ValueError("a simulated servo needs its truth: found None in ServoSettings.true")
+    return SimulatedServo(settings.true, clock)
+
+
+BACKEND = Backend(open=_open, simulated=True)
