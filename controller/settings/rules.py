@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import NamedTuple
 
 from pydantic import ValidationError
@@ -135,14 +135,23 @@ def _required_is_given(config: Sections) -> Iterator[Problem]:
 
 @_reads("servo.backend", "servo.options")
 def _options_are_the_backends(config: Sections) -> Iterator[Problem]:
+    name, given = config.servo.backend, config.servo.options
+    model = backend(name).options
+    if is_dataclass(model):
+        known = [field.name for field in fields(model)]
+        for option in given:
+            if option not in known:
+                hint = did_you_mean(option, known, "servo.options.")
+                yield Problem(
+                    f"servo.options.{option}",
+                    f"unknown{hint}; the backend {name} has {', '.join(known) or 'no options'}",
+                )
     try:
         options_of(config.servo)
     except ValidationError as error:
         for detail in error.errors():
             path = ".".join(("servo.options", *map(str, detail["loc"])))
-            yield Problem(
-                path, f"{detail['msg'].lower()} (servo.backend is {config.servo.backend})"
-            )
+            yield Problem(path, f"{detail['msg'].lower()} (servo.backend is {name})")
 
 
 @_reads(*_KIND, "loop.clock")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     TypeAdapter,
@@ -273,9 +271,7 @@ def options_of(servo: Servo) -> Any:  # noqa: ANN401 - whatever the backend decl
 
 @cache
 def _options(model: type) -> TypeAdapter[Any]:
-    """Unknown names are refused, unless the model itself says what becomes of them."""
-    plain = is_dataclass(model) and not hasattr(model, "__pydantic_config__")
-    return TypeAdapter(model, config=ConfigDict(extra="forbid") if plain else None)
+    return TypeAdapter(model)
 
 
 TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))
