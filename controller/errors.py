@@ -1,11 +1,11 @@
-"""What can go wrong on this side of the servo, as one tree; messages say found, wanted, what to do.
+"""The controller's errors as one tree; messages say what was found, what is wanted, what to do.
 
 ::
 
     HapticWallError
     ├── UserError (also ValueError)     the user's input is wrong: exit status 2
     │   ├── ConfigError                 the configuration, with every problem found in it
-    │   └── LogFormatError              the file is not a log of ours
+    │   └── LogFormatError              the file is not a log of this program
     └── PlatformError (also OSError)    this machine cannot run the loop: exit status 4
 
 Hardware errors are ``haptic_wall.hw.errors.ServoError``.
@@ -14,11 +14,11 @@ Hardware errors are ``haptic_wall.hw.errors.ServoError``.
 from __future__ import annotations
 
 _MOST_TOLD = 30
-"""Problems of a configuration that its message names"""
+"""Largest number of a configuration's problems in the message"""
 
 
 class HapticWallError(Exception):
-    """Anything this program refuses, with the exit status of the command that met it."""
+    """Any refusal of this program, with the command's exit status."""
 
     exit_status: int = 4
 
@@ -34,7 +34,7 @@ class ConfigError(UserError):
 
     Args:
         source: The preset or file, as a person would name it.
-        problems: One line for each thing that is wrong, beginning with the field's path.
+        problems: One line for each problem, beginning with the field's path.
 
     Attributes:
         problems: See above.
@@ -50,7 +50,7 @@ class ConfigError(UserError):
 
 
 class LogFormatError(UserError):
-    """The file is not a log of ours."""
+    """The file is not a log of this program."""
 
 
 class PlatformError(HapticWallError, OSError):

@@ -74,8 +74,8 @@ class SimulatedServo:
     def start(self) -> list[Check]:
         """Let its time begin; there is nothing to check."""
         now_ns = self._instant()
-        self._mechanism = Mechanism(self._true, now_ns, hand_waits=True)
-        self._mechanism.let_hand(now_ns)
+        self._mechanism = Mechanism(self._true, now_ns, operator_waits=True)
+        self._mechanism.engage_operator(now_ns)
         self._reading = self._written = None
         self._running = True
         self.counts = BusCounts()

@@ -31,7 +31,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT, TICK_MODULUS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.plant.hand import SCRIPTS
+from haptic_wall.hw.plant.operator_model import SCRIPTS
 from haptic_wall.hw.servo import Outcome
 from scripts.soak import COLLECT_NS, PERIOD_NS, SETTINGS, TRUE
 from scripts.whole_program import measured_on, page_options, say_time

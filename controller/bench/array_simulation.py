@@ -1,4 +1,4 @@
-"""How many periods of how many walls are simulated in a second, beside one alone and peers."""
+"""Measures how many wall periods are simulated per second: as an array, alone, and by peers."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000
 _PERIOD_NS = round(1e9 * PERIOD_S)
 _COMPARED = 8
-"""Walls of an array that are run alone too"""
+"""Number of walls of an array that are also simulated alone"""
 _KINDS = {"linear servos": False, "servos with friction and encoder": True}
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """A two-sided wall on a servo of its own, let go at ``servo.position``."""
+    """A two-sided wall on a servo of its own, released at ``servo.position``."""
 
     servo: TrueServo
     stiffness: float
@@ -38,7 +38,7 @@ class Wall:
 
 
 def measure() -> Section:
-    """Two-sided walls as an array and one alone; the servo without its wall beside peers."""
+    """Measure two-sided walls as an array and one alone, and the servo alone beside peers."""
     drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
     work: dict[str, Callable[[], object]] = {}
     for what, walls in drawn.items():
@@ -77,14 +77,13 @@ def measure() -> Section:
 
 
 def random_walls(rough: bool, count: int) -> list[Wall]:
-    """Walls that differ in everything: servo, delay, stiffness, damping and kick.
+    """Return walls that differ in everything: servo, delay, stiffness, damping and kick.
 
-    Walls that are all alike turn round in the same period, which costs a fraction of what random
-    ones do.
+    Equal walls reverse in the same period, which costs a fraction of the time of random ones.
 
     Args:
         rough: With Coulomb friction, an encoder and a torque limit; else linear.
-        count: How many.
+        count: Number of walls.
     """
     random = np.random.default_rng(1)
     inertia = 10 ** random.uniform(-3.0, -1.0, count)
@@ -118,7 +117,7 @@ def random_walls(rough: bool, count: int) -> list[Wall]:
 
 
 def together(walls: list[Wall], periods: int) -> FloatArray:
-    """Last measured positions [rad] of walls run as one array for some periods, in their order."""
+    """Return the last measured positions [rad] of walls simulated as one array, in their order."""
     many, start, order = _as_arrays(walls)
     found = np.empty(len(walls))
     found[order] = _run(many, start, periods)
@@ -132,7 +131,7 @@ def _run(many: Walls, start: FloatArray, periods: int) -> FloatArray:
 
 
 def _as_arrays(walls: list[Wall]) -> tuple[Walls, FloatArray, IntArray]:
-    """As one block in order of their delays; with the start positions, and that order."""
+    """Return one block in order of delays, with the start positions and that order."""
     servos, one = [wall.servo for wall in walls], np.ones(len(walls))
     delay_ns = np.array([round(servo.delay * 1e9) for servo in servos])
     whole, lag_ns = np.divmod(delay_ns, _PERIOD_NS)
@@ -163,7 +162,7 @@ def _each_alone(walls: list[Wall]) -> list[float]:
 
 
 def alone(wall: Wall, periods: int) -> float:
-    """Last measured position [rad] of the simulated servo with that wall, run by itself."""
+    """Return the last measured position [rad] of one simulated servo and wall."""
     clock = SimulatedClock()
     body = open_servo(ServoSettings(true=wall.servo), clock)
     body.start()

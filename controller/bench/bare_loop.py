@@ -1,10 +1,10 @@
-"""The yardstick: a bare, hand-written loop on a Dynamixel bus, with nothing of this project.
+"""The reference for comparison: a bare, hand-written loop on a Dynamixel bus, without this project.
 
 It reads the 16 bytes from Realtime Tick to Present Position, writes a goal current of zero, and
-counts what it missed. It takes each reply for the answer to its last request, as such loops do, and
-counts those that cannot be: they answer the request before. No wall, no guard, no checks, no log:
-what a loop of this kind costs at the least on the machine and bus it runs on. Torque stays off:
-goal currents have no effect.
+counts what it missed. As such loops do, it takes each reply for the answer to its last request; it
+counts the replies that must answer the request before. No wall, no guard, no checks, no log: it
+shows the least cost of such a loop on the present machine and bus. Torque stays off, so goal
+currents have no effect.
 
     python -m haptic_wall.controller.bench.bare_loop PORT [SECONDS]     one JSON object on
     standard output
@@ -26,13 +26,13 @@ RETURN_DELAY_0 = bytes.fromhex("FF FF FD 00 01 06 00 03 09 00 00 69 63")
 GOAL_CURRENT_0 = bytes.fromhex("FF FF FD 00 FE 0A 00 83 66 00 02 00 01 00 00 15 1D")
 BAUD, REPLY_BYTES = 4_000_000, 27
 SOONEST_NS = (len(READ_16_AT_120) + REPLY_BYTES) * 10 * 1_000_000_000 // BAUD
-"""What comes sooner after the request than the wire carries both cannot be its answer"""
+"""A reply sooner after the request than the wire carries both cannot be its answer"""
 SPIN_SHARE, PATIENCE_SHARE = 0.15, 0.8
-"""Of a period: before the deadline it spins instead of sleeping; so long it waits for a reply"""
+"""Fractions of a period: spinning before the deadline, and waiting for a reply"""
 
 
 def main() -> None:
-    """Run the loop and print what happened."""
+    """Run the loop and print the result."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("port")
     parser.add_argument("seconds", type=float, nargs="?", default=10.0)
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, object]:
-    """Read and write once a period [ns], for so long [s]; counts and times of it."""
+    """Read and write once a period [ns] for so long [s]; return counts and times."""
     spin_ns, patience_ns = round(SPIN_SHARE * period_ns), round(PATIENCE_SHARE * period_ns)
     now = time.monotonic_ns
     lateness, bus, work = [], [], []
@@ -70,8 +70,8 @@ def loop(descriptor: int, seconds: float, period_ns: int) -> dict[str, object]:
         asked = now()
         reply = b""
         while len(reply) < REPLY_BYTES and (left := woke + patience_ns - now()) > 0:
-            # Sleeping, not spinning: bytes reach us through a kernel thread, which a spinning
-            # real-time process on the same core would lock out.
+            # Sleeping, not spinning: bytes arrive through a kernel thread, which a spinning
+            # real-time process on the same core would block.
             if select.select([descriptor], [], [], left * 1e-9)[0]:
                 reply += os.read(descriptor, 4096)
         answered = now()

@@ -1,4 +1,4 @@
-"""Samples of a histogram counted in bins: what is drawn, and small enough to be kept."""
+"""Counts the samples of a histogram in bins: enough to draw, and small enough to keep."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from haptic_wall.controller.theory.checks import FloatArray
 
 _BINS = 120
 _LEAST = 1e-6
-"""Of the largest sample: smaller ones are counted with those of this size"""
+"""Fraction of the largest sample; smaller samples are counted with those of this size"""
 _ROUNDING = 1e-6
-"""99.9 % of 1000 are 999 of them, whatever the product of the two numbers is"""
+"""Tolerance for products: 99.9 % of 1000 are 999 samples, whatever the rounding"""
 _PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99_9": 99.9}
 
 
 def percentile(values: NDArray[Any], q: float) -> float:
-    """The least of the values that q % of them do not exceed.
+    """Return the least value that q % of the values do not exceed.
 
     Args:
         values: At least one.
@@ -31,13 +31,13 @@ def percentile(values: NDArray[Any], q: float) -> float:
 
 
 def binned(histogram: Histogram) -> dict[str, Any]:
-    """The same bins for every series, with the percentiles of the samples themselves.
+    """Count every series in the same bins; add the percentiles of the samples themselves.
 
-    Bins are alike in ratio where no sample is below zero, in width otherwise. Series without
+    Bins have equal ratios where no sample is below zero, equal widths otherwise. Series without
     samples are left out.
 
     Args:
-        histogram: What was measured.
+        histogram: The samples.
 
     Returns:
         ``name``, ``unit``, ``scale`` (``log`` or ``linear``), ``edges`` of the bins, and ``series``
@@ -72,7 +72,7 @@ def _edges(every: FloatArray, scale: str) -> FloatArray:
     if scale == "log":
         high = float(every.max())
         low = max(float(every[every > 0.0].min()), _LEAST * high)
-        # A little beyond both ends, so that rounding leaves no sample outside.
+        # Slightly beyond both ends, so that no sample is outside after rounding.
         return np.geomspace(0.8 * low, 1.25 * high, _BINS + 1)
     low, high = float(every.min()), float(every.max())
     margin = 0.01 * (high - low) or 1.0
@@ -80,7 +80,7 @@ def _edges(every: FloatArray, scale: str) -> FloatArray:
 
 
 def _counts(samples: FloatArray, edges: FloatArray) -> list[int]:
-    """How many samples are in each bin; what is below the lowest counts with it."""
+    """Return the number of samples in each bin; lower samples count in the lowest."""
     counts, _ = np.histogram(np.clip(samples, edges[0], edges[-1]), edges)
     counted: list[int] = counts.tolist()
     return counted

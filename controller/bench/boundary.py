@@ -1,4 +1,4 @@
-"""How fast the exact boundary is, beside the gain margins of python-control at the same points."""
+"""Measures the speed of the exact boundary beside the gain margins of python-control."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from haptic_wall.controller.theory.checks import FloatArray
 _ROUNDS = 7
 _CURVE, _MIXED, _COMPARED = 1000, 100_000, 25
 _SAME = 1e-6
-"""Relative difference up to which two answers are the same."""
+"""Relative difference up to which two answers agree."""
 _NOT_A_MARGIN = 1e-9
-"""A margin below it is the double pole at z = 1, found once more with a rounding error."""
+"""A margin below it is the double pole at z = 1, repeated with a rounding error."""
 
 
 def measure() -> Section:
-    """One curve, many mixed settings, and both programs on the same settings."""
+    """Measure one curve, many mixed settings, and both programs on the same settings."""
     curve, mixed, compared = (
         _one_plant(_CURVE),
         _random(_MIXED, 1),
@@ -111,11 +111,11 @@ class _Settings:
     delay: FloatArray
 
     def solve(self) -> FloatArray:
-        """Their critical stiffnesses."""
+        """Return their critical stiffnesses."""
         return critical_stiffness(1.0, self.delta, self.beta, 1.0, self.delay)
 
     def one(self, i: int) -> _Settings:
-        """One of them by itself."""
+        """Return one of them."""
         return _Settings(self.delta[i], self.beta[i], self.delay[i])
 
 
@@ -126,7 +126,7 @@ def _one_plant(count: int) -> _Settings:
 
 
 def _random(count: int, seed: int, whole: bool = False) -> _Settings:
-    """Plants with delta from 0.001 to 0.1 and up to 5 periods of delay, B to 0.9 of the ceiling."""
+    """Draw plants with delta 0.001 to 0.1, up to 5 periods of delay, B to 0.9 of the ceiling."""
     random = np.random.default_rng(seed)
     delta = 10 ** random.uniform(-3, -1, count)
     delay = random.uniform(0, 5, count)
@@ -136,10 +136,10 @@ def _random(count: int, seed: int, whole: bool = False) -> _Settings:
 
 
 def _margins_by_control() -> Callable[[_Settings, int], float] | None:
-    """The least gain margin as python-control finds it, of one setting; None without it.
+    """Return python-control's least gain margin of one setting as a function; None: not installed.
 
-    ``stability_margins`` must be asked for all crossings: of one alone it gives the nearest to 1,
-    not the least.
+    ``stability_margins`` must be asked for all crossings: the single one it returns by default is
+    the nearest to 1, not the least.
 
     Source: Gil et al., ICRA 2007, eq. (15).
     """

@@ -1,8 +1,8 @@
-"""The clients whose cycles on a bus are compared: ours, dynamixel-sdk and rustypot.
+"""The clients whose bus cycles are compared: this program, dynamixel-sdk and rustypot.
 
 A cycle reads a block of every servo and writes every goal current (2 bytes). The *short* block is
-current, velocity and position (10 bytes). The *long* one is what our driver reads: from the servo's
-clock on, 16 and 17 bytes in turn, which is how it knows a reply from an older one.
+current, velocity and position (10 bytes). The *long* one is the block of this program's driver:
+from the servo's clock on, 16 and 17 bytes in turn, which distinguishes a reply from an older one.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ _PATIENCE_NS = 50_000_000
 _GOAL, _GOAL_BYTES = 102, 2
 
 Cycle = Callable[[], bool]
-"""One cycle; whether every servo answered"""
+"""Executes one cycle; returns whether every servo replied"""
 
 
 class Block(NamedTuple):
-    """Registers that a cycle reads of every servo."""
+    """Registers that a cycle reads from every servo."""
 
     name: str
     address: int
     sizes: tuple[int, ...]
-    """Bytes, in turn"""
+    """Numbers of bytes, in turn"""
     layout: str
-    """Of the first bytes, as ``struct`` has it"""
+    """Format of the first bytes for ``struct``"""
 
 
 SHORT: Final = Block("10 bytes", 126, (10,), "hii")
@@ -53,7 +53,7 @@ LONG: Final = Block("16 or 17 bytes", 120, (16, 17), "Hxxhhii")
 
 
 class _Rustypot(Protocol):
-    """What is used of a rustypot controller."""
+    """The used part of a rustypot controller."""
 
     def set_fast_sync_read(self, enabled: bool, /) -> None: ...
 
@@ -65,7 +65,7 @@ class _Rustypot(Protocol):
 
 
 def driver(line: Line, ids: Sequence[int]) -> dict[str, Cycle]:
-    """Our driver: every reply matched to its request, by length and by the servo's clock."""
+    """Return the cycles of our driver: every reply is matched to its request."""
     return {"haptic-wall, driver": _link(line, ids[0]) if len(ids) == 1 else _together(line, ids)}
 
 
@@ -95,7 +95,7 @@ def _together(line: Line, ids: Sequence[int]) -> Cycle:
 
 
 def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
-    """Our codec alone, as somebody might use it: replies are checked and decoded, not matched."""
+    """Return the cycles of our codec alone: replies are checked and decoded, not matched."""
     goals = SyncWrite(_GOAL, ids)
     zeros = [0] * len(ids)
     asked = in_turn([_request(ids, block, size) for size in block.sizes])
@@ -118,7 +118,7 @@ def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
 def _request(
     ids: Sequence[int], block: Block, size: int
 ) -> tuple[bytes, Callable[[bytes], tuple[int, ...] | None]]:
-    """A request, and how to decode what answers it."""
+    """Return a request, and the decoder of its reply."""
     params = struct.pack("<HH", block.address, size)
     skipped = size - struct.calcsize(f"<{block.layout}")
     if len(ids) == 1:
@@ -142,7 +142,7 @@ def _request(
 def vendors(
     path: str, baud: int, ids: Sequence[int], blocks: Sequence[Block], stack: ExitStack
 ) -> list[dict[str, Cycle]]:
-    """dynamixel-sdk on a port of its own: the cycles by block."""
+    """Return the cycles of dynamixel-sdk on a port of its own, by block."""
     sdk = importlib.import_module("dynamixel_sdk")
     port = sdk.PortHandler(path)
     port.baudrate = baud
@@ -190,7 +190,7 @@ def rusty(
     blocks: Sequence[Block],
     stack: ExitStack,
 ) -> list[dict[str, Cycle]]:
-    """Rustypot on a port of its own, which it keeps others from opening: the cycles by block."""
+    """Return the cycles of rustypot by block, on a port of its own that it locks."""
     client = module.Xl430PyController(path, baud, 1e-9 * _PATIENCE_NS)
     stack.callback(client.close)
     return [_rusty(client, ids, block) for block in blocks]
@@ -231,7 +231,7 @@ def _rusty(client: _Rustypot, ids: Sequence[int], block: Block) -> dict[str, Cyc
 
 
 def rustypot() -> ModuleType | None:
-    """The module, where it is installed."""
+    """Return the module, or None if it is not installed."""
     try:
         return importlib.import_module("rustypot")
     except ImportError:

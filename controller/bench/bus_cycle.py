@@ -1,8 +1,8 @@
-"""Cost of a bus cycle to a client: ours beside dynamixel-sdk and rustypot, on one port.
+"""Measures the cost of a bus cycle: this program beside dynamixel-sdk and rustypot, on one port.
 
-All clients have the same emulated bus open and take short turns, so that whatever else the machine
-does falls on all of them alike. Compared is what does the same work: clients that read the same
-bytes, in the same rounds.
+All clients have the same emulated bus open and take short turns, so that the machine's other work
+affects them alike. Clients are compared that do the same work: they read the same bytes, in the
+same rounds.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ _OURS: Final = "haptic-wall"
 
 @dataclass(slots=True)
 class _Times:
-    """Of one client [µs]."""
+    """Times of one client [µs]."""
 
     rounds: list[float] = field(default_factory=list)
     """Median cycle of each round"""
     busy: list[float] = field(default_factory=list)
-    """Median processor time of a cycle of each round"""
+    """Median processor time per cycle of each round"""
     cycles: list[float] = field(default_factory=list)
-    """Every one, to be drawn"""
+    """Every cycle, for the picture"""
     failed: int = 0
 
 
 def measure() -> Section:
-    """Time and processor time of a cycle with one servo and with several, of each client."""
+    """Measure time and processor time of a cycle with one servo and several, for each client."""
     notes: list[str] = []
     compiled = rustypot()
     if compiled is None:
@@ -86,9 +86,9 @@ def measure() -> Section:
 def _taking_turns(
     groups: Mapping[str, Mapping[str, Cycle]],
 ) -> dict[str, dict[str, _Times]]:
-    """Every client's times, by block and client; a round before the first one is not counted.
+    """Return every client's times, by block and client; the first round is not counted.
 
-    Medians, because a cycle that the machine interrupts takes ten times as long.
+    It uses medians, because a cycle that the machine interrupts takes ten times as long.
     """
     now_ns, busy_ns = time.perf_counter_ns, time.thread_time_ns
     times = {title: {name: _Times() for name in clients} for title, clients in groups.items()}
@@ -149,13 +149,13 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
 def _clients(
     path: str, ids: Sequence[int], compiled: ModuleType | None, stack: ExitStack
 ) -> dict[str, dict[str, Cycle]]:
-    """The cycles of every client with the port open, by block."""
-    # A pseudo-terminal is raw already, and only what sets its speed is heard at that speed.
+    """Return the cycles of every client with the port open, by block."""
+    # A pseudo-terminal is raw already; it only needs the baud rate.
     line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
     stack.callback(line.close)
     line.write(encode(BROADCAST, Instruction.WRITE, struct.pack("<HB", _RETURN_DELAY, 0)))
     peers = [vendors(path, BAUD, ids, _BLOCKS, stack)]
-    if compiled is not None:  # the last: it keeps others from opening
+    if compiled is not None:  # the last: it locks the port
         peers.append(rusty(compiled, path, BAUD, ids, _BLOCKS, stack))
     groups = {}
     for block, *theirs in zip(_BLOCKS, *peers, strict=True):
@@ -167,7 +167,7 @@ def _clients(
 
 @contextmanager
 def _bus(ids: Sequence[int]) -> Iterator[str]:
-    """An emulated bus; where there are two cores the clients have one of their own."""
+    """Start an emulated bus; with two cores the clients have one of their own."""
     cores = os.sched_getaffinity(0)
     apart = {max(cores)} if len(cores) > 1 else cores
     with emulated_bus(ids=ids, cores=apart) as path:

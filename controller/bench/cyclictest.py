@@ -1,4 +1,4 @@
-"""``cyclictest`` of rt-tests, where it is installed: the yardstick of wake-up lateness on Linux."""
+"""Runs ``cyclictest`` of rt-tests, where it is installed: the reference for wake-up lateness."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from haptic_wall.controller.theory.checks import IntArray
 
 PRIORITY = 80
 _RANGE_US = 20_000
-"""Latenesses from here on are only counted by it [µs]"""
+"""It only counts the lateness values from here on [µs]"""
 _PATIENCE_S = 20.0
 _ALSO_IN = ("/usr/local/sbin", "/usr/sbin", "/sbin")
-"""Where packages put it, and users' PATH often does not reach"""
+"""Folders that packages use and users' PATH often lacks"""
 _BIN = re.compile(r"^(\d+)\s+(\d+)\s*$", re.MULTILINE)
 
 
 def installed() -> str | None:
-    """Its path, if there is one."""
+    """Return its path, or None."""
     for folder in (None, *_ALSO_IN):
         if (path := shutil.which("cyclictest", path=folder)) is not None:
             return path
@@ -29,26 +29,26 @@ def installed() -> str | None:
 
 
 def options(core: int, ticks: int) -> list[str]:
-    """One thread with SCHED_FIFO on one core, woken every millisecond, memory locked.
+    """Return the options for one SCHED_FIFO thread on one core, woken every millisecond.
 
     Args:
-        core: Where the thread runs.
-        ticks: How often it is woken.
+        core: Core of the thread.
+        ticks: Number of wake-ups.
     """
     placed = ["-a", str(core), "-t", "1", "-p", str(PRIORITY), "-m"]
     return [*placed, "-i", "1000", "-d", "0", "-q", "-l", str(ticks), "-h", str(_RANGE_US)]
 
 
 def lateness_us(path: str, core: int, ticks: int) -> IntArray:
-    """Run it; the lateness of each wake-up [µs, rounded down], in rising order.
+    """Run it; return the lateness of each wake-up [µs, rounded down], rising.
 
     Args:
         path: Of the program.
-        core: Where its thread runs.
-        ticks: How often it is woken.
+        core: Core of its thread.
+        ticks: Number of wake-ups.
 
     Raises:
-        PlatformError: It could not do it, mostly for lack of real-time rights.
+        PlatformError: It failed, mostly for lack of real-time rights.
     """
     try:
         done = subprocess.run(
@@ -57,7 +57,7 @@ def lateness_us(path: str, core: int, ticks: int) -> IntArray:
             text=True,
             check=False,
             timeout=_PATIENCE_S + 2e-3 * ticks,
-            process_group=0,  # a Ctrl-C is ours to hear; what runs is then killed
+            process_group=0,  # this process handles a Ctrl-C and kills the child
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise PlatformError(f"cyclictest could not be run: {error}") from error
@@ -68,12 +68,12 @@ def lateness_us(path: str, core: int, ticks: int) -> IntArray:
 
 
 def parsed(text: str) -> IntArray:
-    """The latenesses that its histogram counts [µs, rounded down], in rising order.
+    """Return the lateness values of its histogram [µs, rounded down], rising.
 
-    Those beyond its range count as its end, which is the least that they can be.
+    Those beyond its range count as its end, which is their lower bound.
 
     Args:
-        text: What ``cyclictest -q -h`` printed.
+        text: Output of ``cyclictest -q -h``.
 
     Raises:
         PlatformError: It is no such histogram, or not the whole of it.
@@ -91,7 +91,7 @@ def parsed(text: str) -> IntArray:
 
 
 def version(path: str) -> str | None:
-    """Return the version that the tool reports of itself.
+    """Return the version that the tool reports.
 
     Args:
         path: Of the program.
@@ -107,6 +107,6 @@ def version(path: str) -> str | None:
 
 
 def _stated(text: str, label: str) -> int | None:
-    """The one thread's number on a line of the summary."""
+    """Return the single thread's number on a line of the summary."""
     found = re.search(rf"^# {label}:\s*(\d+)\s*$", text, re.MULTILINE)
     return None if found is None else int(found[1])

@@ -1,4 +1,4 @@
-"""Cost of the oscillation detector in a tick."""
+"""Measures the cost of the oscillation detector in a tick."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TICKS = 50_000
 
 
 def measure() -> Section:
-    """Every tick timed by itself, on an oscillation that decays and is kicked again."""
+    """Time every tick by itself, on an oscillation that decays and is kicked again."""
     natural = math.sqrt(_STIFFNESS / _INERTIA)
     t = np.arange(_TICKS) * _PERIOD
     x = 0.2 * np.exp(-(t % 2.0)) * np.cos(natural * t)

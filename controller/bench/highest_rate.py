@@ -1,4 +1,4 @@
-"""The highest rate at which a loop keeps up with the emulated bus, beside a bare loop."""
+"""Finds the highest rate at which a loop keeps up with the emulated bus, beside a bare loop."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from haptic_wall.controller.bench.rows import Section, over_rounds
 from haptic_wall.hw.errors import ServoError
 
 _LOW_HZ, _HIGH_HZ = 500.0, 5500.0
-"""At the most a cycle takes 0.8 of a period on the wire alone"""
+"""At the highest rate a cycle takes 0.8 of a period on the wire alone"""
 _ROUNDS, _STEPS, _TRIES, _SECONDS = 5, 6, 2, 0.8
-"""The last step decides on 4 %; a rate is tried again, since the machine stalls at times"""
+"""The last step resolves 4 %; a rate is tried twice, since the machine stalls at times"""
 _MOST_FAILED = 0.01
 _WHAT: Final = "highest rate with under 1 % of the periods skipped or without their own reply"
 _SHOWS_NOT: Final = (
@@ -23,15 +23,15 @@ _SHOWS_NOT: Final = (
 
 
 class Search:
-    """Halves, on a logarithmic scale, the range in which the highest rate lies.
+    """Bisects, on a logarithmic scale, the range of the highest rate.
 
     Args:
-        low_hz: Rates below it are not of interest.
-        high_hz: Rates above it are not either.
+        low_hz: Lower end of the range.
+        high_hz: Upper end of the range.
 
     Attributes:
         held_hz: The highest rate that was held; None: none was.
-        rate_hz: The next one to be tried.
+        rate_hz: The next rate to try.
     """
 
     def __init__(self, low_hz: float, high_hz: float) -> None:
@@ -40,11 +40,11 @@ class Search:
 
     @property
     def rate_hz(self) -> float:
-        """See ``Search``."""
+        """Return the next rate to try [Hz]."""
         return math.sqrt(self._low * self._high)
 
     def tell(self, held: bool) -> None:
-        """Take the result at ``rate_hz`` into account."""
+        """Record whether ``rate_hz`` was held."""
         if held:
             self._low = self.held_hz = self.rate_hz
         else:
@@ -52,7 +52,7 @@ class Search:
 
 
 def measure() -> Section:
-    """The highest rate of each loop, and of one over that of the other.
+    """Measure the highest rate of each loop, and their ratio.
 
     Raises:
         PlatformError: The bus or a loop could not be started.
@@ -93,13 +93,13 @@ def measure() -> Section:
 def holds(loop: Loop, path: str, rate_hz: float) -> bool:
     """Whether a loop keeps up with a rate, in one of a few tries.
 
-    One that does not even start does not: what a loop before it has asked for at a rate that was
-    too high may still be in the bus.
+    A loop that does not start does not keep up: requests of the loop before, at too high a rate,
+    may still be in the bus.
 
     Args:
-        loop: To be tried.
+        loop: The loop.
         path: Of the bus.
-        rate_hz: To be kept up with.
+        rate_hz: The rate.
     """
     for _ in range(_TRIES):
         with suppress(ServoError):

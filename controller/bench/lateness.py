@@ -1,7 +1,7 @@
-"""How late a loop wakes up every millisecond: ours, the ones people write, and cyclictest.
+"""Measures the wake-up lateness at 1 kHz of this program, of common loops, and of cyclictest.
 
-All wake up on the same core and take turns of a second, so that whatever else the machine does
-falls on all of them alike. Compared with cyclictest is what was measured in the same round.
+All wake up on the same core and take turns of a second, so that the machine's other work affects
+them alike. The comparison with cyclictest uses measurements of the same round.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ROUNDS, _TICKS = 8, 1000
 _START_S: Final = 20.0
 _WARM_UP_S: Final = 0.1
 _WARM_UP_TICKS: Final = round(1e9 * _WARM_UP_S / PERIOD_NS)
-"""Of each loop but cyclictest, which has none: not counted"""
+"""Not counted, for each loop but cyclictest, which has no warm-up"""
 _PERCENTILES: Final = (50.0, 99.0, 99.9)
 _PROGRAM: Final = "haptic-wall run"
 _WAIT: Final = "haptic-wall's wait alone"
@@ -58,11 +58,11 @@ class Turn:
 
     late_us: FloatArray
     rate_hz: float | None
-    """Delivered; None: it does not tell"""
+    """Achieved rate [Hz]; None: unknown"""
     busy: float | None = None
-    """Processor time, as a share of the time that passed; None: it does not tell"""
+    """Processor time as a fraction of the elapsed time; None: unknown"""
     settings: Sequence[Mapping[str, Any]] = ()
-    """Real-time settings, wanted against got; empty: it asked for none"""
+    """Real-time settings, wanted against granted; empty: none was requested"""
 
 
 Client = Callable[[], Turn]
@@ -75,12 +75,12 @@ class _Seen:
     turns: list[Turn] = field(default_factory=list)
 
     def percentile(self, q: float) -> list[float]:
-        """Of each round [µs]."""
+        """Return the percentile of each round [µs]."""
         return [percentile(turn.late_us, q) for turn in self.turns]
 
 
 def measure() -> Section:
-    """Percentiles of lateness and the rate delivered, of each client."""
+    """Measure percentiles of the lateness, and the achieved rate, of each client."""
     core, _ = pick_cores()
     clients, notes = _clients(core)
     seen = {name: _Seen() for name in clients}
@@ -105,7 +105,7 @@ def measure() -> Section:
 
 
 def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
-    """Whoever can take part, and a sentence about each that cannot."""
+    """Return the available clients, and a sentence about each that is not."""
     notes = []
     clients: dict[str, Client] = {_PROGRAM: partial(_program, core)}
     if (path := cyclictest.installed()) is None:
@@ -151,8 +151,8 @@ def _rows(name: str, seen: _Seen) -> list[Row]:
 
 
 def _compared(seen: Mapping[str, _Seen]) -> list[Row]:
-    """Our p99 over cyclictest's of the same round."""
-    # It tells whole µs, rounded down: where that is 0 nothing is known but that it is below 1.
+    """Return our p99 over cyclictest's of the same round."""
+    # It reports whole µs, rounded down: 0 only means below 1.
     theirs = [max(p99, 1.0) for p99 in seen[_YARDSTICK].percentile(99.0)]
     return [
         ratio(
@@ -177,10 +177,10 @@ def _cyclictest(path: str, core: int) -> Turn:
 
 
 def _child(client: str, core: int) -> Turn:
-    """A round of one of the loops of ``lateness_client``.
+    """Run a round of one of the loops of ``lateness_client``.
 
     Raises:
-        PlatformError: It told nothing.
+        PlatformError: It reported nothing.
     """
     ticks = _WARM_UP_TICKS + _TICKS
     orders = Orders(client, core, cyclictest.PRIORITY, ticks, os.getpid())
@@ -202,17 +202,17 @@ def _child(client: str, core: int) -> Turn:
 
 
 def _program(core: int) -> Turn:
-    """A round of the whole program, on a servo simulated in its loop.
+    """Run a round of the whole program, on a servo simulated in its loop.
 
     Raises:
-        PlatformError: The run ended before its time.
+        PlatformError: The run ended too early.
     """
     sets = ("realtime.profile=best-effort", f"realtime.core={core}", f"loop.warm_up_s={_WARM_UP_S}")
     loaded = load_config("simulated", sets)
     with tempfile.TemporaryDirectory() as folder, closing(Telemetry.create()) as telemetry:
         seconds = 1e-9 * PERIOD_NS * _TICKS
         plan = Plan(loaded.config, seconds, Path(folder) / "log", {"name": loaded.name}, None)
-        # Without the handlers of a command: a Ctrl-C is meant for all of this.
+        # Without a command's signal handlers: a Ctrl-C ends the whole benchmark.
         ended = Supervisor(plan, telemetry, lambda _text: None).run()
         rows, _ = telemetry.read(0)
     if ended.stop_reason != "duration":
@@ -224,13 +224,13 @@ def _program(core: int) -> Turn:
 
 
 def _rate(ticks: int, elapsed_ns: int) -> float:
-    """Of wake-ups, the first and the last counted [Hz]."""
+    """Return the rate of the wake-ups, the first and the last counted [Hz]."""
     return 1e9 * (ticks - 1) / elapsed_ns
 
 
 @contextmanager
 def _elsewhere(core: int) -> Iterator[None]:
-    """This process off a core, where there is another one."""
+    """Keep this process off a core, where there is another one."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, cores - {core} or cores)
     try:

@@ -1,7 +1,7 @@
-"""One loop that does nothing but wake up every millisecond, in a process of its own.
+"""A process with one loop that only wakes up every millisecond.
 
-Takes its orders on standard input, tells on one line of standard output how late each wake-up
-was. It imports little, so that a round does not wait for it.
+It reads its orders on standard input and prints the lateness of each wake-up on one line. It
+imports little, so that a round starts quickly.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Orders:
     priority: int
     ticks: int
     parent: int
-    """Process id of who asks: when it ends, so does this"""
+    """Process id of the caller: when it ends, so does this process"""
 
 
 class Woken(NamedTuple):
@@ -44,7 +44,7 @@ class Woken(NamedTuple):
     elapsed_ns: int
     """From the first wake-up to the last"""
     busy_ns: int
-    """Processor time of all of it"""
+    """Total processor time"""
 
 
 def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monotonic_ns) -> Woken:
@@ -52,7 +52,7 @@ def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monoton
 
     Args:
         waiter: Waits for each deadline.
-        ticks: How often, >= 1.
+        ticks: Number of wake-ups, >= 1.
         now_ns: The waiter's clock.
     """
     late = []
@@ -68,7 +68,7 @@ def on_grid(waiter: Waiter, ticks: int, now_ns: Callable[[], int] = time.monoton
 
 
 def with_settings(orders: Orders) -> Woken:
-    """The program's wait, with what the system grants of the loop's real-time settings."""
+    """Wait as the program does, with the granted real-time settings of its loop."""
     return on_grid(waiter_for(MonotonicClock(), None, PERIOD_NS), orders.ticks)
 
 
@@ -78,7 +78,7 @@ def to_the_deadline(orders: Orders) -> Woken:
 
 
 def relative(orders: Orders) -> Woken:
-    """Sleep for a period; the next one counts from the wake-up."""
+    """Sleep for a period from each wake-up."""
     now, sleep, period_s = time.monotonic_ns, time.sleep, PERIOD_NS * 1e-9
     late = []
     began = time.thread_time_ns()
@@ -93,7 +93,7 @@ def relative(orders: Orders) -> Woken:
 
 
 def rate_limited(orders: Orders) -> Woken:
-    """``loop_rate_limiters.RateLimiter``, late against the tick that it announces itself."""
+    """Use ``loop_rate_limiters.RateLimiter``; lateness against its own announced tick."""
     limiter = importlib.import_module("loop_rate_limiters").RateLimiter(
         frequency=1e9 / PERIOD_NS, warn=False
     )
@@ -120,7 +120,7 @@ CLIENTS: Final[dict[str, tuple[realtime.Profile, Callable[[Orders], Woken]]]] = 
 
 
 def main() -> None:
-    """Do as ordered."""
+    """Run the ordered loop."""
     orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     profile, loop = CLIENTS[orders.client]

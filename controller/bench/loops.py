@@ -1,8 +1,8 @@
 """The loops that are compared on an emulated bus: the whole program and the bare loop.
 
-Both take their turns on the one bus, on the same core and with the same scheduling; the emulated
-bus has another core where there are two. How long before a deadline to stop sleeping is each one's
-own affair: a fixed share of the period there, measured at the start here.
+Both take turns on the one bus, on the same core and with the same scheduling; the emulated bus has
+another core where there are two. Each loop decides how long before a deadline it stops sleeping:
+the bare loop at a fixed fraction of the period, this program by a measurement at the start.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from haptic_wall.controller.settings.load import load_config
 
 BAUD: Final = 4_000_000
 START_S: Final = 20.0
-"""How long a child may take to start, and to end [s]"""
+"""Time allowed for a child to start, and to end [s]"""
 _TIMES: Final = ("lateness", "bus", "work")
 _WARM_UP_S: Final = 0.05
-"""What is lost in it counts as well"""
+"""Losses in it count as well"""
 FORGIVING: Final = (
     "realtime.profile=best-effort",
     "servo.watchdog_s=0.5",
@@ -37,9 +37,10 @@ FORGIVING: Final = (
     "safety.max_silence_s=0.25",
     "safety.max_loss=0.9",
 )
-"""What the machine's own stalls must not end; none of it changes what is measured"""
+"""Settings that keep the machine's own stalls from ending a run; they do not affect the measurement
+"""
 AT_REST: Final = ("wall.side=both", "wall.reference=start", "wall.position=0")
-"""A two-sided wall around the place where an emulated servo stands: always in contact, and still"""
+"""A two-sided wall at the position of an emulated servo: always in contact, and at rest"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +49,11 @@ class Ran:
 
     ticks: int
     missed: int
-    """Periods in which it did not run"""
+    """Periods that it skipped"""
     lost: int
-    """Ticks without an answer to their own request in time"""
+    """Ticks without a reply to their own request in time"""
     late: int = 0
-    """Replies that came after that"""
+    """Replies that came later"""
     times_us: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     """``lateness``, ``bus`` and ``work``, each with its ``p50`` and ``p99`` [µs]"""
 
@@ -65,12 +66,12 @@ Loop = Callable[[str, float, float], Ran]
 def emulated_bus(
     *options: str, ids: Sequence[int] = (1,), cores: set[int] | None = None
 ) -> Iterator[str]:
-    """An emulated bus in a process of its own; the path of its pseudo-terminal.
+    """Start an emulated bus in a process of its own; yield the path of its pseudo-terminal.
 
     Args:
-        options: More of ``haptic-wall emulate``.
+        options: Further options of ``haptic-wall emulate``.
         ids: Of its servos.
-        cores: Where it runs; None: on those that a loop leaves it.
+        cores: Cores on which it runs; None: those that a loop does not use.
 
     Raises:
         PlatformError: It did not start.
@@ -96,10 +97,10 @@ def emulated_bus(
 
 
 def bare(path: str, seconds: float, rate_hz: float) -> Ran:
-    """The bare loop.
+    """Run the bare loop.
 
     Raises:
-        PlatformError: It came to no end of its own.
+        PlatformError: It did not end by itself.
     """
     arguments = [
         "haptic_wall.controller.bench.bare_loop",
@@ -126,7 +127,7 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
 
 
 def ours(path: str, seconds: float, rate_hz: float) -> Ran:
-    """The whole program: supervisor, loop with guard and watch, recorder.
+    """Run the whole program: supervisor, loop with guard and detector, recorder.
 
     Raises:
         ServoError: The servo could not be started.
@@ -139,7 +140,7 @@ def ours(path: str, seconds: float, rate_hz: float) -> Ran:
         f"loop.warm_up_s={_WARM_UP_S}",
         *AT_REST,
     )
-    # One that a trip has ended, with a machine that cannot do it, has missed all that was to come.
+    # A run that a trip has ended, on a machine that is too slow, has missed all remaining periods.
     missed = max(ended.missed, round(seconds * rate_hz) - ended.ticks)
     return replace(of_run(ended), missed=missed)
 
@@ -148,7 +149,7 @@ LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
 
 
 def of_run(ended: Ended) -> Ran:
-    """Result of a run of the whole program.
+    """Return the result of a run of the whole program.
 
     Args:
         ended: The run.
@@ -167,10 +168,10 @@ def of_run(ended: Ended) -> Ran:
 
 
 def wall_run(preset: str, seconds: float, *sets: str) -> Ended:
-    """One run of the whole program on the monotonic clock, its log thrown away.
+    """Run the whole program once on the monotonic clock, and discard its log.
 
-    A Ctrl-C ends it as it ends anything: the handlers of ``haptic-wall run``, which only ask the
-    run to stop, would lose one that comes when the loop has just ended.
+    A Ctrl-C ends it immediately: the handlers of ``haptic-wall run`` only ask the run to stop, and
+    would lose one that comes when the loop has just ended.
 
     Raises:
         ServoError: The servo could not be started.

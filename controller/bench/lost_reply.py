@@ -1,7 +1,7 @@
-"""Cost of a lost reply to a loop: how long each client waits for it.
+"""Measures the cost of a lost reply: how long each client waits for it.
 
-The emulated bus drops replies. It is also the judge of the whole program: from the request whose
-reply is lost to the torque frame that is sent all the same.
+The emulated bus drops replies. Its record also times the whole program: from the request whose
+reply is lost to the next torque frame.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from haptic_wall.hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
 _ROUNDS, _LOSSES, _MOST_READS = 5, 8, 200
-"""Losses of each client in each round; reads after which it is given up"""
+"""Losses of each client in each round; number of reads before giving up"""
 _EVERY, _RARELY = 5, 20
-"""Every so manieth reply is dropped: for clients alone, and in a run"""
+"""Every n-th reply is dropped: for clients alone, and in a run"""
 _RUN_S = 2.0
 _START_S = 0.2
-"""Of the run, not looked at"""
+"""Ignored beginning of the run [s]"""
 _ADDRESS, _BYTES = 120, 16
 _SHOWS_NOT: Final = (
     "what the loop does without its reading, nor a real adapter, whose timer makes replies late"
 )
 
 Read = Callable[[], bool]
-"""Asks for one reply; whether it came"""
+"""Requests one reply; returns whether it came"""
 
 
 def measure() -> Section:
-    """Time from a request to going on, where the reply is lost, in periods of 1 ms.
+    """Measure the time from a request to the next action after a lost reply, in periods of 1 ms.
 
     Raises:
         ServoError: The servo could not be started.
-        PlatformError: The bus or the loop could not be started, or nothing was lost.
+        PlatformError: The bus or the loop could not be started, or no reply was lost.
     """
     notes = []
     if rustypot() is None:
@@ -71,11 +71,11 @@ def measure() -> Section:
 
 
 def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
-    """How long each client's failed reads took [ns], in short turns.
+    """Return the durations of each client's failed reads [ns], in short turns.
 
     Args:
         clients: By name.
-        rounds: How many turns each has.
+        rounds: Number of turns of each.
     """
     waits: dict[str, list[int]] = {name: [] for name in clients}
     for counted in range(1, rounds + 1):
@@ -90,7 +90,7 @@ def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
 
 
 def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
-    """From each read request whose reply was dropped to the next torque frame [s].
+    """Return the times from each read request with a dropped reply to the next torque frame [s].
 
     Args:
         rows: The record of a bus.
@@ -109,7 +109,7 @@ def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
 
 
 def _whole_program() -> tuple[list[Row], list[float]]:
-    """Its rows, and each wait in periods."""
+    """Return its rows, and each wait in periods."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
@@ -143,7 +143,7 @@ def _figures(what: str, periods: list[float]) -> list[Row]:
 
 
 def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
-    """One read of each client, as it would be used in a loop of this period."""
+    """Return one read of each client, as a loop of this period would use it."""
     line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
     stack.callback(line.close)
     link = Link(line, 1)
@@ -166,7 +166,7 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
         ),
     }
     module = rustypot()
-    if module is not None:  # the last: it keeps others from opening
+    if module is not None:  # the last: it locks the port
         client = module.Xl430PyController(path, BAUD, 1e-9 * _PERIOD_NS)
         stack.callback(client.close)
 

@@ -1,4 +1,4 @@
-"""Machine and versions that figures are of, and processor time the host took meanwhile."""
+"""Describes the machine and the versions, and the processor time that the host took."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _PACKAGES = (
 )
 _STAT = Path("/proc/stat")
 _STEAL = 7
-"""Its place among a processor's times"""
+"""Index of the steal time among a processor's times"""
 
 
 def machine() -> dict[str, str | int | None]:
-    """Processor, cores that may be used, system and its kernel."""
+    """Return processor, available cores, system and kernel."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None,
@@ -37,7 +37,7 @@ def machine() -> dict[str, str | int | None]:
 
 
 def versions() -> dict[str, str | None]:
-    """Of this program, Python, NumPy, SciPy and the peers; None: not installed."""
+    """Return the versions of this program, Python, NumPy, SciPy and the peers; None: missing."""
     path = cyclictest.installed()
     return {
         "haptic-wall": __version__,
@@ -49,37 +49,37 @@ def versions() -> dict[str, str | None]:
 
 
 class ProcessorTime(NamedTuple):
-    """Of all processors together, since the start of the machine [ticks of the kernel]."""
+    """Time of all processors together since the start of the machine [ticks of the kernel]."""
 
     total: int
     stolen: int
-    """What the host of a virtual machine gave to others while this one wanted to run"""
+    """Time that the host gave to other virtual machines while this one was ready to run"""
 
 
 def processor_time(stat: Path = _STAT) -> ProcessorTime | None:
-    """Processor time that the kernel has counted until now; None: this system does not tell.
+    """Return the processor time counted by the kernel so far; None: this system does not report it.
 
     Args:
-        stat: Where it says so.
+        stat: The kernel's file.
     """
     try:
         words = stat.read_text(encoding="ascii").partition("\n")[0].split()
     except OSError:
         return None
-    # A guest's time, which follows, is counted in the user's as well.
+    # The user time already includes the guest time, which follows.
     times = [int(word) for word in words[1 : _STEAL + 2]]
     return ProcessorTime(sum(times), times[_STEAL]) if len(times) > _STEAL else None
 
 
 def stolen_percent(before: ProcessorTime | None, after: ProcessorTime | None) -> float | None:
-    """Time the host took between two readings, in percent of all processors' time."""
+    """Return the time the host took between two readings, in percent of all processors' time."""
     if before is None or after is None or after.total <= before.total:
         return None
     return 100.0 * (after.stolen - before.stolen) / (after.total - before.total)
 
 
 def load_average() -> list[float] | None:
-    """Processes that ran or wanted to, over the last 1, 5 and 15 minutes."""
+    """Return the number of processes that ran or waited, over the last 1, 5 and 15 minutes."""
     try:
         return [round(load, 2) for load in os.getloadavg()]
     except OSError:

@@ -1,4 +1,4 @@
-"""What the bench measured, as one HTML page."""
+"""Makes one HTML page of the bench's results."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from haptic_wall.controller.report.html import embedded, filled_in
 
 
 def page(report: Mapping[str, Any]) -> str:
-    """The page's text.
+    """Return the page's text.
 
     Args:
-        report: From ``report.measured``, or read from what ``--json`` printed.
+        report: From ``report.measured``, or read from the output of ``--json``.
     """
     pictures = {
         name: [

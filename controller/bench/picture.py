@@ -1,4 +1,4 @@
-"""A histogram drawn: a strip for each series, one axis for all, medians and tails marked."""
+"""Draws a histogram: a strip for each series on one axis, with medians and tails marked."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _STRIP, _AXIS = 0.62, 0.55
-"""Height of a strip, and of what is below them all [inch]"""
+"""Heights of a strip, and of the space below all of them [inch]"""
 
 
 def png(histogram: Mapping[str, Any]) -> bytes:
-    """The picture.
+    """Return the picture as PNG.
 
     Args:
         histogram: From ``bins.binned``, with at least one series.
@@ -34,7 +34,7 @@ def png(histogram: Mapping[str, Any]) -> bytes:
         if histogram["scale"] == "log":
             last.set_xscale("log")
             last.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            # Told only where there are few decades, as matplotlib decides.
+            # Labelled only where there are few decades, as matplotlib decides.
             last.xaxis.set_minor_formatter(LogFormatter())
         last.set_xlabel(f"{histogram['name']} [{histogram['unit']}]")
         last.set_xlim(histogram["edges"][0], histogram["edges"][-1])

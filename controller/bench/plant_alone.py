@@ -1,8 +1,8 @@
-"""The servo alone under torques known beforehand: arrays beside mujoco.rollout and scipy.signal.
+"""Measures the servo alone under given torques: arrays beside mujoco.rollout and scipy.signal.
 
-What these peers can do of the problem is the linear servo without the wall around it: they take
-every torque before the first step, where a wall's torque comes of the motion itself. The arrays of
-walls run their whole loop here as well, with a wall of no stiffness and the torques as a hand's.
+These peers can compute only a part of the problem, the linear servo without the wall: they take
+every torque before the first step, whereas a wall's torque depends on the motion. The arrays of
+walls run their whole loop here too, with a wall of zero stiffness and the torques of an operator.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ROUNDS, _PERIODS = 5, 1000
 _MANY, _SOME, _FEW = BLOCK, 128, 8
 _TORQUE: Final = 0.1
 _SAME: Final = 1e-9
-"""Difference of positions up to which two answers are the same [rad]"""
+"""Difference of positions up to which two answers agree [rad]"""
 _NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
 _NOTES: Final = (
     "not compared with mujoco.rollout and scipy.signal: the wall's delayed torque in closed loop,"
@@ -39,21 +39,22 @@ _NOTES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """Who moves servos."""
+    """A program that moves servos."""
 
     positions: Callable[[FloatArray], FloatArray]
-    """From torques [N·m] to the positions [rad] at the ends of the periods, both (servo, period)"""
+    """Computes the positions [rad] at the ends of the periods from torques [N·m], both (servo,
+    period)"""
     servos: int
     exact: bool = True
-    """Whether it claims the exact answer for torques that are held over each period"""
+    """It claims the exact answer for torques held over each period"""
 
 
 def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float) -> Walls:
-    """Two-sided walls, all the same, without delay.
+    """Return equal two-sided walls without delay.
 
     Args:
-        servo: What moves; its encoder, friction and torque limit count.
-        count: How many.
+        servo: The servo; its encoder, friction and torque limit count.
+        count: Number of walls.
         stiffness: K [N·m/rad].
         virtual_damping: B [N·m·s/rad].
     """
@@ -78,7 +79,7 @@ def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float
 
 
 def beside_peers() -> tuple[list[Row], list[str]]:
-    """Rates of all, how far their answers are apart, and what is not compared."""
+    """Return the rates of all, the differences of their answers, and what is not compared."""
     notes = list(_NOTES)
     peers = {**_scipy(), **_mujoco(notes)}
     clients = {"haptic-wall": Client(_arrays, _MANY), **peers}
@@ -167,7 +168,7 @@ def _scipy() -> dict[str, Client]:
 
 
 def _mujoco(notes: list[str]) -> dict[str, Client]:
-    """Both of its integrators that matter: the usual one, and the one that is exact enough."""
+    """Return clients of both relevant integrators: the usual one, and an accurate one."""
     try:
         mujoco = importlib.import_module("mujoco")
         rollout = importlib.import_module("mujoco.rollout").rollout

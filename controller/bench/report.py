@@ -1,4 +1,4 @@
-"""One report of the sections asked for: figures, what the machine was, what it lost meanwhile."""
+"""Assembles the report of the requested sections: figures, machine, and its steal time."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from haptic_wall.hw.errors import ServoError
 
 
 def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[str, Any]:
-    """Measure section by section; a Ctrl-C ends it with what is finished.
+    """Measure section by section; a Ctrl-C ends it with the finished sections.
 
-    All is loaded first, while a Ctrl-C still ends the process: a library may swallow the exception
-    that it is later.
+    All modules are imported first, while a Ctrl-C still ends the process: later it is an exception
+    that a library may swallow.
 
     Args:
         modules: The module of each section, which has ``measure() -> Section``.
@@ -46,7 +46,7 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
         "sections": {},
     }
     for module in modules.values():
-        with suppress(Exception):  # what is wrong with it is told in its section
+        with suppress(Exception):  # its section reports the error
             importlib.import_module(module)
     try:
         for name, module in modules.items():
@@ -60,17 +60,17 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
 
 
 def measured_section(module: str) -> dict[str, Any]:
-    """What the report says of one section.
+    """Measure one section; return its part of the report.
 
     Args:
-        module: Which has ``measure() -> Section``.
+        module: A module with ``measure() -> Section``.
     """
     began, before = time.monotonic(), processor_time()
     section: Section
     try:
         with interrupting():
             section = importlib.import_module(module).measure()
-    except (HapticWallError, ServoError) as error:  # no reason to end the rest
+    except (HapticWallError, ServoError) as error:  # the other sections go on
         section = Section((), (f"not measured: {error}",))
     except Exception as error:  # noqa: BLE001 - nor is a peer that has changed
         section = Section((), (f"not measured: {type(error).__name__}: {error}",))

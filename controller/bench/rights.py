@@ -1,4 +1,4 @@
-"""Which real-time settings this machine grants, asked for in a process that ends with them."""
+"""Finds the real-time settings that this machine grants, in a process that ends with them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PATIENCE_S = 20.0
 
 
 def granted() -> list[dict[str, Any]]:
-    """Wanted against got, a mapping each (see ``realtime.Setting``); empty where it is unknown."""
+    """Return wanted against granted, a mapping each (see ``realtime.Setting``); empty: unknown."""
     if sys.platform != "linux":
         return []
     child = Child("the question for rights", [__name__], {"parent": os.getpid()})
@@ -31,7 +31,7 @@ def granted() -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Ask, and tell."""
+    """Request the settings, and print the result."""
     realtime.die_with_parent(read_orders()["parent"], signal.SIGTERM)
     core, _ = realtime.pick_cores()
     settings = realtime.apply("best-effort", cyclictest.PRIORITY, {core})

@@ -1,4 +1,4 @@
-"""Result of a section of the benchmark, and how its times are taken."""
+"""The result of a benchmark section as plain data, and how its times are measured."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ class Row:
     """One figure."""
 
     name: str
-    """What was measured"""
+    """The measured quantity"""
     value: float
     unit: str
     shows_not: str
-    """What this figure must not be taken for"""
+    """A conclusion that this figure does not support"""
     low: float | None = None
-    """Lower quartile of the rounds; None: not told"""
+    """Lower quartile of the rounds; None: not given"""
     high: float | None = None
     """Upper quartile of the rounds"""
 
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Samples to be drawn over each other."""
+    """Series of samples to be drawn over each other."""
 
     name: str
-    """What was measured"""
+    """The measured quantity"""
     unit: str
     series: Mapping[str, Sequence[float]]
-    """The samples of each that is compared, by name; at most some ten thousand"""
+    """The samples of each compared client, by name; at most some ten thousand"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +41,18 @@ class Section:
 
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
-    """What could not be measured, and why"""
+    """Missing measurements, and the reasons"""
     histograms: tuple[Histogram, ...] = ()
 
 
 def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Row:
-    """A row of one value a round: the median, and the quartiles.
+    """Return a row of one value a round: the median, and the quartiles.
 
     Args:
-        name: What was measured.
+        name: The measured quantity.
         values: At least one.
         unit: Of the values; ``1``: a ratio.
-        shows_not: What it must not be taken for.
+        shows_not: A conclusion that it does not support.
     """
     if len(values) == 1:
         return Row(name, values[0], unit, shows_not, values[0], values[0])
@@ -61,27 +61,27 @@ def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -
 
 
 def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Row:
-    """Ours over theirs, round by round: what the machine does falls on both alike.
+    """Return ours over theirs, round by round: the machine's other work affects both alike.
 
     Args:
-        name: What is compared.
+        name: The compared quantity.
         ours: A value each round.
         theirs: Of the same rounds, not zero.
-        shows_not: What it must not be taken for.
+        shows_not: A conclusion that it does not support.
     """
     each = [one / other for one, other in zip(ours, theirs, strict=True)]
     return over_rounds(name, each, "1", shows_not)
 
 
 def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
-    """Time of each piece of work in each round [s], all of them once in every round.
+    """Return the time of each piece of work in each round [s], all of them once in every round.
 
-    Whatever else the machine does then falls on all of them alike. A round before the first one
-    is not counted: it pays for imports and caches.
+    The machine's other work then affects them alike. The first round is not counted: it pays for
+    imports and caches.
 
     Args:
-        work: What is timed, by name.
-        rounds: How many are counted, >= 1.
+        work: Functions to time, by name.
+        rounds: Number of counted rounds, >= 1.
     """
     times: dict[str, list[float]] = {name: [] for name in work}
     for counted in range(rounds + 1):

@@ -1,7 +1,7 @@
-"""Where a tick's time goes: its parts' methods timed from outside, for the benchmark only.
+"""Times the stages of a tick by wrapping the methods of its parts, for the benchmark only.
 
-The tick itself is the one that always runs; nothing in it knows of this. What timing itself takes
-is found in the same ticks, by timing a method that does nothing, and is taken off.
+The tick itself is unchanged and does not know of it. The cost of the timing is measured in the same
+ticks, with a method that does nothing, and subtracted.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.rehearsal import Rehearsal
+from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.servo import Servo
@@ -38,7 +38,7 @@ WAKE, SENSE, WATCH, WALL, WRITE, GUARD, TELEMETRY, REST = STAGES = (
     "telemetry row",
     "all between: safety, order, control words",
 )
-"""In the order of a tick"""
+"""The stages in the order of a tick"""
 _SERVO: Final[Mapping[str, str]] = {"request": SENSE, "write": WRITE}
 _PARTS: Final[tuple[tuple[type, str, str], ...]] = (
     (BackwardDifference, "update", SENSE),
@@ -53,18 +53,18 @@ _PARTS: Final[tuple[tuple[type, str, str], ...]] = (
 
 
 class Nothing:
-    """Has a method that does nothing, to be timed as the others are."""
+    """Has a method that does nothing, timed like the others."""
 
     def work(self) -> None:
         """Do nothing."""
 
 
 class StageTimes:
-    """Times of every tick's stages.
+    """Measures the times of every tick's stages.
 
     Attributes:
-        inside_ns: What timing adds to a stage with each call, tick by tick [ns].
-        around_ns: What it takes beside that, which falls on no stage [ns].
+        inside_ns: Time that the timing adds to a stage with each call, tick by tick [ns].
+        around_ns: Further time of the timing, which belongs to no stage [ns].
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class StageTimes:
 
     @contextmanager
     def listening(self, servo: type[Servo]) -> Iterator[None]:
-        """Time the parts of every tick as long as it lasts; parts made meanwhile included.
+        """Time the parts of every tick inside the block, parts that are made there included.
 
         Args:
             servo: Class of the servo that is used.
@@ -91,8 +91,8 @@ class StageTimes:
                 self._time(stack, part, name, stage)
             self._time(stack, Nothing, "work", REST)
             stack.enter_context(patch.object(Tick, "run", self._whole(Tick.run, nothing)))
-            unheard = self._unheard(Rehearsal.__call__)
-            stack.enter_context(patch.object(Rehearsal, "__call__", unheard))
+            unheard = self._unheard(CacheWarmUp.__call__)
+            stack.enter_context(patch.object(CacheWarmUp, "__call__", unheard))
             yield
 
     def _time(self, stack: ExitStack, part: type, name: str, stage: str) -> None:
@@ -109,7 +109,7 @@ class StageTimes:
         stack.enter_context(patch.object(part, name, timed))
 
     def _waiting(self, collect: Method) -> Method:
-        """``Servo.collect``, which may wait for a bus: not the controller's work."""
+        """Wrap ``Servo.collect``; waiting for a bus is not the controller's work."""
         now, spent, calls = time.monotonic_ns, self._spent, self._calls
 
         def timed(servo: Servo, deadline_ns: int) -> object:
@@ -123,12 +123,12 @@ class StageTimes:
         return timed
 
     def _whole(self, run: Method, nothing: Nothing) -> Method:
-        """``Tick.run`` with its own time, and with a look at what timing takes."""
+        """Wrap ``Tick.run``: time it, and measure the cost of the timing."""
         now, spent, calls, ticks = time.monotonic_ns, self._spent, self._calls, self._ticks
 
         def timed(tick: Tick, deadline_ns: int, woke_ns: int, missed: int) -> None:
             begun = now()
-            for stage in spent:  # what others did since the last tick is none of this one's
+            for stage in spent:  # discard work between the ticks
                 spent[stage] = calls[stage] = 0
             self._waited = 0
             began = now()
@@ -144,23 +144,23 @@ class StageTimes:
 
         return timed
 
-    def _unheard(self, rehearse: Method) -> Method:
-        """``Rehearsal``, whose ticks are none of the loop's."""
+    def _unheard(self, warm_up: Method) -> Method:
+        """``CacheWarmUp``, whose ticks are none of the loop's."""
         kept = self._ticks, self.inside_ns, self.around_ns
 
-        def untimed(rehearsal: Rehearsal, left_ns: int) -> None:
+        def untimed(cache_warm_up: CacheWarmUp, left_ns: int) -> None:
             count = len(self._ticks)
-            rehearse(rehearsal, left_ns)
+            warm_up(cache_warm_up, left_ns)
             for each in kept:
                 del each[count:]
 
         return untimed
 
     def times_us(self, from_tick: int) -> dict[str, NDArray[np.float64]]:
-        """Time of each stage in each tick, without waiting for a bus and without the timing [µs].
+        """Return the time of each stage in each tick, without bus waits and the timing itself [µs].
 
         Args:
-            from_tick: How many to leave out at the beginning.
+            from_tick: Number of ticks to omit at the beginning.
 
         Returns:
             By stage, each of shape (n,).

@@ -1,4 +1,4 @@
-"""The controller's work in a tick, stage by stage, in a loop that sleeps as a real one does."""
+"""Measures the controller's work in a tick, stage by stage, in a loop that sleeps as a real one."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _PERCENTILES: Final = ("p50", "p99")
 
 
 def measure() -> Section:
-    """Work of a tick, whole as a run reports it, and by stages; in its process and on a bus.
+    """Measure the work of a tick, in total and by stages; in its process and on a bus.
 
     Raises:
         ServoError: The servo could not be started.
-        PlatformError: The bus or a loop could not be started, or ended before its time.
+        PlatformError: The bus or a loop could not be started, or ended too early.
     """
     whole: dict[str, list[dict[str, float]]] = {}
     timed: dict[str, list[dict[str, Any]]] = {}
@@ -38,12 +38,12 @@ def measure() -> Section:
             "servo in the loop's process": ("simulated",),
             "servo on the emulated bus": ("xm430-w350", f"servo.port={path}", *AT_REST),
         }
-        unrehearsed = {
-            f"{name}, tick not rehearsed": (*run, "realtime.rehearse=false")
+        not_warmed_up = {
+            f"{name}, no cache warm-up": (*run, "realtime.rehearse=false")
             for name, run in servos.items()
         }
         for _ in range(_ROUNDS):
-            for name, (preset, *sets) in (servos | unrehearsed).items():
+            for name, (preset, *sets) in (servos | not_warmed_up).items():
                 whole.setdefault(name, []).append(_whole_run(preset, *sets))
             for name, (preset, *sets) in servos.items():
                 timed.setdefault(name, []).append(_timed_run(preset, *sets))
@@ -56,7 +56,7 @@ def measure() -> Section:
 
 
 def _whole_run(preset: str, *sets: str) -> dict[str, float]:
-    """Percentiles of the work of a run's ticks [µs]."""
+    """Return percentiles of the work of a run's ticks [µs]."""
     ended = wall_run(preset, _SECONDS, *sets)
     report = ended.statistics.work.as_report(50, 99)
     found = {name: value for name, value in report.items() if value is not None}
@@ -66,7 +66,7 @@ def _whole_run(preset: str, *sets: str) -> dict[str, float]:
 
 
 def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
-    """The figures of a loop that is timed stage by stage."""
+    """Return the figures of a loop that is timed stage by stage."""
     config = load_config(preset, (*FORGIVING, *sets)).config
     core, _ = pick_cores()
     orders = {
@@ -126,7 +126,7 @@ def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Row]:
 
 
 def _drawn(name: str, runs: list[dict[str, Any]]) -> Histogram:
-    # What timing takes is taken off on the average, which can leave less than nothing.
+    # The mean cost of the timing is subtracted, which can give negative values.
     series = {
         stage: [max(0.0, time) for run in runs for time in run["samples_us"][stage]]
         for stage in STAGES

@@ -1,4 +1,4 @@
-"""Cost of writing one row down in the loop, beside the usual ways."""
+"""Measures the cost of storing one row in the loop, beside common alternatives."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, R
 from haptic_wall.controller.runtime.telemetry import Row as TickRow
 
 _HOT, _ROUNDS = 200, 20
-"""Rows in a row, and how often"""
+"""Consecutive rows, and repetitions"""
 _COLD_TURNS, _COLD = 10, 35
 """Turns of each way, and its rows in a turn, with a millisecond of sleep before each"""
 _COLD_FIRST = 5
-"""Of a turn: not counted, for the caches hold what the way before has used"""
+"""Rows of a turn that are not counted: the caches still hold the data of the way before"""
 _NAP_S = 0.001
 _NAMES: Final = (*INT_FIELDS, *FLOAT_FIELDS)
 _PACKED: Final = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
@@ -33,7 +33,7 @@ _VALUES: Final[tuple[float, ...]] = (
     *(201_234, 0, 0, 2, 0, 0),
     *(0.012271846303085, -0.076699039394282, -0.096640978, -0.0968, 8.0, 0.02, 0.00131, -0.0941),
 )
-"""A row as a run has them"""
+"""A typical row of a run"""
 
 _OURS: Final = "haptic-wall, shared memory"
 _NOTHING: Final = "nothing"
@@ -43,7 +43,7 @@ Write = Callable[[], object]
 
 
 def measure() -> Section:
-    """Time of writing one row, one after the other and once a millisecond, and its size."""
+    """Measure the time of storing one row, in sequence and once a millisecond, and its size."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         ways = _ways(Path(folder), stack)
         hot = _hot(ways)
@@ -84,11 +84,11 @@ def measure() -> Section:
 
 
 def once_a_while(ways: Mapping[str, Write], turns: int) -> dict[str, float]:
-    """Median time of each way once a millisecond [µs], taking turns.
+    """Return the median time of each way once a millisecond [µs], in turns.
 
     Args:
         ways: By name.
-        turns: How many of each.
+        turns: Number of turns of each.
     """
     taken: dict[str, list[int]] = {name: [] for name in ways}
     for _ in range(turns):
@@ -115,10 +115,10 @@ def _hot(ways: Mapping[str, Write]) -> dict[str, float]:
 
 
 def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
-    """Ours, and the usual ones as one would write them."""
+    """Return ours, and the common alternatives as a user would write them."""
     telemetry = Telemetry.create()
     stack.callback(telemetry.close)
-    own: tuple[Any, ...] = _VALUES[1:]  # the memory numbers rows itself
+    own: tuple[Any, ...] = _VALUES[1:]  # the memory assigns row numbers
     table = stack.enter_context((folder / "rows.csv").open("w", newline="", encoding="utf-8"))
     lines = stack.enter_context((folder / "rows.json").open("w", encoding="utf-8"))
     columns = csv.writer(table)
@@ -145,7 +145,7 @@ def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
 
 
 def _sizes(names: Sequence[str], folder: Path, stack: ExitStack) -> dict[str, float]:
-    """Bytes of a row of each way that writes one; closes their files."""
+    """Return the bytes per row of each way that writes a file; close the files."""
     stack.close()
     rows = _HOT * _ROUNDS + _COLD_TURNS * _COLD
     sizes: Sequence[float] = (

@@ -1,6 +1,6 @@
-"""A loop's process whose tick is timed stage by stage; ordered and read by ``stages``.
+"""A loop's process whose tick is timed stage by stage; ``stages`` starts it and reads its result.
 
-One JSON object of orders on standard input, one of figures on standard output.
+It reads one JSON object of orders on standard input and writes one of figures on standard output.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Orders:
 
 
 def main() -> None:
-    """Run as ordered, and tell."""
+    """Run as ordered, and write the figures."""
     orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)

@@ -1,6 +1,6 @@
-"""How evenly torque frames come, as the other end of the line sees them, beside a bare loop.
+"""Measures how regularly torque frames come, at the other end of the line, beside a bare loop.
 
-The record of the emulated bus is the judge, not the loops themselves.
+The record of the emulated bus is the reference, not the loops' own statistics.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 
 _ROUNDS, _SECONDS, _RATE_HZ = 7, 4.0, 1000.0
 _START_S, _END_S = 0.2, 0.05
-"""Cut off where a loop begins and where it ends"""
+"""Ignored time at the beginning and the end of a loop"""
 _CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)
 _BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
-"""Torque frames that come no further apart waited in a bus that was held up: no loop makes up for
-periods that it has skipped"""
+"""Torque frames that come no further apart have waited in a delayed bus: no loop makes up for
+skipped periods"""
 _SHOWS_NOT: Final = (
     "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
     " dates them, is a process that is late itself at times; what it was held up for so long that"
@@ -37,7 +37,7 @@ _SHOWS_NOT: Final = (
 
 
 def measure() -> Section:
-    """Deviation of the intervals from the period, of each loop, and of one over that of the other.
+    """Measure the deviation of the intervals from the period, of each loop, and their ratio.
 
     Raises:
         ServoError: The servo could not be started.
@@ -64,7 +64,7 @@ def measure() -> Section:
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
-    """When goal currents came by sync write [s]; shape (n,).
+    """Return the times of goal currents sent by sync write [s]; shape (n,).
 
     Args:
         rows: The record of a bus.
@@ -76,20 +76,20 @@ def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
 def intervals_us(
     sent_s: NDArray[np.float64], began_s: float, ended_s: float, seconds: float, rate_hz: float
 ) -> NDArray[np.float64]:
-    """The intervals between a loop's torque frames [µs].
+    """Return the intervals between a loop's torque frames [µs].
 
     Args:
-        sent_s: When torque frames came [s], shape (n,).
+        sent_s: Times of the torque frames [s], shape (n,).
         began_s: When the loop's process was started [s].
         ended_s: When it had ended [s].
-        seconds: How long it sent torques for [s]; what came before was its start.
+        seconds: How long it sent torques [s]; the time before was its start.
         rate_hz: Of the loop.
 
     Returns:
         In the order of time; shape (m,).
 
     Raises:
-        PlatformError: It sent fewer than half of what was due.
+        PlatformError: It sent fewer than half of the expected frames.
     """
     own = sent_s[(sent_s >= began_s) & (sent_s <= ended_s)]
     if own.size:
@@ -106,10 +106,10 @@ def intervals_us(
 
 
 def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which intervals say nothing of a loop: its frames had to wait for the bus.
+    """Whether each interval is invalid because the loop's frames had to wait for the bus.
 
-    Those between frames that waited together, the one in which the bus stood still, before them,
-    and what is left of a period after them.
+    These are the intervals between frames that waited together, the one before them, in which the
+    bus stood still, and the remainder of a period after them.
 
     Args:
         intervals_us: Between the torque frames of a loop [µs], shape (n,).

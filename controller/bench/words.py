@@ -1,4 +1,4 @@
-"""The report's figures and facts as text, the same for the terminal and the page."""
+"""Formats the report's figures and facts as text, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def figure(value: float | None) -> str:
-    """Three digits; large numbers in groups of thousands; a dash for what is not known."""
+    """Format three digits, large numbers in groups of thousands, a dash for unknown values."""
     if value is None:
         return "–"
     rounded = float(f"{value:.3g}")  # 999.9 are 1,000
@@ -16,32 +16,32 @@ def figure(value: float | None) -> str:
 
 
 def quartiles(row: Mapping[str, Any]) -> str:
-    """The quartiles of a row's rounds, if it tells them."""
+    """Format the quartiles of a row's rounds, if it has them."""
     if row["low"] is None:
         return ""
     return f"{figure(row['low'])} to {figure(row['high'])}"
 
 
 def unit(row: Mapping[str, Any]) -> str:
-    """A row's unit; nothing of a ratio."""
+    """Format a row's unit; empty for a ratio."""
     return "" if row["unit"] == "1" else str(row["unit"])
 
 
 def grouped(
     rows: Iterable[Mapping[str, Any]],
 ) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
-    """Limitations that rows share, each with the rows that follow each other and share it."""
+    """Yield limitations, each with the consecutive rows that share it."""
     for shows_not, each in itertools.groupby(rows, lambda row: str(row["shows_not"])):
         yield shows_not, list(each)
 
 
 def title(name: str) -> str:
-    """A section's name for people."""
+    """Return a section's name for people."""
     return name.replace("_", " ")
 
 
 def installed(report: Mapping[str, Any]) -> str:
-    """Every version in one line."""
+    """Format every version in one line."""
     return ", ".join(
         f"{name} {number}" if number else f"{name} not installed"
         for name, number in report["versions"].items()
@@ -49,7 +49,7 @@ def installed(report: Mapping[str, Any]) -> str:
 
 
 def hardware(report: Mapping[str, Any]) -> str:
-    """Processor, cores and kernel in one line."""
+    """Format processor, cores and kernel in one line."""
     on = report["machine"]
     count = "an unknown number of" if on["cores"] is None else on["cores"]
     cores = "1 core" if count == 1 else f"{count} cores"
@@ -57,7 +57,7 @@ def hardware(report: Mapping[str, Any]) -> str:
 
 
 def meanwhile(report: Mapping[str, Any]) -> str:
-    """Load and steal of the machine during the run, in words."""
+    """Format load and steal time of the machine during the run."""
     on = report["machine"]
     load = on["load_average"]
     before = "load not told" if load is None else f"load {load[0]:.2f} before"
@@ -65,14 +65,14 @@ def meanwhile(report: Mapping[str, Any]) -> str:
 
 
 def stolen(percent: float | None) -> str:
-    """Steal time of the host."""
+    """Format the host's steal time."""
     if percent is None:
         return "what the host took is not known"
     return f"{percent:.2g} % of the processors' time taken by the host"
 
 
 def rights(report: Mapping[str, Any]) -> Iterator[str]:
-    """The real-time settings: what was got, then each that was not, with its remedy."""
+    """Yield the real-time settings: the granted ones, then each missing one with its remedy."""
     settings = report["machine"]["realtime"]
     got = [f"{setting['name']}: {setting['got']}" for setting in settings if setting["ok"]]
     yield "real-time settings granted: " + (", ".join(got) or "none known")

@@ -1,1 +1,1 @@
-"""Is this testbed fit for a wall? Checks with what was found, what was wanted, and the fix."""
+"""Examines a testbed: checks with the found and wanted values, and the fix."""

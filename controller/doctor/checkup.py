@@ -1,8 +1,9 @@
-"""The checks in order, from the port to the processor, each made as far as those before it allow.
+"""Runs the checks in order, from the port to the processor, as far as earlier ones allow.
 
-Nothing here enables torque. Without consent nothing is written to the servo; registers are read and
-the shaft is left alone. A servo whose torque somebody left on is not read in a loop either: reading
-may keep its Bus Watchdog quiet, and so the torque alive.
+No check enables torque. Without consent nothing is written to the servo: registers are read and the
+shaft does not move. A servo whose torque is on is not read in a loop either, because reading may
+keep
+its Bus Watchdog from tripping, and so the torque on.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     """Examine the testbed that a configuration describes.
 
     Args:
-        config: Which; one with an emulated bus of its own has it started, and ended afterwards.
-        tell: Called with what is being looked at.
+        config: The configuration; an emulated bus of its own is started, and ended afterwards.
+        tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
 
@@ -89,7 +90,7 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
 
 @contextlib.contextmanager
 def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
-    """The configured port, or that of an emulated bus which runs meanwhile."""
+    """Yield the configured port, or that of an emulated bus started for the examination."""
     if config.servo.kind != "emulated":
         yield settings.port
         return
@@ -115,7 +116,7 @@ class _Checkup:
     # The bus
 
     def bus(self, settings: DynamixelSettings) -> None:
-        """Everything from the port to the processor."""
+        """Run all checks from the port to the processor."""
         self._tell(f"port {settings.port}")
         self._add(*examine_port(settings.port))
         measured = None
@@ -128,7 +129,7 @@ class _Checkup:
         if measured is None:
             self.report.leave_out("reply time", "schedule")
             if any(finding.name == "used by" for finding in self.report.findings.wrong):
-                # To be measured, its core would be taken from whoever drives the servo there.
+                # A measurement would take the core from the program that drives the servo there.
                 self.report.leave_out("wake-up lateness", "real-time rights")
                 self._core()
                 return
@@ -136,7 +137,7 @@ class _Checkup:
         self.machine(measured)
 
     def _servo(self, settings: DynamixelSettings) -> dict[str, Any] | None:
-        """The servo's checks; the measurements, if they could be made."""
+        """Run the servo's checks; return the measurements, if possible."""
         try:
             found = self._locator.find(settings)
             if found is None:
@@ -151,7 +152,7 @@ class _Checkup:
                 return measure(self._config, descriptor)
             finally:
                 os.close(descriptor)
-        except PortBusyError as error:  # by somebody whose open files this user may not see
+        except PortBusyError as error:  # by a process whose open files this user may not see
             self.report.reached = False
             self._add(of_error("used by", error, "nobody", "end that program"))
             self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
@@ -165,7 +166,7 @@ class _Checkup:
     # The servo
 
     def _set_up(self, settings: DynamixelSettings, found: Found) -> bool:
-        """Model, firmware and registers; whether its torque is off, so that it may be timed."""
+        """Check model, firmware and registers; return whether torque is off, for the timing."""
         model = self._model(settings, found)
         if model is None:
             self.report.leave_out("firmware", "registers")
@@ -186,7 +187,7 @@ class _Checkup:
         return next(j.finding.ok for j in judged if j.finding.name == "torque")
 
     def _model(self, settings: DynamixelSettings, found: Found) -> Model | None:
-        """The model that is there, judged against the configured one; None: not known."""
+        """Return the found model, judged against the configured one; None: unknown."""
         model = model_by_number(found.model_number)
         number = found.model_number
         text = f"{model.name} ({number})" if model else f"unknown model ({number})"
@@ -216,7 +217,7 @@ class _Checkup:
         self._add(Finding("firmware", ok, str(firmware), wanted, fix))
 
     def _status_level(self, servo: Contact) -> bool:
-        """Whether the servo answers reads and writes; if not, nothing else can be known of it."""
+        """Whether the servo replies to reads and writes; otherwise no other check is possible."""
         register = servo.table.registers["status_return_level"]
         try:
             found = str(level := servo.table.sdk.read(register))
@@ -243,7 +244,7 @@ class _Checkup:
         return judge(examined, settings.torque_limit, constant)
 
     def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
-        """Mend what can be and may be; whether anything was tried."""
+        """Make the possible and permitted repairs; return whether any was tried."""
         tried = False
         for finding, repair in in_order_of_repair(judged):
             if repair is None or not self._may(question(finding, repair)):
@@ -257,12 +258,12 @@ class _Checkup:
 
     def _note(self, change: Change) -> None:
         self.report.changes.append(change)
-        self._tell(f"{change}")  # at once: whoever interrupts this should know what was changed
+        self._tell(f"{change}")  # at once: after an interrupt the user should know what was changed
 
     # The machine
 
     def machine(self, measured: dict[str, Any]) -> None:
-        """What was measured of the bus, if it was, and of the machine."""
+        """Judge the measurements of the bus, if any, and of the machine."""
         config = self._config
         lateness = machine.judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:

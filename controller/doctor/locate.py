@@ -1,4 +1,4 @@
-"""Where a servo is: at the configured baud rate, or at which other one; and bringing it here."""
+"""Finds the servo at the configured or another baud rate, and changes its rate on request."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoEr
 
 
 class Locator:
-    """Finds one servo on a port that can be used.
+    """Finds one servo on a usable port.
 
     Args:
-        report: Where findings go.
+        report: Receives the findings.
         clock: Real time.
-        tell: Called with what is being looked at.
+        tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
     """
@@ -53,10 +53,10 @@ class Locator:
         self._change_baud = change_baud
 
     def find(self, settings: DynamixelSettings) -> Found | None:
-        """Where the servo answers: at the configured rate, else at another; None: nowhere.
+        """Return where the servo replies: at the configured rate, else at another; None: nowhere.
 
         Args:
-            settings: Which servo, and where it should be.
+            settings: The servo, and its expected place.
 
         Raises:
             PortError: The port cannot be used any more.
@@ -103,7 +103,7 @@ class Locator:
         return None
 
     def _look(self, settings: DynamixelSettings) -> Search:
-        """Who answers at the configured rate; with the port open, its latency timer as well."""
+        """Search at the configured rate; with the port open, check its latency timer as well."""
         try:
             with opened(settings.port, settings.baud, self._clock) as line:
                 timer = examine_latency_timer(settings.port)
@@ -120,9 +120,9 @@ class Locator:
     def _elsewhere(
         self, settings: DynamixelSettings, found: Found, wanted: str, refused: bool
     ) -> Found:
-        """It answers at another rate: say so, and change its rate where that is asked for.
+        """Report that the servo replies at another rate, and change its rate on request.
 
-        Not to one that the adapter cannot make: nobody could talk to it here any more.
+        It never sets a rate that the adapter does not support: the servo would be unreachable.
         """
         question = f"baud rate of {name_of(found)} -> {settings.baud}"
         if self._change_baud and not refused and self._may(question):
@@ -143,7 +143,7 @@ class Locator:
         return found
 
     def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
-        """Write Baud Rate, and look where the servo is then."""
+        """Write Baud Rate, and find the servo again."""
         name, before = "baud rate", str(found.baud)
         model = model_by_number(found.model_number)
         value = BAUD_RATES.index(settings.baud)
@@ -173,5 +173,5 @@ class Locator:
 
 
 def name_of(servo: Found) -> str:
-    """A servo's model, id and baud rate, for people."""
+    """Return a servo's model, id and baud rate, for people."""
     return f"{servo.model or 'unknown model'} id {servo.id} at {servo.baud} bit/s"

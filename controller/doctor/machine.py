@@ -1,4 +1,4 @@
-"""Judge the rights this machine grants a loop, and how its wake-ups could be more punctual."""
+"""Judges the rights that this machine grants a loop, its wake-ups, and its settings."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
 from haptic_wall.hw.dynamixel.examine.replies import percentile
 
 _LATE_SHARE = 4
-"""A wake-up later than a period over this leaves too little for the bus"""
+"""A wake-up later than a period over this leaves too little time for the bus"""
 
 
 def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]:
-    """Judge the rights asked of the system; only ``strict`` insists, and not on everything.
+    """Judge the requested rights; only ``strict`` requires them, and not all.
 
     Args:
-        settings: As ``realtime.apply`` gave them.
+        settings: From ``realtime.apply``.
         profile: The configured one.
     """
     if profile == "off":
@@ -36,7 +36,7 @@ def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]
 
 
 def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
-    """How punctual wake-ups on the grid are, without any bus.
+    """Judge how punctual wake-ups on the grid are, without a bus.
 
     Args:
         lateness_ns: Behind their deadlines [ns], in order of size.
@@ -56,9 +56,9 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
 
 
 def judge_setup(setup: Sequence[Found]) -> list[Finding]:
-    """Whether kernel, core and processor are set up for a loop; advice only.
+    """Judge whether kernel, core and processor are set up for a loop; advice only.
 
     Args:
-        setup: As ``machine_setup`` found it.
+        setup: From ``machine_setup``.
     """
     return [Finding(row.name, True, row.found, row.better, row.remedy) for row in setup]

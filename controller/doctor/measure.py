@@ -1,4 +1,4 @@
-"""Has the timing measured by a process of its own, and hands back what it says."""
+"""Starts the process that measures the timing, and returns its result."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from haptic_wall.hw.errors import ServoError
 SERIES_S: Final = 0.1
 """Duration of the cycles at one phase"""
 REPLIES: Final = 200
-"""Single reads that are timed"""
+"""Number of timed single reads"""
 WAKES: Final = 300
-"""Wake-ups without a bus"""
+"""Number of wake-ups without a bus"""
 _MEASURE_S: Final = 120.0
 _END_S: Final = 2.0
 
 
 def measure(config: Config, port: int | None) -> dict[str, Any]:
-    """Have the timing measured, on the core and with the rights that a run would have.
+    """Measure the timing, on the core and with the rights of a run.
 
     Args:
-        config: What is to run.
+        config: The configuration of the run.
         port: Descriptor of the open serial port; None: only the machine is measured.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Report of an examination and its repairs, and the question asked before each change."""
+"""The report of an examination and its repairs, and the questions before each repair."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from haptic_wall.hw.dynamixel.examine.judgement import Judgement, Repair
 
 Tell = Callable[[str], None]
 Consent = Callable[[str], bool]
-"""Asked before each change; whether it may be made"""
+"""Asked before each change; returns whether it may be made"""
 
 
 @dataclass(slots=True)
 class Report:
-    """Findings, repairs made, and things that could not be examined."""
+    """Findings, repairs made, and items that could not be examined."""
 
     findings: Findings = field(default_factory=Findings)
     changes: list[Change] = field(default_factory=list)
     not_examined: list[str] = field(default_factory=list)
     reached: bool = True
-    """The port could be used, and a servo answered somewhere on it"""
+    """The port could be used, and a servo replied on it"""
     suits: str | None = None
-    """The schedule that suits; None: none does, or it was not measured"""
+    """The suitable schedule; None: none, or not measured"""
     cycles: list[Series] = field(default_factory=list)
 
     def leave_out(self, *names: str) -> None:
-        """Put down what could not be examined."""
+        """Record items that could not be examined."""
         self.not_examined += names
 
 
 def told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
-    """A finding after the repair that also tells what was found before it."""
+    """Return a finding after the repair, with the value found before it."""
     first = before.get(judgement.finding.name)
     if first is None or first.found == judgement.finding.found:
         return judgement

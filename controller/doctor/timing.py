@@ -1,7 +1,8 @@
-"""Judge measured replies and cycles: which schedule suits the adapter, and which rate it holds.
+"""Judges measured replies and cycles: the suitable schedule for the adapter, and its highest rate.
 
-A schedule holds if the share of replies that miss their tick stays below a limit at *every* phase
-of the loop's grid: the adapter's clock drifts against the computer's, so every phase comes.
+A schedule is suitable if the fraction of replies that miss their tick stays below a limit at
+*every* phase of the loop's grid: the adapter's clock drifts against the computer's, so every phase
+occurs.
 """
 
 from __future__ import annotations
@@ -18,23 +19,24 @@ from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.settings import Schedule
 
 MOST_MISSED: Final = 0.05
-"""Share of replies missed at the worst phase; more than this trips a run with default settings"""
+"""Largest fraction of missed replies at the worst phase; more would trip a run with default
+settings"""
 _TIMER_NS: Final = 1_200_000
-"""Replies that are held for longer are not held by a latency timer of 1 ms, its least"""
+"""Replies delayed for longer are not delayed by a latency timer of 1 ms, the shortest"""
 _HELD_NS: Final = 300_000
-"""Replies that are held for longer are held by the adapter: a host takes half of it to be ready"""
+"""Replies delayed for longer are delayed by the adapter: a host takes half of it"""
 _PERIODS: Final[dict[Schedule, float]] = {
     "immediate": COLLECT_SHARE,
     "pipelined": 1.0 + COLLECT_SHARE,
 }
-"""How long a reply may take, in periods"""
+"""Time allowed for a reply, in periods"""
 _RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
 """Rates to recommend [Hz]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Demands of the configuration on the bus, and the state in which it was measured."""
+    """The configuration's demands on the bus, and the conditions of the measurement."""
 
     schedule: Schedule
     rate_hz: float
@@ -43,16 +45,16 @@ class Wanted:
     return_delay_ns: int = 0
     """Of the servo; a run sets it to 0"""
     stalls: bool = False
-    """This machine wakes up late without any bus"""
+    """This machine wakes up late even without a bus"""
 
 
 def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Finding]:
-    """Judge the replies: which rate and schedule follow, and how still the encoder is.
+    """Judge the replies: the resulting rate and schedule, and the noise of the encoder.
 
     Args:
         replies: Single ones.
         series: Each schedule once.
-        wanted: What it is held against.
+        wanted: The demands.
     """
     advice = _advice(replies, series, wanted)
     answered = [_rate(replies, wanted, advice), _encoder(replies)] if replies.took_ns else []
@@ -60,13 +62,13 @@ def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> 
 
 
 def suits(series: Sequence[Series], most_missed: float = MOST_MISSED) -> Schedule | None:
-    """The schedule with the youngest samples that holds at every phase; None where none does.
+    """Return the schedule with the youngest samples that works at every phase; None: none does.
 
-    The median age at the worst phase decides: a stall of the machine does not move it.
+    The median age at the worst phase decides: a stall of the machine does not affect it.
 
     Args:
         series: Measured, each schedule once.
-        most_missed: Share of replies.
+        most_missed: Fraction of replies.
     """
     holding = [one for one in series if one.worst <= most_missed and one.ages_ns]
     if not holding:
@@ -77,16 +79,16 @@ def suits(series: Sequence[Series], most_missed: float = MOST_MISSED) -> Schedul
 def sustainable_hz(
     replies: Replies, schedule: Schedule, baud: int, most_missed: float = MOST_MISSED
 ) -> float:
-    """The rate at which 99 % of the replies come in time and the cycle fits on the wire [Hz].
+    """Return the rate at which 99 % of the replies are in time and the cycle fits on the wire [Hz].
 
-    A pipelined reply may take longer than a period, but then the next request is that much later:
-    replies cannot come oftener than in a row, but for the share that may be missed.
+    A pipelined reply may take longer than a period, but delays the next request: apart from the
+    fraction that may be missed, replies come one after the other.
 
     Args:
         replies: Single replies, at least one.
-        schedule: How long a reply may take.
+        schedule: Decides the time allowed for a reply.
         baud: Of the wire [bit/s].
-        most_missed: Share of replies.
+        most_missed: Fraction of replies.
     """
     in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
     on_wire = COLLECT_SHARE / cycle_s(baud)
@@ -95,7 +97,7 @@ def sustainable_hz(
 
 
 def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
-    """What to do where replies do not come in time: about the first cause that is found."""
+    """Return what to do where replies are late, about the first cause found."""
     if not replies.took_ns:
         return "check the cable: it answers single registers but not the block of its sample"
     if replies.share_failed > wanted.most_missed:
@@ -160,7 +162,7 @@ def _rate(replies: Replies, wanted: Wanted, advice: str) -> Finding:
 
 
 def _lower_rate(replies: Replies, wanted: Wanted) -> int | None:
-    """The highest usual rate below the wanted one that the configured schedule can hold."""
+    """Return the highest usual rate below the wanted one that the configured schedule can hold."""
     most = sustainable_hz(replies, wanted.schedule, wanted.baud, wanted.most_missed)
     return next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
 
@@ -173,7 +175,7 @@ def _encoder(replies: Replies) -> Finding:
 
 
 def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Finding]:
-    """What each schedule gives at every phase, and whether the configured one suits."""
+    """Judge each schedule at every phase, and whether the configured one is suitable."""
     findings = []
     for one in series:
         holds = one.worst <= wanted.most_missed

@@ -1,7 +1,7 @@
-"""The doctor's measurements, in a process of their own with the rights that a run would have.
+"""Measures the timing for ``doctor``, in a process of its own with the rights of a run.
 
-Orders are one JSON object on standard input, the answer is one on standard output. What is sent on
-the bus are reads, nothing else.
+It reads one JSON object of orders on standard input and writes one answer on standard output. It
+sends only reads on the bus.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from haptic_wall.hw.errors import ServoError
 
 PHASES = 10
 LEAST_CYCLES, MOST_CYCLES = 20, 200
-"""At one phase"""
+"""Least and largest number of cycles at one phase"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class Orders:
     """Orders to the measuring process, and its rights."""
 
     port: int | None
-    """Descriptor of the open serial port; None: there is none, only the machine is measured"""
+    """Descriptor of the open serial port; None: only the machine is measured"""
     id: int
     period_ns: int
     collect_ns: int
-    """How long after its wake-up a tick gives a reply up"""
+    """Time from a tick's wake-up after which it gives a reply up"""
     longer_ns: int
-    """The same after a pipelined reply was lost, until another one is"""
+    """The same time after a pipelined reply was lost, until another one is lost"""
     series_s: float
     """Duration of the cycles at one phase"""
     replies: int
@@ -54,7 +54,7 @@ class Orders:
 
 
 def main() -> None:
-    """Measure as ordered, and tell."""
+    """Measure as ordered, and write the answer."""
     orders = Orders(**read_orders())
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     os.sched_setaffinity(0, {orders.core})
@@ -78,7 +78,7 @@ def main() -> None:
 
 
 def _wakes(waiter: Waiter, orders: Orders) -> list[int]:
-    """How late wake-ups on the grid are without a bus [ns], in order of size."""
+    """Return the lateness of wake-ups on the grid without a bus [ns], in order of size."""
     lateness = []
     deadline_ns = time.monotonic_ns()
     for _ in range(orders.wakes):

@@ -1,1 +1,1 @@
-"""The paper (Gil et al., ICRA 2007) again: its table and figures, by theory and simulation."""
+"""Reproduces table and figures of the paper (Gil et al., ICRA 2007), in theory and simulation."""

@@ -1,4 +1,4 @@
-"""Figs. 3 to 6: exact boundaries over virtual damping, whole and near the origin."""
+"""Figs. 3 to 6: exact boundaries over virtual damping, in full and near the origin."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ DELTA = 1e-4
 WHOLE_DELAYS = (0.0, 1.0)
 DELAYS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _NEAR = 0.1
-"""Figure 6 reaches this far in beta: the straight lines can be seen to leave the curves."""
+"""Figure 6 ends here in beta: far enough to show the straight lines leave the curves."""
 
 
 def figure_3() -> FigureData:
-    """The whole boundaries for d = 0 and d = 1, their peaks, and the closed forms (1) and (13).
+    """Return the full boundaries for d = 0 and d = 1, their peaks, and equations (1) and (13).
 
     Source: Gil et al., ICRA 2007, eqs. (1) and (13), which lose digits in double precision: to
     0.1 % at this delta.
@@ -46,7 +46,7 @@ def figure_3() -> FigureData:
 
 
 def figure_4() -> FigureData:
-    """The boundaries of figure 3 within a few delta of the origin, and the straight lines."""
+    """Return the boundaries of figure 3 within a few delta of the origin, and the lines."""
     beta = DELTA * np.linspace(-1.0, 8.0, 91)
     return dimensionless(
         curve(DELTA, delay, beta) for curve in (exact_at, linear_at) for delay in WHOLE_DELAYS
@@ -54,12 +54,12 @@ def figure_4() -> FigureData:
 
 
 def figure_5() -> FigureData:
-    """The whole boundaries for all eight delays, and their peaks."""
+    """Return the full boundaries for all eight delays, and their peaks."""
     return dimensionless(_whole(DELAYS))
 
 
 def figure_6() -> FigureData:
-    """The boundaries of figure 5 near the origin, and the straight lines."""
+    """Return the boundaries of figure 5 near the origin, and the straight lines."""
     far = np.geomspace(5 * DELTA, _NEAR, 80)
     beta = np.concatenate([DELTA * np.linspace(-1.0, 4.5, 56), far])
     return dimensionless(
@@ -76,7 +76,7 @@ def _whole(delays: tuple[float, ...]) -> list[Curve]:
 
 
 def draw_figure_3(data: FigureData, path: Path) -> None:
-    """Both boundaries, what is stable below them, and the peaks."""
+    """Draw both boundaries, the stable areas below them, and the peaks."""
     with style.picture(path, style.COLUMN, 2.7) as figure:
         ax = figure.subplots()
         for delay, color, fill in _pair():
@@ -116,7 +116,7 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_4(data: FigureData, path: Path) -> None:
-    """Both boundaries within a few delta of the origin; the axes count in delta."""
+    """Draw both boundaries within a few delta of the origin; the axes count in delta."""
     with style.picture(path, style.COLUMN, 2.7) as figure:
         ax = figure.subplots()
         for delay, color, fill in _pair():
@@ -137,7 +137,7 @@ def draw_figure_4(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_5(data: FigureData, path: Path) -> None:
-    """All eight boundaries and their peaks."""
+    """Draw all eight boundaries and their peaks."""
     with style.picture(path, style.COLUMN, 3.0) as figure:
         ax = figure.subplots()
         for delay, color in zip(DELAYS, style.shades(len(DELAYS)), strict=True):
@@ -152,7 +152,7 @@ def draw_figure_5(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_6(data: FigureData, path: Path) -> None:
-    """The eight boundaries near the origin, with the straight lines; inset: within a few delta."""
+    """Draw the eight boundaries near the origin, and the straight lines; inset: a few delta."""
     with style.picture(path, style.COLUMN, 3.3) as figure:
         ax = figure.subplots()
         inset = ax.inset_axes((0.12, 0.56, 0.42, 0.40))
@@ -184,7 +184,7 @@ def draw_figure_6(data: FigureData, path: Path) -> None:
 
 
 def _pair() -> list[tuple[float, str, str]]:
-    """Delay, line and fill of the two boundaries of figures 3 and 4."""
+    """Return delay, line and fill of the two boundaries of figures 3 and 4."""
     return [(0.0, style.BLUE, style.FAINT), (1.0, style.ORANGE, "#f9e3d3")]
 
 
@@ -193,7 +193,7 @@ def _dashed(ax: Axes, line: Curve, unit: float, label: str) -> None:
 
 
 def _in_delta(ax: Axes, x: list[int], y: list[int]) -> None:
-    """Ticks at multiples of delta."""
+    """Set ticks at multiples of delta."""
 
     def name(value: int) -> str:
         return "0" if value == 0 else rf"${value if abs(value) != 1 else str(value)[:-1]}\delta$"

@@ -1,4 +1,4 @@
-"""Named curves of a figure before it is drawn, which are its CSV too."""
+"""Named curves of a figure, for its picture and its CSV."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Curve:
     """Points that belong together, in the order in which they are joined."""
 
     kind: str
-    """What it is: ``exact``, ``linear``, ``peak`` and so on"""
+    """``exact``, ``linear``, ``peak`` and so on"""
     settings: Mapping[str, float]
-    """What holds for all of its points, by the CSV's column"""
+    """Settings common to all of its points, by the CSV's column"""
     x: FloatArray
     """Shape (n,)"""
     y: FloatArray
@@ -31,7 +31,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class FigureData:
-    """All that a figure shows."""
+    """All curves of a figure."""
 
     x_name: str
     """Column of the horizontal axis"""
@@ -40,7 +40,7 @@ class FigureData:
     curves: tuple[Curve, ...]
 
     def of_kind(self, kind: str, **settings: float) -> list[Curve]:
-        """The curves of a kind, in order; only those with these settings."""
+        """Return the curves of a kind, in order; only those with these settings."""
         return [
             curve
             for curve in self.curves
@@ -49,17 +49,17 @@ class FigureData:
 
 
 def dimensionless(curves: Iterable[Curve]) -> FigureData:
-    """Curves in the plane of beta = B T / m and alpha = K T² / m."""
+    """Return figure data in the plane of beta = B T / m and alpha = K T² / m."""
     return FigureData("beta", "alpha", tuple(curves))
 
 
 def exact_boundary(delta: float, delay: float, points: int = 401) -> Curve:
-    """The whole exact boundary, from beta = -delta to where it comes back to alpha = 0.
+    """Return the full exact boundary, from beta = -delta to the end at alpha = 0.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
         delay: Total delay in periods.
-        points: How many; they are closer together towards both ends.
+        points: Number of points; they are denser towards both ends.
     """
     ceiling = float(max_virtual_damping(1.0, delta, 1.0, delay))
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, points))
@@ -67,13 +67,13 @@ def exact_boundary(delta: float, delay: float, points: int = 401) -> Curve:
 
 
 def exact_at(delta: float, delay: float, beta: FloatArray) -> Curve:
-    """The exact boundary at these virtual dampings."""
+    """Return the exact boundary at these virtual dampings."""
     alpha = np.asarray(critical_stiffness(1.0, delta, beta, 1.0, delay))
     return Curve("exact", {"delta": delta, "delay_periods": delay}, beta, alpha)
 
 
 def linear_at(delta: float, delay: float, beta: FloatArray) -> Curve:
-    """The straight line alpha = 2 (delta + beta) / (1 + 2 d).
+    """Return the straight line alpha = 2 (delta + beta) / (1 + 2 d).
 
     Source: Gil et al., ICRA 2007, eq. (16).
     """
@@ -82,7 +82,7 @@ def linear_at(delta: float, delay: float, beta: FloatArray) -> Curve:
 
 
 def write_csv(data: FigureData, path: Path) -> None:
-    """One row per point: the curve's kind and settings, then the point; text that reads back.
+    """Write one row per point: the curve's kind and settings, then the point, with full precision.
 
     Raises:
         OSError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""The paper's results by name: what each one shows, and how its files are made."""
+"""The paper's results by name: each one's caption, and the functions that make its files."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ class Item:
     """One result of the paper."""
 
     name: str
-    """As on the command line; its files are called so too"""
+    """As on the command line; also the name of its files"""
     title: str
     shows: str
-    """The caption: what is seen, for which settings"""
+    """The caption: content and settings"""
     remark: str
-    """How ours stands to what is printed, and what is assumed"""
+    """Comparison with the printed result, and assumptions"""
     alternative: str
-    """The picture in words, for who cannot see it"""
+    """A description of the picture for readers who cannot see it"""
     wide: bool = False
     """Drawn over both columns of a journal's page"""
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """An item's files, and the numbers they hold."""
+    """An item's files, and their numbers."""
 
     item: Item
     csv: Path
@@ -175,9 +175,9 @@ def make(
 
     Args:
         name: Of an item.
-        folder: Where the files go; it exists.
+        folder: Existing folder for the files.
         simulate: For Table II; None: the experiment of this program.
-        force: Replace files of these names that are not of this program.
+        force: Replace files of these names that this program did not write.
 
     Raises:
         KeyError: There is no such item.

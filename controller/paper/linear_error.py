@@ -1,4 +1,4 @@
-"""Fig. 10: exact boundaries, and where the linear condition errs by 2 % and by 5 %."""
+"""Fig. 10: exact boundaries, and the points where the linear condition errs by 2 % and by 5 %."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from haptic_wall.controller.theory.linear_error import ErrorPoint, error_points
 DELTAS = (0.0, 0.01)
 """Viscous damping of the two panels"""
 ERRORS_PERCENT = (2.0, 5.0)
-"""Of the line, either way"""
+"""Errors of the line, in either direction"""
 _REACH = 0.07
-"""Figure 10 is drawn up to this beta: all of its points are in there."""
+"""Figure 10 ends at this beta: it contains all of its points."""
 
 
 def figure_10() -> FigureData:
-    """The boundaries, their lines, and the points of equal error, each a curve of one point."""
+    """Return the boundaries, their lines, and a curve for each point of equal error."""
     curves: list[Curve] = []
     for delta in DELTAS:
         beta = np.linspace(-delta, _REACH, 161)
@@ -52,7 +52,7 @@ def _mark(delta: float, delay: float, point: ErrorPoint) -> Curve:
 
 
 def draw_figure_10(data: FigureData, path: Path) -> None:
-    """A panel for each delta: boundaries with marks where the line errs."""
+    """Draw a panel for each delta: boundaries with marks where the line errs."""
     marks = {2.0: "^", -2.0: "v", -5.0: "s"}
     with style.picture(path, style.PAGE, 3.3) as figure:
         panels = figure.subplots(1, 2)

@@ -1,7 +1,7 @@
 """Figs. 8 and 9: axis 3 of the DLR Light-Weight Robot III, a two-sided wall without a user.
 
-The paper raises K at fixed B until the oscillation is sustained; the measured points themselves
-are not printed, so what can be given is what they are compared with.
+The paper raises K at fixed B until the oscillation is sustained. It does not print the measured
+points, so this module gives only the theory that they are compared with.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ DAMPING = 0.1
 PERIOD = 1e-3
 """[s]"""
 SHORT_DELAYS = (5e-3, 6e-3, 10e-3)
-"""Figure 8: the system's own 5 ms and 0, 1 and 5 ms inserted [s]"""
+"""Figure 8: the system's own 5 ms with 0, 1 and 5 ms inserted [s]"""
 LONG_DELAYS = (10e-3, 55e-3)
 """Figure 9 [s]"""
 _SHORT_REACH = 20.0
-"""Figure 8 is drawn up to this B [N·m·s/rad]; the paper's own range is not known to us."""
+"""Figure 8 ends at this B [N·m·s/rad]; the paper's own range is not known."""
 
 
 def figure_8() -> FigureData:
-    """The straight lines K = (b + B) / (T/2 + t_d)."""
+    """Return the straight lines K = (b + B) / (T/2 + t_d)."""
     virtual_damping = np.linspace(0.0, _SHORT_REACH, 41)
     return _plane(_line(delay, virtual_damping) for delay in SHORT_DELAYS)
 
 
 def figure_9() -> FigureData:
-    """The exact boundaries with their peaks, and the straight lines."""
+    """Return the exact boundaries with their peaks, and the straight lines."""
     curves = []
     for delay in LONG_DELAYS:
         ceiling = float(max_virtual_damping(INERTIA, DAMPING, PERIOD, delay))
@@ -64,7 +64,7 @@ def _line(delay: float, virtual_damping: FloatArray) -> Curve:
 
 def _curve(kind: str, delay: float, x: FloatArray, y: FloatArray) -> Curve:
     settings = {"delay_s": delay, "damping_nms_per_rad": DAMPING}
-    if kind != "linear":  # the line does not depend on it
+    if kind != "linear":  # the line does not depend on the inertia
         settings["inertia_kgm2"] = INERTIA
     return Curve(kind, settings, x, y)
 
@@ -74,7 +74,7 @@ def _plane(curves: Iterable[Curve]) -> FigureData:
 
 
 def draw_figure_8(data: FigureData, path: Path) -> None:
-    """The three straight lines, each with its delay."""
+    """Draw the three straight lines, each with its delay."""
     with style.picture(path, style.COLUMN, 2.7) as figure:
         ax = figure.subplots()
         for delay, color in zip(SHORT_DELAYS, (style.BLUE, style.GREEN, style.ORANGE), strict=True):
@@ -99,7 +99,7 @@ def draw_figure_8(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_9(data: FigureData, path: Path) -> None:
-    """A panel for each delay: the exact boundary, its peak, and the straight line."""
+    """Draw a panel for each delay: the exact boundary, its peak, and the straight line."""
     with style.picture(path, style.COLUMN, 4.2) as figure:
         panels = figure.subplots(2, 1)
         for ax, delay, letter in zip(panels, LONG_DELAYS, "ab", strict=True):

@@ -1,4 +1,4 @@
-"""The numbers shown beside a picture, as text, taken from the same data as its CSV."""
+"""Formats the numbers beside a picture, from the same data as its CSV."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADINGS = {
     "virtual_damping_nms_per_rad": "B [N·m·s/rad]",
     "stiffness_nm_per_rad": "K [N·m/rad]",
 }
-"""What a column of a figure's CSV is called on the page"""
+"""Heading of each CSV column on the page"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Numbers:
 
 
 def of_points(data: FigureData) -> Numbers | None:
-    """The single points of a figure (peaks and the like), five digits; None where it has none."""
+    """Return the single points of a figure (peaks and so on), five digits; None: it has none."""
     points = [curve for curve in data.curves if curve.x.size == 1]
     if not points:
         return None
@@ -52,7 +52,7 @@ def of_points(data: FigureData) -> Numbers | None:
 
 
 def of_table2(table: Table2) -> Numbers:
-    """All cells; stiffness with the printed digits, errors with four."""
+    """Return all cells; stiffness with the printed digits, errors with four."""
     return Numbers(
         head=(
             "d = t_d/T",

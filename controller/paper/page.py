@@ -1,4 +1,4 @@
-"""The index page: every picture with its caption and numbers, and links to the CSV files."""
+"""Writes the index page: every picture with its caption and numbers, and links to the CSV files."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ KIND = Kind(
 
 
 def write_page(made: Sequence[Made], folder: Path, *, force: bool = False) -> Path:
-    """Write the page beside the files it shows; it needs nothing else.
+    """Write the page beside the files that it shows.
 
     Args:
-        made: What it shows, in order; their files are in ``folder``.
-        folder: Where it goes.
-        force: Replace a file of its name that is not of this program.
+        made: The items in order; their files are in ``folder``.
+        folder: Folder of the page.
+        force: Replace a file of its name that this program did not write.
 
     Returns:
         Its path.

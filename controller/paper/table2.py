@@ -1,4 +1,4 @@
-"""Table II again: critical stiffness by theory and by simulation, beside what is printed."""
+"""Table II: critical stiffness by theory and by simulation, beside the printed values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptic_wall.controller.theory import critical_stiffness
 
 FloatArray = NDArray[np.float64]
 Simulate = Callable[[FloatArray, FloatArray], FloatArray]
-"""Critical stiffness [N/m] of the simulated loop for arrays of virtual damping and delay [s]"""
+"""Returns the simulated critical stiffness [N/m] for arrays of virtual damping and delay [s]"""
 
 INERTIA = 1.0
 """[kg]"""
@@ -27,12 +27,12 @@ PERIOD = 1e-3
 PRINTED_STEP = 0.01
 """The table's last digit [N/m]"""
 SOURCES = ("theory", "simulation")
-"""Where a value of ours comes from"""
+"""Origins of our values"""
 
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """The cell in which something is farthest from what is printed."""
+    """The cell with the largest error."""
 
     error_percent: float
     """Signed: positive where ours is above the printed value"""
@@ -54,13 +54,13 @@ class Table2:
     simulation: FloatArray
 
     def error_percent(self, source: str) -> FloatArray:
-        """How far ``theory`` or ``simulation`` is above the printed value, in percent of it."""
+        """Return by how much ``theory`` or ``simulation`` exceeds the printed value, in percent."""
         values: FloatArray = getattr(self, source)
         result: FloatArray = 100.0 * (values / self.printed - 1.0)
         return result
 
     def worst(self, source: str) -> Worst:
-        """The cell with the greatest error of ``theory`` or ``simulation``."""
+        """Return the cell with the largest error of ``theory`` or ``simulation``."""
         error = self.error_percent(source)
         row, column = np.unravel_index(np.argmax(np.abs(error)), error.shape)
         return Worst(
@@ -91,7 +91,7 @@ def _simulate(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
 
 
 def _printed() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the paper prints: delays in samples, virtual dampings, stiffness of each cell."""
+    """Return the paper's delays in samples, virtual dampings, and stiffness of each cell."""
     with (
         files("haptic_wall.controller.paper").joinpath("table2.csv").open(encoding="utf-8") as file
     ):
@@ -113,7 +113,7 @@ COLUMNS = (
 
 
 def rows(table: Table2) -> list[tuple[float, ...]]:
-    """One row per cell, in the order of COLUMNS."""
+    """Return one row per cell, in the order of COLUMNS."""
     delay, virtual = np.meshgrid(table.delay_samples, table.virtual_damping, indexing="ij")
     columns = (
         delay,
@@ -128,7 +128,7 @@ def rows(table: Table2) -> list[tuple[float, ...]]:
 
 
 def write_csv(table: Table2, path: Path) -> None:
-    """One row per cell, text that reads back.
+    """Write one row per cell, with full precision.
 
     Raises:
         OSError: The file cannot be written.
@@ -140,7 +140,7 @@ def write_csv(table: Table2, path: Path) -> None:
 
 
 def text(table: Table2) -> str:
-    """The table for a terminal, worst cells last."""
+    """Format the table for a terminal, worst cells last."""
     lines = [
         "Table II: critical stiffness [N/m] for m = 1 kg, b = 0.1 N·s/m, T = 1 ms",
         "",
@@ -159,7 +159,7 @@ def text(table: Table2) -> str:
 
 
 def worst_text(table: Table2) -> list[str]:
-    """A line for theory and one for simulation: the worst cell."""
+    """Return a line for theory and one for simulation: the worst cell."""
     return [
         f"worst by {source}: {worst.error_percent:+.4f} % at t_d/T = {worst.delay_samples:g},"
         f" B = {worst.virtual_damping:g} N·s/m"
@@ -169,7 +169,7 @@ def worst_text(table: Table2) -> list[str]:
 
 
 def draw(table: Table2, path: Path) -> None:
-    """The errors of all cells over the delay, beside half of the last printed digit."""
+    """Draw the errors of all cells over the delay, beside half of the last printed digit."""
     with style.picture(path, style.COLUMN, 2.9) as figure:
         ax = figure.subplots()
         place = np.arange(len(table.delay_samples))

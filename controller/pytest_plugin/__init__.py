@@ -1,8 +1,8 @@
-"""A Dynamixel bus without hardware for the tests of any program that talks to one.
+"""Provides an emulated Dynamixel bus for the tests of any program that uses one.
 
-A pytest plugin, found by itself once the distribution is installed: the fixture ``dynamixel_bus``
-starts ``haptic-wall emulate`` in a process of its own. Nothing of that program is imported
-here, so that it costs the tests no time and shares no interpreter with the program under test.
+It is a pytest plugin, active once the distribution is installed: the fixture ``dynamixel_bus``
+starts ``haptic-wall emulate`` in a process of its own. It imports nothing of that program, so that
+it costs the tests no time and shares no interpreter with the program under test.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _MARKER = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker."""
     config.addinivalue_line("markers", _MARKER)
 
 
 @pytest.fixture
 def dynamixel_bus(request: pytest.FixtureRequest) -> Iterator[DynamixelBus]:
-    """A fresh emulated Dynamixel bus, as the marker of the same name says; ends with the test.
+    """Yield a fresh emulated Dynamixel bus with the options of the marker of the same name.
 
     Raises:
-        UsageError: The marker says what it cannot say.
+        UsageError: The marker has invalid options.
         BusError: The bus does not start, or has died during the test.
     """
     options: dict[str, Any] = {}
@@ -42,7 +42,7 @@ def dynamixel_bus(request: pytest.FixtureRequest) -> Iterator[DynamixelBus]:
             raise pytest.UsageError(
                 f"dynamixel_bus: found {marker.args[0]!r} without a name, wanted {_MARKER}"
             )
-        options |= marker.kwargs  # the nearer to the test, the stronger
+        options |= marker.kwargs  # markers nearer to the test take precedence
     try:
         bus = DynamixelBus(**options)
     except TypeError as error:

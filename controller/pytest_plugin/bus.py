@@ -1,4 +1,4 @@
-"""The emulated bus as a process: started, told what goes wrong, asked what is true, ended."""
+"""Runs the emulated bus as a process: starts it, injects faults, reads its record, ends it."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from typing import Final, Self
 from .record import BusRow, read_rows, written_until
 
 _PATIENCE_S: Final = 30.0
-"""For the process to start, to answer or to end: a loaded machine may take seconds."""
+"""Time allowed for the process to start, to reply or to end: a loaded machine may take seconds."""
 _POLL_S: Final = 0.02
 _READ_SIZE: Final = 65536
 _PROGRAM: Final = "haptic_wall.controller.cli.main"
 
 
 class BusError(Exception):
-    """The emulated bus did not start, died, or was asked for what it does not do."""
+    """The emulated bus did not start, died, or cannot do what was asked."""
 
 
 class DynamixelBus:
-    """An emulated bus in a process of its own, from ``with`` to its end.
+    """An emulated bus in a process of its own, for the duration of a ``with`` block.
 
     Args:
         servos: ``MODEL``, ``MODEL:ID`` or ``MODEL:ID:FIRMWARE`` each.
-        baud: What the servos listen at [bit/s].
-        latency_timer: The USB adapter's [ms]; 0: replies are handed over at once.
-        block: What the adapter hands over without waiting [bytes]; None: 510.
-        faults: What goes wrong from the start, as for ``inject``.
-        seed: Decides where the servos' clocks start, and what the faults strike.
-        truth: What the servos truly are, by name without ``servo.``, e.g. ``{"position": 1.0}``;
-            see ``haptic-wall emulate --help``. SI units.
+        baud: Baud rate of the servos [bit/s].
+        latency_timer: Of the USB adapter [ms]; 0: replies are handed over at once.
+        block: Bytes that the adapter hands over without waiting; None: 510.
+        faults: Faults from the start, as for ``inject``.
+        seed: Decides the start of the servos' clocks, and the random choices of the faults.
+        truth: True parameters of the servos, by name without ``servo.``, e.g.
+            ``{"position": 1.0}``; see ``haptic-wall emulate --help``. SI units.
     """
 
     def __init__(
@@ -57,9 +57,9 @@ class DynamixelBus:
                 raise BusError(f"{name}: found the text {value!r}, wanted a list: [{value!r}]")
         self.baud = baud
         self.ids = tuple(_id(servo) for servo in servos)
-        """Of the servos, as they were given"""
+        """Ids of the servos, in the given order"""
         self.port = ""
-        """What a client opens; the same also when the adapter was unplugged and is back"""
+        """Path for a client; unchanged after the adapter was unplugged and plugged in again"""
         self._given = {_name(fault) for fault in faults}
         self._arguments = ["--baud", str(baud), "--seed", str(seed)]
         self._arguments += ["--latency-timer", str(latency_timer)]
@@ -81,7 +81,7 @@ class DynamixelBus:
         """Start the process and wait for its port.
 
         Raises:
-            BusError: It does not start; the message ends with what it said.
+            BusError: It does not start; the message ends with its output.
         """
         self._folder = tempfile.TemporaryDirectory(prefix="dynamixel-bus-")
         self.port = str(Path(self._folder.name) / "port")
@@ -91,14 +91,14 @@ class DynamixelBus:
                 [
                     # -P: the working folder may hold a package of the same name.
                     *(sys.executable, "-P", "-m", _PROGRAM, "emulate", "--die-with-parent"),
-                    *("--owner", str(os.getpid())),  # killed, it leaves no folder behind
+                    *("--owner", str(os.getpid())),  # leaves no folder behind even if killed
                     *("--link", self.port, "--record", str(self._record), *self._arguments),
                 ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 env=_environment(),
-                start_new_session=True,  # a Ctrl-C is for the tests, which then end it in order
+                start_new_session=True,  # a Ctrl-C is for the tests, which then end it
             )
             self._answer("/")
         except BaseException:
@@ -120,7 +120,7 @@ class DynamixelBus:
         self.stop()
 
     def inject(self, fault: str) -> None:
-        """From now on let this go wrong.
+        """Inject a fault from now on.
 
         Args:
             fault: For instance ``drop:p=0.05``, ``corrupt:every=10,way=reply``,
@@ -142,16 +142,15 @@ class DynamixelBus:
         self._given.discard(name)
 
     def clear(self) -> None:
-        """End every fault there is. What has happened stays: latched errors, lost settings."""
+        """End every fault. Its effects stay: latched errors, lost settings."""
         for name in sorted(self._given):
             self.lift(name)
 
     def stop(self) -> None:
-        """End the process; ``rows`` is then complete and costs no time. Safe to call twice.
+        """End the process; ``rows`` is then complete and returns at once. Safe to call twice.
 
         Raises:
-            BusError: It had died before, or did not end in order; the message ends with what it
-                said.
+            BusError: It had died before, or failed at the end; the message ends with its output.
         """
         process = self._process
         if process is None:
@@ -172,7 +171,7 @@ class DynamixelBus:
 
     @property
     def rows(self) -> list[BusRow]:
-        """Everything until now, in order of time.
+        """Return all events so far, in order of time.
 
         While the bus runs, this waits until the record has been written so far: half a second.
 
@@ -192,16 +191,16 @@ class DynamixelBus:
         return [row for row in read_rows(self._record) if row.time_s <= now_s]
 
     def events(self, event: str, id: int | None = None) -> list[BusRow]:  # noqa: A002
-        """The rows of one kind, of one servo or of all.
+        """Return the rows of one kind, of one servo or of all.
 
         Args:
             event: ``rx``, ``tx``, ``state`` or ``fault``.
-            id: As it stands in the row; None: any.
+            id: The row's id; None: any.
         """
         return [row for row in self.rows if row.event == event and id in (None, row.id)]
 
     def state(self, id: int | None = None) -> BusRow:  # noqa: A002
-        """Where a servo truly is, how fast it moves, and the torque that acts on it.
+        """Return a servo's true position, speed and acting torque.
 
         Args:
             id: Of the servo; None: the first.
@@ -215,7 +214,7 @@ class DynamixelBus:
         return self.events("state", wanted)[-1]
 
     def position(self, id: int | None = None) -> float:  # noqa: A002
-        """Where a servo truly is [rad]; see ``state``."""
+        """Return a servo's true position [rad]; see ``state``."""
         return self.state(id).position_rad
 
     def _running(self) -> subprocess.Popen[bytes]:
@@ -224,7 +223,7 @@ class DynamixelBus:
         return self._process
 
     def _tell(self, line: str, sign: str) -> None:
-        """Say a line on the process's standard input, and hear that it was done."""
+        """Write a line to the process's standard input, and wait for its confirmation."""
         process = self._running()
         assert process.stdin is not None
         try:
@@ -238,7 +237,7 @@ class DynamixelBus:
         """Wait for a line of the process that begins with ``sign``.
 
         Raises:
-            BusError: It complained, died, or said nothing.
+            BusError: It complained, died, or wrote nothing.
         """
         process = self._running()
         assert process.stdout is not None
@@ -261,14 +260,14 @@ class DynamixelBus:
         raise BusError(f"The emulated bus has said nothing for {_PATIENCE_S:.0f} s.")
 
     def _complaint(self) -> str:
-        """What a process that has ended said on standard error and nobody has heard."""
+        """Return the unread text on standard error of a process that has ended."""
         process = self._running()
         assert process.stderr is not None
         text = (self._unheard["error"] + process.stderr.read()).decode(errors="replace").strip()
         return f" It said:\n{text}" if text else ""
 
     def _release(self) -> None:
-        """Leave no process, pipe or file behind."""
+        """End the process, and remove its pipes and files."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -294,7 +293,7 @@ def _id(servo: str) -> int:
 
 
 def _environment() -> dict[str, str]:
-    """The tests' own, but PYTHONPATH leads to this package only: theirs may hide what it needs."""
+    """Return the tests' environment, with PYTHONPATH leading to this package only."""
     ours = str(Path(__file__).parents[3].resolve())
     places = [p for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
     kept = [p for p in places if str(Path(p).resolve()) == ours]

@@ -1,4 +1,4 @@
-"""Read the record of an emulated bus: true motion and frames, as the bus itself wrote them."""
+"""Reads the record of an emulated bus: true motion and frames, as the bus itself wrote them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _END: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class BusRow:
-    """One event; position, velocity and torque are the truth, whatever clients were told."""
+    """One event; position, velocity and torque are the true values."""
 
     time_s: float
     """On the clock of ``time.monotonic()``"""
@@ -24,11 +24,11 @@ class BusRow:
     id: int
     """254: all"""
     instruction: int | None
-    """Its number, 85 in a reply; None where there is none"""
+    """Its number, 85 in a reply; None: there is none"""
     position_rad: float
     velocity_rad_s: float
     torque_nm: float
-    """The torque that acts"""
+    """The acting torque"""
     error: int | None
     """The error byte of a reply"""
     params: bytes
@@ -38,12 +38,12 @@ class BusRow:
 
 
 def read_rows(record: Path) -> list[BusRow]:
-    """All rows that have been written as yet."""
+    """Return all rows written so far."""
     return list(rows_of(record))
 
 
 def rows_of(record: Path) -> Iterator[BusRow]:
-    """The same one by one, for records that are too long to be held."""
+    """Yield the rows one by one, for long records."""
     with record.open(encoding="utf-8", newline="") as file:
         next(file, None)
         for cells in csv.reader(line for line in file if line.endswith("\n")):
@@ -51,7 +51,7 @@ def rows_of(record: Path) -> Iterator[BusRow]:
 
 
 def written_until(record: Path) -> float:
-    """The time of the last whole row [s]; below any where there is none."""
+    """Return the time of the last whole row [s]; minus infinity if there is none."""
     with record.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(max(0, size - _END))

@@ -1,1 +1,1 @@
-"""One run: deadlines, tick, safety, telemetry, real time, lateness."""
+"""One run: deadlines, tick, gains, safety, telemetry, real-time settings, lateness."""

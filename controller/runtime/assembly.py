@@ -1,4 +1,4 @@
-"""Builds what a tick works with from a configuration: wall, guard, safety, watch."""
+"""Builds the parts of a tick from a configuration: wall, guard, safety, oscillation watch."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Law, Wall
+from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
-from haptic_wall.controller.runtime.rehearsal import Rehearsal, StandInClock
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -43,20 +43,21 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Servo
 
 COARSE = 6
-"""Off the nominal period one age in so many has a decision of its own; those below take it [1]"""
+"""Off the nominal period only every n-th age has a decision of its own; the ages below share it [1]
+"""
 RAMP_S = 0.05
-"""How long a lower stiffness takes to be reached [s]; a jump would be felt as a knock."""
+"""Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
 MEANT_KICK = 0.25 * math.tau
 """Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
 SLOWEST = 0.05
-"""Speed below which passivity control takes energy back no faster [rad/s]"""
+"""Least speed in passivity control's division by the speed [rad/s]"""
 
 
 def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
-    """The guard's decisions for every sample age and every served interval that may come."""
+    """Compute the guard's decisions for every sample age and every served interval."""
     situation = situation_of(config, servo)
     period = situation.period
-    # In the same process on the simulated clock a sample has no age.
+    # On the simulated clock, in the same process, samples have zero age.
     ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
@@ -87,12 +88,12 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
 def decision_in_force(
     config: Config, servo: Servo, schedule: GainSchedule, commanded: float
 ) -> Decision:
-    """The schedule's present decision, with the reasons that the schedule leaves out.
+    """Return the schedule's present decision, with the reasons that the schedule omits.
 
     Args:
         config: The effective configuration.
-        servo: What the wall is rendered on.
-        schedule: Where the decision is.
+        servo: The servo that renders the wall.
+        schedule: The gain schedule.
         commanded: Stiffness that is really commanded [N·m/rad].
     """
     decision = schedule.decision
@@ -112,7 +113,7 @@ def decision_in_force(
 
 
 def settings_at(config: Config, interval: float) -> GuardSettings:
-    """How cautious the guard is where a tick happens once in ``interval`` [s]."""
+    """Return the guard's settings where one tick happens per ``interval`` [s]."""
     settings = config.guard_settings()
     if interval <= config.period_ns * 1e-9:
         return settings
@@ -120,7 +121,7 @@ def settings_at(config: Config, interval: float) -> GuardSettings:
 
 
 def situation_of(config: Config, servo: Servo) -> Situation:
-    """The situation of the wall: the belief, the period, the limits of the servo."""
+    """Return the situation of the wall: the belief, the period, the limits of the servo."""
     return Situation(
         belief=config.belief(),
         period=config.period_ns * 1e-9,
@@ -131,7 +132,7 @@ def situation_of(config: Config, servo: Servo) -> Situation:
 
 
 def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
-    """Limits of a motion that the wall drives at ``speed`` [rad/s]."""
+    """Return the limits of a motion that the wall drives at ``speed`` [rad/s]."""
     belief, kick = config.belief(), config.servo.kick
     gain = belief.torque_gain.high
     return DrivenLimits(
@@ -146,11 +147,11 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
 
 
 def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[float]:
-    """Damping that may be added to each decision's [N·m·s/rad].
+    """Return the damping that may be added to each decision's [N·m·s/rad].
 
-    Up to the peak of the boundary, beyond which more of it lowers the critical stiffness, and to
-    what one encoder count may command. None where the wall is to be passive: any damping that is
-    added lowers the stiffness up to which it is.
+    It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
+    and to the amount that one encoder count may command. It is zero where the wall must be passive:
+    any added damping lowers the passive stiffness.
     """
     decisions = schedule.decisions
     if config.guard.mode == "passive":
@@ -174,7 +175,7 @@ def _ages_ns(config: Config, servo: Servo) -> list[int]:
 
 
 def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
-    """The wall, which the guard will set, or what an experiment wants in its place."""
+    """Return the law to render: the wall, or an experiment's program in its place."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
     wall = config.wall
@@ -193,18 +194,18 @@ def tick_parts(
     *,
     engage_at_once: bool = False,
 ) -> TickParts:
-    """All parts of a tick.
+    """Return all parts of a tick.
 
     Args:
         config: The effective configuration.
-        clock: What the loop runs on.
-        servo: Opened, and started if it is to have found out its limits.
-        telemetry: Where rows go.
+        clock: The loop's clock.
+        servo: Opened, and started if its limits come from the device.
+        telemetry: Destination of the rows.
         schedule: The guard's decisions.
-        law: What is rendered.
+        law: The law to render.
         injected: ``most_injected`` of the schedule.
-        engage_at_once: The wall comes on wherever the shaft is, as it does where the configuration
-            says so. A program always does: it starts where the shaft is.
+        engage_at_once: The wall comes on wherever the shaft is, as with the setting of that name.
+            A program always does: it starts at the shaft's position.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -212,7 +213,7 @@ def tick_parts(
     real = config.servo.kind == "hardware"
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
-        driven = math.inf  # a program drives the shaft on purpose, and nothing can be hurt
+        driven = math.inf  # a program may drive a simulated shaft
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
     return TickParts(
         clock=clock,
@@ -264,13 +265,13 @@ def tick_parts(
     )
 
 
-def rehearsal(
+def cache_warm_up_of(
     config: Config,
     servo: Servo,
     schedule: GainSchedule,
     injected: Sequence[float],
     program: Sequence[Phase],
-) -> Rehearsal:
+) -> CacheWarmUp:
     """The same tick once more, of parts that nobody else has.
 
     Args:
@@ -289,4 +290,4 @@ def rehearsal(
     )
     tick = Tick(parts)
     tick.wall_on()
-    return Rehearsal(tick.run, clock, config.period_ns, servo.idle)
+    return CacheWarmUp(tick.run, clock, config.period_ns, servo.idle)

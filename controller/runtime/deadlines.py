@@ -1,4 +1,4 @@
-"""The fixed grid of deadlines: when the next tick is, and how to be there in time."""
+"""The fixed grid of deadlines: computes the next deadline, and waits for it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.clock import Clock, SimulatedClock
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.runtime.rehearsal import Rehearsal
+    from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp
 
 SPIN_MIN_NS = 50_000
 SPIN_MAX_NS = 300_000
 
 
 PLACE_SHARE = 0.6
-"""Where deadlines lie in a millisecond of the monotonic clock, or in a period that is shorter"""
+"""Phase of the deadlines in a millisecond of the monotonic clock, or in a shorter period"""
 
 
 def first_deadline(clock: Clock, period_ns: int) -> int:
-    """Where the grid begins: a period from now at least, and away from the kernel's own ticks.
+    """Return the first deadline: at least a period from now, and away from the kernel's own ticks.
 
     Linux serves its timers at whole multiples of 1, 4 or 10 ms of the monotonic clock, on every
-    core, and what has waited for them runs just behind. A loop of 1 kHz keeps its place among them
-    for as long as it runs: where it is theirs, every tick or each fourth is interrupted.
+    core, and runs the waiting tasks just after. A loop of 1 kHz keeps its phase to them for its
+    whole
+    life: at the same phase every tick, or every fourth, would be interrupted.
 
     Args:
         clock: Simulated or monotonic; nothing interrupts the former.
@@ -38,7 +39,7 @@ def first_deadline(clock: Clock, period_ns: int) -> int:
 
 
 def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, int]:
-    """Next point on the fixed grid, and how many whole periods were missed.
+    """Return the next point on the fixed grid, and the number of whole periods missed.
 
     A tick that is less than one period late runs at once and keeps its place on the grid;
     a longer stall skips whole periods. The grid never shifts, so the rate cannot drift and a
@@ -54,18 +55,18 @@ def next_deadline(deadline_ns: int, now_ns: int, period_ns: int) -> tuple[int, i
 
 
 class Waiter(Protocol):
-    """Waits for a deadline and tells when it really woke.
+    """Waits for a deadline and returns the time of waking.
 
     Attributes:
-        margin_ns: How long before the deadline it means to stop sleeping [ns].
-        slept_ns: When the last sleep was over [ns]; 0: the deadline was too near to sleep.
+        margin_ns: Intended time between the end of sleeping and the deadline [ns].
+        slept_ns: End of the last sleep [ns]; 0: the deadline was too near to sleep.
     """
 
     margin_ns: int
     slept_ns: int
 
     def wait(self, deadline_ns: int) -> int:
-        """Return at ``deadline_ns`` [ns] or as soon after as possible; the present time [ns]."""
+        """Wait for ``deadline_ns`` [ns]; return the present time [ns] at once after it."""
         ...
 
 
@@ -73,7 +74,7 @@ class ClockWaiter:
     """Waits on the given clock: on a simulated one it arrives exactly.
 
     Args:
-        clock: The clock that passes while waiting.
+        clock: The clock.
     """
 
     __slots__ = ("_clock", "margin_ns", "slept_ns")
@@ -83,7 +84,7 @@ class ClockWaiter:
         self.margin_ns = self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
-        """See ``Waiter``."""
+        """Wait; see ``Waiter``."""
         self._clock.wait_until(deadline_ns)
         return self._clock.now_ns()
 
@@ -96,28 +97,28 @@ class SpinWaiter:
 
     Args:
         spin_ns: How long before the deadline to stop sleeping [ns].
-        rehearsal: Of the tick, after each sleep; it ends earlier by what that needs.
+        warm_up: Of the tick, after each sleep; it ends earlier by what that needs.
     """
 
-    __slots__ = ("_rehearsal", "_spin_ns", "margin_ns", "slept_ns")
+    __slots__ = ("_spin_ns", "_warm_up", "margin_ns", "slept_ns")
 
-    def __init__(self, spin_ns: int, rehearsal: Rehearsal | None = None) -> None:
+    def __init__(self, spin_ns: int, warm_up: CacheWarmUp | None = None) -> None:
         self._spin_ns = self.margin_ns = spin_ns
-        self._rehearsal = rehearsal
+        self._warm_up = warm_up
         self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
-        """See ``Waiter``."""
+        """Wait; see ``Waiter``."""
         now = time.monotonic_ns()
-        rehearsal = self._rehearsal
-        if rehearsal is not None:
-            self.margin_ns = self._spin_ns + rehearsal.need_ns
+        warm_up = self._warm_up
+        if warm_up is not None:
+            self.margin_ns = self._spin_ns + warm_up.need_ns
         remaining = deadline_ns - self.margin_ns - now
         if remaining > 0:
             time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
             self.slept_ns = now = time.monotonic_ns()
-            if rehearsal is not None:
-                rehearsal(deadline_ns - now)
+            if warm_up is not None:
+                warm_up(deadline_ns - now)
                 now = time.monotonic_ns()
         else:
             self.slept_ns = 0
@@ -127,11 +128,11 @@ class SpinWaiter:
 
 
 def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
-    """How early to wake so that 95 % of sleeps end before the deadline [ns], within bounds.
+    """Measure the margin with which 95 % of sleeps end before the deadline [ns], within bounds.
 
     Args:
-        naps: How many sleeps to try.
-        nap_ns: How long each is [ns].
+        naps: Number of sleeps to try.
+        nap_ns: Duration of each [ns].
     """
     overshoots = []
     for _ in range(naps):
@@ -143,21 +144,21 @@ def measured_spin_margin_ns(naps: int = 200, nap_ns: int = 300_000) -> int:
 
 
 def waiter_for(
-    clock: Clock, spin_ns: int | None, period_ns: int, rehearsal: Rehearsal | None = None
+    clock: Clock, spin_ns: int | None, period_ns: int, warm_up: CacheWarmUp | None = None
 ) -> Waiter:
-    """The waiter that suits a clock.
+    """Return the waiter for a clock.
 
     Args:
         clock: Simulated or monotonic.
         spin_ns: Spin margin [ns]; None: measured now.
-        period_ns: Between deadlines [ns]; of it a measured margin leaves time to sleep.
-        rehearsal: Of the tick, before each deadline, where the period leaves time for that too.
+        period_ns: Between deadlines [ns]; a measured margin leaves a part of it for sleeping.
+        warm_up: Cache warm-up before each deadline, where the period leaves time for it.
     """
     if isinstance(clock, SimulatedClock):
         return ClockWaiter(clock)
     if spin_ns is None:
         spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
     most_ns = int(SPIN_SHARE * period_ns) - spin_ns
-    if rehearsal is None or not spin_ns or not rehearsal.practise(most_ns):
+    if warm_up is None or not spin_ns or not warm_up.practise(most_ns):
         return SpinWaiter(spin_ns)
-    return SpinWaiter(spin_ns, rehearsal)
+    return SpinWaiter(spin_ns, warm_up)

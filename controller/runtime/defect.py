@@ -1,4 +1,4 @@
-"""An error that nobody foresaw, told so that it can be reported."""
+"""Describes an unexpected error so that a user can report it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 def defect_text(error: Exception) -> str:
     """Name an error, and the function, file and line in which it was raised.
 
-    Reads no source file: the torque may still be on.
+    It reads no source file: the torque may still be on.
 
     Args:
-        error: As it was caught.
+        error: The caught error.
     """
     *_, (frame, line) = traceback.walk_tb(error.__traceback__)
     code = frame.f_code

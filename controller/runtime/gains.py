@@ -1,7 +1,7 @@
-"""Owns the stiffness and the damping that are commanded, and moves them along ramps.
+"""Owns the commanded stiffness and damping, and moves them along ramps.
 
-Three things decide them: the guard's decision for the sample age and the interval that are served
-now, the scale that an oscillation has left of it, and whether the shaft is where K may be raised.
+Three things decide them: the guard's decision for the present sample age and interval, the derating
+after an oscillation, and whether the shaft is where K may be raised.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from haptic_wall.controller.laws.wall import Law
 
 
 class Gains:
-    """Sets stiffness, damping and their scales of the law; nothing else does.
+    """Sets stiffness, damping and their scales of the law; no other object does.
 
-    A law whose gains are not the guard's to set is scaled only.
+    A law that the guard does not set is only scaled.
 
     Args:
         schedule: The guard's decisions by sample age and served interval.
-        law: What is rendered.
-        ramp_ticks: Ticks over which a lower stiffness is reached [1].
+        law: The rendered law.
+        ramp_ticks: Duration of a ramp to a lower stiffness [ticks].
         torque_limit: Of the servo [N·m].
 
     Attributes:
         stiffness: At the end of the ramp, without scale [N·m/rad].
-        damping: Likewise [N·m·s/rad].
+        damping: At the end of the ramp, without scale [N·m·s/rad].
         in_force: The warm-up is over.
     """
 
@@ -55,39 +55,39 @@ class Gains:
         self._highest = max(decision.stiffness for decision in schedule.decisions)
         self._ramp_left = 0
         self._stiffness_step = self._damping_step = 0.0
-        self._pending = False  # the decision allows more, which waits for a moment at rest
+        self._pending = False  # an increase that waits for a moment at rest
         self.stiffness = self.damping = 0.0
         self.in_force = False
 
     @property
     def decision(self) -> Decision:
-        """The guard's decision that holds now."""
+        """Return the guard's present decision."""
         return self._schedule.decision
 
     @property
     def age_ns(self) -> int:
-        """Sample age that the decision counts with [ns]."""
+        """Return the sample age of the present decision [ns]."""
         return self._schedule.age_ns
 
     @property
     def index(self) -> int:
-        """Place of the decision in ``GainSchedule.decisions`` [1]."""
+        """Return the index of the decision in ``GainSchedule.decisions`` [1]."""
         return self._schedule.index
 
     @property
     def largest_rise(self) -> float:
-        """Most that K may rise by from now [N·m/rad]."""
+        """Return the largest possible rise of K from now [N·m/rad]."""
         return self._highest - self._law.stiffness
 
     @property
     def coming(self) -> float:
-        """Stiffness that the wall would come on with [N·m/rad]."""
+        """Return the stiffness with which the wall would come on [N·m/rad]."""
         if not self.in_force:
             return self._schedule.decision.stiffness
         return max(self._law.stiffness, self.stiffness)
 
     def begin(self) -> None:
-        """End the warm-up: the decision for the ages measured until now is in force at once."""
+        """End the warm-up: the decision for the ages measured so far is in force at once."""
         self._schedule.settle()
         decision, law = self._schedule.decision, self._law
         if law.guarded:
@@ -98,7 +98,7 @@ class Gains:
         self.in_force = True
 
     def scale(self, stiffness_scale: float, damping_scale: float) -> None:
-        """Scale the law at once: what an oscillation has left of it.
+        """Scale the law at once: the derating after an oscillation.
 
         Args:
             stiffness_scale: Of the stiffness, and of the largest torque of the spring [1].
@@ -114,12 +114,11 @@ class Gains:
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
-            interval_ns: From the last tick whose reading did not fail to this one [ns]; 0: this
-                reading failed.
+            interval_ns: From the last tick with a reading to this one [ns]; 0: this reading failed.
             may_raise: K may go up now.
 
         Returns:
-            Whether another decision holds from now on, and is in force.
+            Whether the decision has changed and is in force.
         """
         changed = self._schedule.observe(age_ns, interval_ns, may_raise) and self.in_force
         law = self._law
@@ -142,11 +141,11 @@ class Gains:
         return changed
 
     def _begin_ramp(self, may_raise: bool) -> None:
-        """Set out for what is allowed from now on."""
+        """Start a ramp to the gains that are allowed from now on."""
         law, ticks = self._law, self._ramp_ticks
-        # Raised only while the spring is at rest, so at once: a ramp could run on into contact.
-        # A longer delay may allow more too: it allows less damping, and that leaves more of
-        # the torque limit to the spring's encoder steps. Until a moment of rest K stays.
+        # K is raised only while the spring is at rest, so at once: a ramp could continue into
+        # contact. A longer delay may also allow more: it allows less damping, which leaves more of
+        # the torque limit to the spring's encoder steps. K stays until a moment of rest.
         decision = self._schedule.decision
         stiffness, damping = decision.stiffness, decision.damping
         self._pending = stiffness > law.stiffness and not may_raise
@@ -157,7 +156,7 @@ class Gains:
         if fall < 0.0:
             ticks = 1
         elif self._ramp_left and self._stiffness_step < 0.0:
-            # Another reason to lower it does not make a fall slower that is under way.
+            # A new reason to lower K does not slow down a ramp that is under way.
             ticks = min(ticks, max(1, math.ceil(fall / -self._stiffness_step)))
         self._ramp_left = ticks
         self._stiffness_step = (stiffness - law.stiffness) / ticks

@@ -1,4 +1,4 @@
-"""The loop of a run: one tick at each deadline, and a count of those that were missed."""
+"""The loop of a run: executes one tick at each deadline, and counts missed ones."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _never = (math.inf, math.inf, math.inf)
 
 
 class Grid:
-    """Deadlines served one after the other, from one start.
+    """Serves deadlines one after the other, from one start.
 
     Args:
-        tick: What is done at each.
-        waiter: Waits for them.
-        clock: Tells the time.
-        telemetry: Where a stop is asked for.
-        servo: Whose bus a late tick may have waited for.
-        period_ns: From one to the next [ns].
-        on_block: Called now and then between two.
-        late: Who is told of late ticks; None: nobody.
+        tick: Executed at each deadline.
+        waiter: Waits for the deadlines.
+        clock: The loop's clock.
+        telemetry: Memory that holds the stop request.
+        servo: Its bus waits belong to late ticks.
+        period_ns: From one deadline to the next [ns].
+        on_block: Called periodically between two ticks.
+        late: Explains late ticks; None: nothing does.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class Grid:
 
     @property
     def elapsed_s(self) -> float:
-        """Time on the grid since the wall was switched on [s]."""
+        """Return the time on the grid since the wall was switched on [s]."""
         return (self._deadline - self._begun) * 1e-9
 
     @property
     def missed(self) -> int:
-        """Periods on the grid in that time in which no tick was executed."""
+        """Return the number of periods in that time without a tick."""
         return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
 
     def begin(self) -> None:
@@ -77,7 +77,7 @@ class Grid:
             self._late.begin(self._deadline)
 
     def serve(self, duration_s: float | None) -> StopReason | None:
-        """Serve deadlines for a while; why it ended before, or None.
+        """Serve deadlines for a while; return why it ended earlier, or None.
 
         Raises:
             ServoHealthError: The servo is in no state to be driven any longer.
@@ -89,7 +89,7 @@ class Grid:
         wait, run, now = waiter.wait, tick.run, self._clock.now_ns
         limit_ns, long_ns, rest = _never if late is None else late.limits
         deadline, missed = self._deadline, self._missed
-        stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: looked at in every tick
+        stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
         served = woke = ended = deadline
         block = BLOCK
         try:
@@ -120,12 +120,12 @@ class Grid:
                     block = BLOCK
         finally:
             self._deadline, self._missed = deadline, missed
-            if ended < woke:  # the tick that ended the run
+            if ended < woke:  # in the tick that ended the run
                 self._explain(served, woke, now(), 0)
         return None
 
     def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
-        """Have a tick explained that was late, if somebody does."""
+        """Have a late tick explained, if ``late`` is given."""
         servo = self._servo
         if self._late is not None:
             lost = servo.counts.lost

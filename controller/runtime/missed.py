@@ -1,16 +1,16 @@
-"""Missed periods: how large a fraction of the last half second's periods had no tick."""
+"""Counts missed periods: the fraction of the last half second's periods without a tick."""
 
 from __future__ import annotations
 
 WINDOW_S = 0.5
-"""Over how long missed periods are counted [s]"""
+"""Time over which missed periods are counted [s]"""
 _BUCKETS = 10
 
 
 class MissedPeriods:
     """Counts missed periods over the last half second, in ten buckets of the grid's time.
 
-    It costs nothing in a tick before which no period was missed.
+    It takes no time in a tick without missed periods before it.
 
     Args:
         period_ns: Of the grid [ns].
@@ -18,7 +18,7 @@ class MissedPeriods:
 
     Attributes:
         max_missed: As given.
-        worst: The largest fraction seen in any window [1].
+        worst: The largest fraction in any window [1].
     """
 
     __slots__ = ("_bucket_ns", "_counts", "_last", "_periods", "max_missed", "worst")
@@ -34,15 +34,15 @@ class MissedPeriods:
 
     @property
     def exceeded(self) -> bool:
-        """Whether more were missed in some window than is allowed."""
+        """Whether more periods than allowed were missed in some window."""
         return self.worst > self.max_missed
 
     def count(self, deadline_ns: int, missed: int) -> bool:
-        """Count ``missed`` periods before a deadline; whether the window holds too many now.
+        """Count ``missed`` periods before a deadline; return whether the window has too many now.
 
         Args:
             deadline_ns: The deadline that was served after them [ns].
-            missed: How many there were.
+            missed: Number of missed periods.
         """
         counts = self._counts
         bucket = deadline_ns // self._bucket_ns

@@ -17,16 +17,15 @@ _OK = Outcome.OK
 
 
 class MotionWatch:
-    """Answers the motion on the wall: softer gains, injected damping, or a trip.
+    """Reacts to the motion on the wall: derating, injected damping, or a trip.
 
     Args:
-        law: What is rendered; its ``injected`` is set here only.
-        gains: Scaled where an oscillation is answered.
-        watch: Looks for oscillations.
-        driven: Looks for a motion that the torque drives beyond what the servo can reach.
-        passivity: Injects damping where the wall generates energy; None: nothing does.
-        most_injected: Damping that may be injected, for each decision of the gain schedule
-            [N·m·s/rad].
+        law: The rendered law; only this object sets its ``injected``.
+        gains: Scaled after an oscillation.
+        watch: The oscillation watch.
+        driven: Finds a motion that the torque drives beyond the servo's own speed.
+        passivity: Injects damping where the wall generates energy; None: none.
+        most_injected: Largest injected damping for each decision of the gain schedule [N·m·s/rad].
     """
 
     __slots__ = ("_gains", "_law", "_most_injected", "_passivity", "driven", "watch")
@@ -48,13 +47,13 @@ class MotionWatch:
         self.watch = watch
 
     def follow_gains(self) -> None:
-        """Count with the sample age and the injected damping of the decision in force."""
+        """Use the sample age and the injected damping of the present decision."""
         self.watch.set_age(self._gains.age_ns * 1e-9)
         if self._passivity is not None:
             self._passivity.cap = self._most_injected[self._gains.index]
 
     def resume(self) -> None:
-        """Begin anew after a pause: the motion before it says nothing about the motion now."""
+        """Restart after a pause: the motion before it no longer counts."""
         self.watch.resume()
         if self._passivity is not None:
             self._passivity.restart()
@@ -65,7 +64,7 @@ class MotionWatch:
         Args:
             sampler: The sample.
             contact: The shaft is in the wall.
-            periods: Periods since the tick before [1].
+            periods: Periods since the last tick [1].
 
         Returns:
             Why the run must end; None: it need not.

@@ -1,8 +1,8 @@
-"""Notices that the wall drives the shaft faster than a servo should drive itself.
+"""Finds a shaft that the wall drives faster than a servo should drive itself.
 
-A servo by itself comes to its no-load speed at most, and near it only where its torque goes with
-the motion for long. Speed alone does not tell that from a hand: one that jerks the shaft out of
-the wall, or lets it go, gets back the energy that it has put in. So the energy decides too: the
+A servo alone reaches at most its no-load speed, and comes near it only where its torque follows the
+motion for long. Speed alone does not distinguish that from a hand: a hand that jerks the shaft out
+of the wall, or releases it, gets back the energy it has put in. So the energy decides too: the
 shaft moves with more than the wall had taken before.
 
 Source: energy count after Hannaford and Ryu, IEEE T-RA 18(1), 2002.
@@ -20,24 +20,24 @@ from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.servo import JUMP_SPEED, Facts
 
 WINDOW_S: Final = 0.01
-"""Time over which that speed is measured [s]. One count a tick is 1.53 rad/s at 4096 counts and
-1 kHz; the two counts of slack are 0.31 rad/s over this time."""
+"""Time over which that speed is measured [s]. One count a tick is 1.53 rad/s at 4096 counts and 1
+kHz; the two counts of tolerance are 0.31 rad/s over this time."""
 _WINDOW_NS: Final = round(WINDOW_S * 1e9)
 SLACK_COUNTS: Final = 2.0
 OWN_SHARE: Final = 0.5
-"""Part of the shaft's kinetic energy that is the wall's own, from which it trips"""
+"""Fraction of the shaft's kinetic energy that must come from the wall to trip"""
 _KEPT: Final = 128
-"""Samples kept: the window's at the highest rate, 10 kHz, and some more"""
+"""Number of stored samples: the window's at the highest rate, 10 kHz, and some more"""
 
 
 def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[float, float]:
-    """Largest speed of any motion, and of one that the torque drives [rad/s].
+    """Return the largest speed of any motion, and of one that the torque drives [rad/s].
 
     Args:
-        max_speed: ``safety.max_speed`` [rad/s], which is both; None: from the no-load speed.
+        max_speed: ``safety.max_speed`` [rad/s], used for both; None: from the no-load speed.
         facts: The servo's.
-        real: It may be a real servo. One of our own has no back-EMF that holds it back: a kick
-            makes it faster than any real one.
+        real: It may be a real servo. A simulated one has no back-EMF that limits it: a kick makes
+            it faster than any real one.
 
     Returns:
         The second is inf where there is no limit: the no-load speed is not known.
@@ -49,10 +49,10 @@ def speed_limits(max_speed: float | None, facts: Facts, real: bool) -> tuple[flo
 
 @dataclass(frozen=True, slots=True)
 class DrivenLimits:
-    """Largest speed, and the least that is believed of the servo's body, in commanded units."""
+    """Largest speed, and the lower bounds of the believed body, in commanded units."""
 
     speed: float
-    """[rad/s]; inf: any"""
+    """[rad/s]; inf: no limit"""
     position_step: float = 0.0
     """Encoder count [rad]; 0: not quantised"""
     torque_limit: float = math.inf
@@ -64,21 +64,21 @@ class DrivenLimits:
     coulomb: float = 0.0
     """Coulomb friction [N·m]"""
     kicked: bool = False
-    """The energy in the spring when the wall comes on is meant: a kick"""
+    """The initial energy in the spring is intended: a kick"""
 
 
 class DrivenSpeed:
-    """Mean speed over 10 ms in which the torque went with the motion, and who paid for it.
+    """Judges the mean speed over 10 ms of torque along the motion, and the source of its energy.
 
-    The mean over several samples makes the slack for the encoder's steps small. A sample in which
-    the torque is zero, or goes against the motion, begins a new window.
+    The mean over several samples keeps the tolerance for the encoder's steps small. A sample in
+    which the torque is zero, or opposes the motion, starts a new window.
 
-    The wall may give back what it has taken: at most what its spring holds. What it gives beyond
-    that and beyond friction is its own. Outside of a one-sided wall the count begins anew. A
+    The wall may return what it has taken: at most the energy in its spring. Anything beyond that
+    and beyond friction comes from the wall itself. Outside a one-sided wall the count restarts. A
     program of an experiment drives the shaft on purpose; there speed alone decides.
 
     Attributes:
-        found: The speed that was too high, and the highest allowed [rad/s]; empty: none was.
+        found: The excessive speed, and the highest allowed [rad/s]; empty: none was found.
     """
 
     __slots__ = (
@@ -113,23 +113,23 @@ class DrivenSpeed:
         self._positions = [0.0] * _KEPT
         self._instants_ns = [0] * _KEPT
         self._at = 0
-        """Of the last sample in the window"""
+        """Index of the last sample in the window"""
         self._count = 0
-        """Intervals in the window"""
+        """Number of intervals in the window"""
         self._given = math.nan
-        """Work of the torque less friction's, not below what the spring holds [J]"""
+        """Work of the torque less friction's, not below the negative energy in the spring [J]"""
 
     def too_fast(
         self, position: float, sampled_ns: int, torque: float, contact: bool, law: Law
     ) -> bool:
-        """Take a sample; whether the torque has driven the shaft too fast for the whole window.
+        """Take a sample; return whether the torque drove the shaft too fast in the whole window.
 
         Args:
             position: [rad]
             sampled_ns: Its instant [ns].
-            torque: Commanded torque that acted since the sample before [N·m].
+            torque: Commanded torque that acted since the last sample [N·m].
             contact: Whether the law acts at this position.
-            law: What is rendered.
+            law: The rendered law.
         """
         before, before_ns = self._position, self._sampled_ns
         moved = position - before
@@ -184,7 +184,7 @@ class DrivenSpeed:
         return True
 
     def _held(self, position: float, law: Law) -> float:
-        """Energy in the spring, its torque limited [J]."""
+        """Return the energy in the spring, with its torque limited [J]."""
         depth = position - law.position
         if depth < 0.0:
             depth = -depth

@@ -1,4 +1,4 @@
-"""Linux process settings for the loop: what was wanted, what was granted, what would grant it."""
+"""Applies the loop's Linux process settings: wanted, granted, and how to have them granted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DMA_LATENCY = Path("/dev/cpu_dma_latency")
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One wish and what became of it."""
+    """One requested setting and its result."""
 
     name: str
     wanted: str
@@ -38,8 +38,8 @@ def die_with_parent(parent: int, signal_number: int) -> None:
     """Have the kernel send this process a signal when its parent ends.
 
     Args:
-        parent: Process id the caller believes its parent has: when it is gone already, the
-            signal is sent at once.
+        parent: Process id of the expected parent: if it has already ended, the signal is sent at
+            once.
         signal_number: The signal.
     """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
@@ -48,20 +48,20 @@ def die_with_parent(parent: int, signal_number: int) -> None:
 
 
 def stand_back() -> None:
-    """Let everybody else run first: the kernel threads that carry the loop's bytes want a core too.
+    """Take the lowest priority: the kernel threads that carry the loop's bytes need a core too.
 
-    Not by SCHED_IDLE: on a busy machine that gets three thousandths of a core, too little to write
-    a log, or even to die. What stands back cannot come forward again without rights few have.
+    It does not use SCHED_IDLE: on a busy machine that gets three thousandths of a core, too little
+    to write a log, or even to exit. Raising the priority again needs rights that few users have.
     """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.nice(19)
 
 
 def pick_cores(wanted: int | None = None) -> tuple[int, set[int]]:
-    """The core for the loop, and the cores for everything else.
+    """Return the core for the loop, and the cores for everything else.
 
-    Unless one is wanted the loop takes the last core it may use (the first one serves most
-    interrupts); with a single core everything shares it.
+    By default the loop gets the last available core (the first one serves most interrupts); with a
+    single core everything shares it.
 
     Args:
         wanted: The loop's core; None: chosen here.
@@ -102,9 +102,9 @@ def _timer_slack() -> str:
 
 _held: list[int] = []
 _ROOM = 4 << 20
-"""What is reserved for the loop's small objects [bytes]: four of Python's arenas"""
+"""Memory reserved for the loop's small objects [bytes]: four of Python's arenas"""
 _BLOCK = 512
-"""The largest object that comes from an arena [bytes], its header counted"""
+"""The largest object in an arena [bytes], its header included"""
 _anchors: list[bytes] = []
 
 
@@ -123,16 +123,16 @@ def _attempt(name: str, wanted: str, action: Callable[[], str], remedy: str) -> 
 
 
 def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
-    """Take the settings of a profile for this process, as far as they are granted.
+    """Apply the settings of a profile to this process, as far as they are granted.
 
     Args:
-        profile: ``off`` takes none but the core.
+        profile: ``off`` applies only the core.
         priority: Of SCHED_FIFO, 1 to 99.
-        cores: Where this process may run.
+        cores: Cores for this process.
 
     Returns:
-        Wanted against got, a line each. With ``strict`` the caller refuses to go on unless all
-        the required ones (scheduler, memory) are ok.
+        Wanted against granted, one each. With ``strict`` the caller refuses to go on unless all
+        required ones (scheduler, memory) are ok.
     """
     settings = [_attempt("core", _names(cores), lambda: _core(cores), "")]
     if profile == "off":
@@ -169,22 +169,23 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
 
 
 def missing_for_strict(settings: list[Setting]) -> list[Setting]:
-    """The settings a strict profile cannot do without and did not get."""
+    """Return the settings that a strict profile requires and did not get."""
     return [s for s in settings if s.name in ("scheduler", "memory") and not s.ok]
 
 
 def freeze_garbage() -> None:
-    """Collect garbage once, then never again: a collection costs milliseconds."""
+    """Collect garbage once, then disable collection: one takes milliseconds."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
 def reserve_memory() -> None:
-    """Have Python keep room for the loop's small objects, before memory is locked.
+    """Have Python reserve room for the loop's small objects, before memory is locked.
 
-    It takes memory from the system 1 MiB at a time; with all memory locked, that one allocation
-    maps 256 pages, most of a period. An arena is kept as long as one object lives in it.
+    Python takes memory from the system 1 MiB at a time. With all memory locked, one such allocation
+    maps 256 pages, which takes most of a period. An arena is kept as long as one object lives in
+    it.
     """
     blocks = [bytes(_BLOCK - 64) for _ in range(_ROOM // _BLOCK)]
     _anchors[:] = blocks[:: (1 << 18) // _BLOCK]

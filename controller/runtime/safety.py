@@ -1,4 +1,4 @@
-"""Trips: what ends a run at once with torque off, each under its own name."""
+"""Trips: ends a run at once with torque off, each trip under its own name."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from haptic_wall.hw.servo import Reading
 
 
 class Trip(StrEnum):
-    """Why a run was ended for safety; the values are those of reports and logs."""
+    """Why a run was ended for safety; reports and logs contain these values."""
 
     NOT_A_NUMBER = "trip:not_a_number"
     """A position, velocity or torque was NaN or infinite."""
     OVERSPEED = "trip:overspeed"
     """The position moved further than the speed limit allows, or the torque drove it too fast."""
     TRAVEL = "trip:travel"
-    """The shaft left the range of positions that it may have."""
+    """The shaft left its permitted range of positions."""
     OSCILLATION = "trip:oscillation"
     """The wall oscillates by itself."""
     LOSSES_IN_ROW = "trip:losses_in_row"
     """No reading was good for too long; older versions counted the readings, hence the name."""
     LOSS_RATE = "trip:loss_rate"
-    """Too large a share of the readings in the window failed."""
+    """Too large a fraction of the readings in the window failed."""
     MISSED_PERIODS = "trip:missed_periods"
     """Too large a fraction of the periods had no tick."""
     HARDWARE_ERROR = "trip:hardware_error"
@@ -41,23 +41,23 @@ class Trip(StrEnum):
     LOOP_HUNG = "trip:loop_hung"
     """The loop's process gave no sign of life."""
     LOOP_DIED = "trip:loop_died"
-    """The loop's process ended without saying so."""
+    """The loop's process ended without a report."""
     INTERNAL_ERROR = "trip:internal_error"
     """The program raised an error it should not have."""
 
     @property
     def label(self) -> str:
-        """The name without ``trip:``, for people."""
+        """Return the name without ``trip:``, for people."""
         return self.value.partition(":")[2]
 
     @classmethod
     def of(cls, reason: str | None) -> Trip | None:
-        """The trip that a report or a log names; None: it names none that is known."""
+        """Return the trip in a report or a log; None: it names no known trip."""
         return cls(reason) if reason is not None and reason in cls._value2member_map_ else None
 
 
 class End(StrEnum):
-    """Other reasons why a run ended; the values are those of reports and logs."""
+    """Other reasons why a run ended; reports and logs contain these values."""
 
     DURATION = "duration"
     """As planned: the time or the program is over."""
@@ -71,7 +71,7 @@ StopReason = End | Trip
 
 
 def stop_reason(text: str) -> StopReason:
-    """The reason that another process of the same run names.
+    """Return the reason that another process of the same run names.
 
     Raises:
         ValueError: It is none.
@@ -131,41 +131,41 @@ EMULATOR_LATE = {
         ),
     )
 }
-"""What these mean where an emulated bus is at the other end, which has no cable"""
+"""Explanations of these trips with an emulated bus, which has no cable"""
 
 LEAST_FAILED = 3
-"""Readings that must fail one after the other before their silence trips: at low rates the allowed
-time is over after one or two, and a stall of the loop itself is no fault of the bus [1]"""
+"""Consecutive failed readings that a silence needs to trip: at low rates the allowed time is over
+after one or two, and a stall of the loop itself is no fault of the bus [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """When to trip."""
+    """The limits whose violation trips."""
 
     max_speed: float
     """[rad/s]"""
     position_step: float
-    """Encoder step [rad], which a reading may be off by"""
+    """Encoder step, the tolerance of a reading [rad]"""
     max_loss: float
-    """Share of failed readings in the window [1]"""
+    """Fraction of failed readings in the window [1]"""
     loss_window: int
     """Readings in the window"""
     max_silence_ns: int
     """Time without a good reading [ns]; fewer than ``LEAST_FAILED`` failed ones never trip"""
     travel: tuple[float, float] | None = None
-    """Lowest and highest position [rad]; None: any"""
+    """Lowest and highest position [rad]; None: no limit"""
     travel_from_start: bool = False
-    """They count from the first reading"""
+    """``travel`` counts from the first reading"""
 
 
 class Safety:
-    """Watches readings and torques; O(1) a tick.
+    """Checks readings and torques against the limits; O(1) a tick.
 
     Args:
-        limits: When to trip.
+        limits: The limits.
 
     Attributes:
-        found: What made it trip, and what is allowed, in the unit of the limit; empty: nothing did.
+        found: The value that tripped, and its limit, in the unit of the limit; empty: none.
     """
 
     __slots__ = (
@@ -195,7 +195,7 @@ class Safety:
         self._low, self._high = limits.travel or (-math.inf, math.inf)
 
     def good(self, reading: Reading) -> Trip | None:
-        """Judge a good reading: its position, and how far it is from the one before."""
+        """Judge a good reading: its position, and its distance from the last one."""
         self._count(0)
         self._in_row = 0
         _, position, _, sampled_ns, _, alert = reading
@@ -220,14 +220,14 @@ class Safety:
         return None
 
     def failed(self, now_ns: int) -> Trip | None:
-        """Count a reading that failed, and judge the time since the last good sample.
+        """Count a failed reading, and judge the time since the last good sample.
 
         Args:
-            now_ns: When it was found to have failed [ns], on the clock of the readings.
+            now_ns: When it failed [ns], on the clock of the readings.
         """
         self._count(1)
         self._in_row += 1
-        if self._heard_ns is None:  # nothing was ever heard: the time counts from here
+        if self._heard_ns is None:  # no good reading so far: the time counts from here
             self._heard_ns = now_ns
         limits, silence_ns = self._limits, now_ns - self._heard_ns
         if self._in_row >= LEAST_FAILED and silence_ns > limits.max_silence_ns:

@@ -10,26 +10,26 @@ from haptic_wall.hw.servo import Outcome, Reading, Servo
 COLLECT_SHARE = 0.8
 """Fraction of a period after which a missing reply is given up [1]"""
 LONGER_SHARE = 1.05
-"""The same after a pipelined reply was lost, until another one is [1]. An adapter flushes its
-buffer periodically. A request sent after giving up can then miss each tick by the time that it
-takes itself, for ever. With the one fraction those are phases of 0.8 to about 0.95 periods, with
-the other of 0.05 to 0.2, so that changing it leaves either."""
+"""The same fraction after a pipelined reply was lost, until another one is lost [1]. An adapter
+flushes its buffer periodically. A request sent after giving up can then miss each tick by the time
+that it takes itself, for ever. With the first fraction that happens at phases of 0.8 to about 0.95
+periods, with this one at 0.05 to 0.2, so that changing the fraction leaves either."""
 JITTER = 0.1
 """Largest distance from whole periods at which an interval between samples counts as whole
-[periods]. A loop that serves a tick every 1.5 periods is far from it: divided by 2, its velocity
-would leave a quarter of the damping out."""
+[periods]. A loop that serves a tick every 1.5 periods is far from it: with a division by 2, its
+velocity would omit a quarter of the damping."""
 SHORTEST = 0.5
-"""The shortest interval that a velocity is taken over [periods]: over a very short one, which
-follows a late tick, one encoder count would be a high speed."""
-_OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
+"""The shortest interval for a velocity [periods]: over a very short one, after a late tick, one
+encoder count would give a high speed."""
+_OK = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _WAITING = Outcome.WAITING
 
 
 class Sampler:
-    """The position of the shaft, its velocity, and when they were sampled.
+    """Holds the position of the shaft, its velocity, and the time of the sample.
 
     Args:
-        servo: Where the position comes from.
+        servo: Source of the position.
         velocity: Estimates the velocity from the positions.
         period_ns: The sampling period [ns].
         pipelined: A request is sent at the end of the period before; else in its own.
@@ -39,7 +39,7 @@ class Sampler:
         position: The last known position [rad]; NaN: none is known yet.
         velocity: Estimated velocity [rad/s]; 0 after a reading that failed.
         sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
-        measured_torque: Torque that came with the last reply [N·m]; NaN: the servo measures none.
+        measured_torque: Torque in the last reply [N·m]; NaN: the servo measures none.
         first: The last sample was the first good one.
     """
 
@@ -68,7 +68,7 @@ class Sampler:
         self._pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
         self._other_collect_ns = int(LONGER_SHARE * period_ns)
-        self._served_ns = 0  # when the last tick woke whose reading did not fail; 0: none
+        self._served_ns = 0  # wake-up of the last tick with a reading; 0: none
         self.outcome = _OK
         self.position = math.nan
         self.velocity = 0.0
@@ -103,11 +103,11 @@ class Sampler:
         outcome = self.outcome
         self.first = False
         if outcome is _WAITING:
-            # Held as they are until the next sample: a loop with a longer period, which is what
-            # the theory knows. With dx = 0 in between the damping would act in one tick of many.
+            # Held until the next sample: a loop with a longer period, as in the theory. With dx = 0
+            # in between the damping would act in one tick of many.
             return reading
         if outcome is not _OK:
-            # The last position once more, so dx = 0. Before the first good reading nothing acts.
+            # The last position again, so dx = 0. Before the first good reading the torque is zero.
             self.velocity = 0.0
             if self._pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
@@ -120,10 +120,11 @@ class Sampler:
         return reading
 
     def _periods(self, last_ns: int | None, sampled_ns: int) -> float:
-        """Periods that really passed between two samples, whatever came in between.
+        """Return the periods that really passed between two samples.
 
-        Lost readings, skipped periods, and a tick that was served late, which the grid counts only
-        afterwards. Whole periods where that is nearly so: jitter does not reach the velocity.
+        They include lost readings, skipped periods, and a tick that was served late, which the grid
+        counts only afterwards. Nearly whole numbers are rounded: jitter does not reach the
+        velocity.
         """
         if last_ns is None:
             return 1.0
@@ -134,13 +135,13 @@ class Sampler:
         return max(periods, SHORTEST)
 
     def interval_ns(self, woke_ns: int) -> int:
-        """Time from the last tick whose reading did not fail to this one; once a tick.
+        """Return the time from the last tick with a reading to this one; call once a tick.
 
         Args:
             woke_ns: When the loop woke for this period [ns].
 
         Returns:
-            The interval [ns]; 0: this reading failed, and the interval goes on.
+            The interval [ns]; 0: this reading failed, and the interval continues.
         """
         if not self.known:
             return 0

@@ -1,4 +1,4 @@
-"""One run of the loop: build its parts, check the servo, run the grid, end with torque off."""
+"""One session: builds the loop's parts, checks the servo, runs the grid, ends with torque off."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
+    cache_warm_up_of,
     decision_in_force,
     guard_schedule,
     most_injected,
-    rehearsal,
     rendered,
     situation_of,
     tick_parts,
@@ -49,40 +49,41 @@ from haptic_wall.hw.servo import Check, Servo
 from haptic_wall.hw.settings import ServoSettings
 
 _REPLIES = 3.0
-"""Replies that the warm-up waits for at least"""
+"""Least number of replies in the warm-up"""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How a run ended; everything in it can be sent as JSON."""
+    """The outcome of a session; all of it can be sent as JSON."""
 
     stop_reason: StopReason
     message: str
-    """What the program itself wants to add; empty mostly"""
+    """A remark of the program itself; mostly empty"""
     ticks: int
     missed: int
     elapsed_s: float
     real_s: float
-    """What that took in real time, start-up not counted [s]"""
+    """Duration of the run in real time, without the start-up [s]"""
     grid_hz: float
     guard: dict[str, Any] | None
-    """None, as the next two: a defect came before it was told"""
+    """None, as the next two: a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
     delay: dict[str, float] | None
     bus: dict[str, int] | None
     timing: dict[str, Any] | None
-    """Which ticks were late, and why; None: nobody looked, or a defect"""
+    """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
     setup: list[Found] = field(default_factory=list)
-    """The machine's, where the loop has a process of its own"""
+    """The machine's settings, where the loop has a process of its own"""
     facts: dict[str, float | None] = field(default_factory=dict)
-    """Of the servo, which the watch counts with; None: not known"""
+    """The servo's values that the oscillation watch uses; None: not known"""
     wall_came_on: bool = False
     waited_for: str = ""
-    """What a wall that never came on waited for; empty: it came on, or did not get so far"""
+    """The unmet condition of a wall that never came on; empty: it came on, or the run ended before
+    """
     warnings: list[str] = field(default_factory=list)
-    """What the loop itself warns of"""
+    """Warnings of the loop itself"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +91,16 @@ class Surroundings:
     """Services that the process around a session provides."""
 
     port: int | None = None
-    """Descriptor of the open serial port, where there is one"""
+    """Descriptor of the open serial port, if any"""
     tell: Callable[[str], None] = lambda _text: None
-    """Called with what a person should know before the wall is on"""
+    """Called with messages for a person before the wall is on"""
     on_block: Callable[[], None] = lambda: None
-    """Called now and then between ticks, where the same process must also record"""
+    """Called periodically between ticks, where the same process must also record"""
     take_real_time: Callable[[], LateTicks | None] = lambda: None
-    """Called when all that takes long is done and the servo is about to be started: real-time
-    scheduling must not be held through long computations. What it returns is told of late ticks"""
+    """Called after the long computations, just before the servo starts: real-time scheduling must
+    not be held through them. Its result explains late ticks"""
     open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
-    """Opens the servo; replaced where something is done to an emulated one"""
+    """Opens the servo; replaced by tests and experiments that change an emulated one"""
 
 
 def run_session(
@@ -110,19 +111,18 @@ def run_session(
     program: Sequence[Phase] = (),
     surroundings: Surroundings | None = None,
 ) -> Result:
-    """Run the wall until the duration is over, a stop is asked for, or a trip ends it.
+    """Run the wall until the duration is over, a stop is requested, or a trip ends it.
 
-    What goes wrong in the run, or when it is reported, is told in the result. Where an error is
-    raised torque is off, unless ``Word.STATE`` is ``State.TORQUE_UNKNOWN``: then that could not be
-    read back.
+    The result contains errors of the run and of its report. When an error is raised torque is off,
+    unless ``Word.STATE`` is ``State.TORQUE_UNKNOWN``: then torque off could not be read back.
 
     Args:
         config: The effective configuration.
-        clock: What the loop runs on.
-        telemetry: Where rows go, and where a stop is asked for.
-        duration_s: How long the wall is on [s]; None: until stopped.
-        program: What is rendered in place of the wall; the run ends with it.
-        surroundings: What the process gives; None: nothing.
+        clock: The loop's clock.
+        telemetry: Destination of the rows; holds the stop request.
+        duration_s: Time for which the wall is on [s]; None: until stopped.
+        program: Rendered in place of the wall; the run ends with it.
+        surroundings: Services of the process; None: none.
 
     Raises:
         ServoError: The servo could not be started.
@@ -142,7 +142,7 @@ def run_session(
 
 
 class _Session:
-    """A servo and what is rendered on it, from opening to the report."""
+    """A servo and its law, from opening to the report."""
 
     def __init__(
         self,
@@ -163,33 +163,33 @@ class _Session:
         self.servo = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
 
     def prepare(self) -> None:
-        """Do all that takes long: a started servo wants a frame in every period of its watchdog."""
+        """Do all long computations: a started servo needs a frame within its watchdog's time."""
         self._decide()
-        self._rehearsed = None
+        self._warm_up = None
         if self._config.realtime.rehearse and not self._simulated:
-            self._rehearsed = rehearsal(
+            self._warm_up = cache_warm_up_of(
                 self._config, self.servo, self._schedule, self._injected, self._program
             )
         freeze_garbage()
         reserve_memory()
         self._late = self._around.take_real_time()
         self._waiter = waiter_for(
-            self._clock, _spin_ns(self._config), self._config.period_ns, self._rehearsed
+            self._clock, _spin_ns(self._config), self._config.period_ns, self._warm_up
         )
 
     def _decide(self) -> None:
-        """Compute the guard's decisions for what is known of the servo."""
+        """Compute the guard's decisions from the servo's known values."""
         self._schedule = guard_schedule(self._config, self.servo, self._simulated)
         self._injected = most_injected(self._config, self.servo, self._schedule)
 
     def start(self) -> None:
-        """Check the servo, switch its torque on, and build the tick; then the loop is running."""
+        """Check the servo, switch its torque on, and build the tick; the loop then runs."""
         config, servo, telemetry = self._config, self.servo, self._telemetry
         limit = servo.facts.torque_limit
-        if not telemetry.words[Word.STOP]:  # else no torque is switched on only to end at once
+        if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             self._checks = servo.start()
-            # The servo's own Current Limit is another, or replies come later than was thought.
+            # The servo's own Current Limit differs, or replies take longer than assumed.
             if servo.facts.torque_limit != limit or servo.facts.reply_s:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
@@ -223,12 +223,12 @@ class _Session:
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
 
     def abandon(self, error: BaseException) -> None:
-        """Switch the torque off after an error; a servo that never answered was never driven."""
+        """Switch the torque off after an error; a servo that never replied was never driven."""
         if self._started and not isinstance(error, (ServoMissingError, StrangeServoError)):
             _stop(self.servo, self._clock, self._telemetry)
 
     def finish(self) -> Result:
-        """Report how the run ended; the servo is closed."""
+        """Return the outcome; the servo is closed."""
         servo, parts, tick = self.servo, self._parts, self._tick
         result = Result(
             stop_reason=self._reason,
@@ -255,13 +255,13 @@ class _Session:
             return _with_defect(result, error)
 
     def _reported(self, result: Result) -> Result:
-        """Add what is computed from the run to a result."""
+        """Add the report's computed parts to a result."""
         config, servo, schedule = self._config, self.servo, self._schedule
         watch = self._parts.motion.watch
         self._around.on_block()
-        if self._rehearsed is not None and self._rehearsed.fault:
+        if self._warm_up is not None and self._warm_up.fault:
             self._around.tell(
-                f"the tick's rehearsal failed, so ticks took longer: {self._rehearsed.fault}"
+                f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
             )
         decision = decision_in_force(config, servo, schedule, self._tick.commanded[0])
         return replace(
@@ -283,9 +283,9 @@ class _Session:
 
 
 def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
-    """Switch the torque off; whether that was read back, which ``Word.STATE`` tells too."""
+    """Switch the torque off; return whether that was read back, and set ``Word.STATE``."""
     words = telemetry.words
-    words[Word.HEARTBEAT_NS] = clock.now_ns()  # off the grid one is overdue some time after it
+    words[Word.HEARTBEAT_NS] = clock.now_ns()  # the supervisor's time-out starts here
     words[Word.STATE] = State.STOPPING
     torque_off = servo.stop()
     words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
@@ -302,7 +302,7 @@ def _facts(servo: Servo) -> dict[str, float | None]:
 
 
 def _with_defect(result: Result, error: Exception) -> Result:
-    """A run whose report met an error that nobody foresaw; a trip before it stays the reason."""
+    """Add an unexpected error of the report to a result; an earlier trip stays the reason."""
     tripped = isinstance(result.stop_reason, Trip)
     return replace(
         result,
@@ -323,11 +323,11 @@ def _run(
     duration_s: float | None,
     waiting: WallWait,
 ) -> tuple[StopReason, str]:
-    """Warm up, switch the wall on, run; why it ended, and a message where one is needed."""
+    """Warm up, switch the wall on, run; return the stop reason, and a message if needed."""
     try:
         reason = None
         if servo.facts.has_bus or config.loop.clock == "monotonic":
-            # Where replies take long, until some have come: the age and the place are known then.
+            # Where replies take long, until some have come: age and position are then known.
             reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * servo.facts.reply_s))
         if reason is None:
             reason = waiting(duration_s)

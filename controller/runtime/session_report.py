@@ -1,4 +1,4 @@
-"""Report of the guard and the watch at the end of a run, as JSON can hold it."""
+"""Reports the guard and the oscillation watch at the end of a run, for JSON."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from haptic_wall.hw.servo import BusCounts
 
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
-    """The parts of the delay that the guard counted with, and their sum [s]."""
+    """Return the parts of the delay that the guard used, and their sum [s]."""
     period = config.period_ns * 1e-9
     inserted = inserted_delay(config.delay.steps, period, decision.period)
     return {
@@ -34,7 +34,7 @@ def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, f
 
 
 def trip_figures(trip: Trip | None, parts: TickParts) -> str:
-    """Value that ended the run, and the limit it exceeded; empty where the limit is no number."""
+    """Describe the value that tripped and its limit; empty where the limit is no number."""
     safety, driven, missed = parts.safety.found, parts.motion.driven.found, parts.missed
     match trip:
         case Trip.OVERSPEED if safety:
@@ -71,15 +71,15 @@ def guard_report(
     situation: Situation,
     counts: BusCounts,
 ) -> dict[str, Any]:
-    """The guard's decision, with what is really commanded at the end, and why that differs.
+    """Return the guard's decision, the commanded values at the end, and why they differ.
 
     Args:
         config: The effective configuration.
-        decision: The decision that holds at the end.
-        tick: What was commanded.
-        law: What is rendered.
-        watch: What it had to reduce.
-        situation: What the wall was rendered on.
+        decision: The decision at the end.
+        tick: The tick, with its commanded values.
+        law: The rendered law.
+        watch: The oscillation watch, with its derating.
+        situation: Servo and loop.
         counts: The bus's.
     """
     report = decision_report(decision)
@@ -120,7 +120,7 @@ def guard_report(
 
 
 def _why_slower(interval: float, period: float, missed: int, counts: BusCounts) -> str:
-    """Why an interval between samples that is longer than the grid's counts as the period."""
+    """Explain why an interval longer than the grid's counts as the period."""
     start = f"every {ms(interval)} instead of every {ms(period)}, which counts as the period"
     lost = counts.lost + counts.corrupt + counts.refused
     late = "report key timing says what makes ticks late"
@@ -136,7 +136,7 @@ def _why_slower(interval: float, period: float, missed: int, counts: BusCounts) 
 
 
 def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:
-    """One warning where more periods were missed than ``safety.max_missed`` allows."""
+    """Return a warning where more periods were missed than ``safety.max_missed`` allows."""
     if not missed.exceeded:
         return []
     return [

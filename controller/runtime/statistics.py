@@ -1,7 +1,7 @@
 """Statistics of a run from its rows: percentiles of times, extremes of torque.
 
-Works on batches in another process than the loop, in memory that does not grow: times are
-counted in bins 1.6 % wide, the maximum is kept exactly.
+Processes batches in another process than the loop, in bounded memory: times are counted in bins
+1.6 % wide, the maximum is kept exactly.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from haptic_wall.hw.servo import Outcome
 _PER_OCTAVE = 64
 _BINS = _PER_OCTAVE * 48
 _LEAST_NS = 16.0
-"""Times below this [ns] count as one bin: no clock here resolves them."""
+"""Times below this [ns] share one bin: no clock here resolves them."""
 
 
 class TimeStatistics:
-    """Percentiles of a time in nanoseconds, told in microseconds."""
+    """Percentiles of a time in nanoseconds, reported in microseconds."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, dtype=np.int64)
@@ -35,7 +35,7 @@ class TimeStatistics:
         self._max = max(self._max, float(times_ns.max()))
 
     def percentile_us(self, percentile: float) -> float | None:
-        """The time not exceeded by ``percentile`` [%] of those counted [µs]; None of none."""
+        """Return the time that ``percentile`` [%] of them do not exceed [µs]; None of none."""
         total = int(self._counts.sum())
         if total == 0:
             return None
@@ -45,17 +45,17 @@ class TimeStatistics:
         return float(min(_LEAST_NS * 2.0 ** ((place + 0.5) / _PER_OCTAVE), self._max)) / 1000.0
 
     def as_report(self, *percentiles: float) -> dict[str, float | None]:
-        """``{p50: .., p99: .., max: ..}`` [µs] for the given percentiles."""
+        """Return ``{p50: .., p99: .., max: ..}`` [µs] for the given percentiles."""
         report = {f"p{p:g}".replace(".", "_"): self.percentile_us(p) for p in percentiles}
         report["max"] = self._max / 1000.0 if np.isfinite(self._max) else None
         return report
 
 
 class RunStatistics:
-    """Everything the report says of times and torques.
+    """The report's statistics of times and torques.
 
-    Ticks of the warm-up are not counted; the first row of all carries no tick before it, so its
-    work and bus times are left out.
+    Ticks of the warm-up are not counted. Work and bus times are those of the tick before, so the
+    first row's are left out.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class RunStatistics:
             return
         self.unread += int(rows["seq"][-1]) + 1 - self._next_seq - rows.size
         self._next_seq = int(rows["seq"][-1]) + 1
-        # Column by column: to choose whole rows would copy them field by field.
+        # Column by column: selecting whole rows would copy them field by field.
         on = (rows["flags"] & FLAG_WARM_UP) == 0
         if not on.any():
             return

@@ -1,9 +1,9 @@
 """Rows and control words in shared memory: one writer, any number of readers, no locks.
 
 The memory is an anonymous file (memfd) whose descriptor is passed on to child processes: it
-vanishes with the last of them, whatever way they end. The first page holds control words, the
-rest a ring of rows. A row is complete before ``HEAD`` counts it; a reader that is overtaken sees
-it by ``HEAD``, and whoever reads the rows later by the gap in their sequence numbers.
+disappears with the last of them, however they end. The first page holds control words, the rest a
+ring of rows. A row is complete before ``HEAD`` counts it. An overtaken reader notices it by
+``HEAD``; readers of the rows notice it later by the gap in the sequence numbers.
 """
 
 from __future__ import annotations
@@ -43,35 +43,35 @@ FLOAT_FIELDS = (
 )
 ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
 """One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
-[N·m/rad] and damping [N·m·s/rad], the total delay the guard counts with [s], the torque that the
+[N·m/rad] and damping [N·m·s/rad], the total delay that the guard uses [s], the torque that the
 servo measured (NaN: it gives none). ``work_ns`` and ``bus_ns`` are those of the tick before, so
 that they include the writing of its row. ``phase`` is that of a program (0 without one),
 ``oscillation`` the detector's state."""
 
 FLAG_SATURATED = 1
-"""The torque limit cut what the wall asked for."""
+"""The wall's torque was limited."""
 FLAG_CONTACT = 2
 """The position is inside the wall."""
 FLAG_WARM_UP = 4
 """The wall is not on yet: torque is zero while the delay is measured."""
 FLAG_OFF = 8
-"""The wall is off in the middle of a run: the dead man was let go, or the spring is loaded."""
+"""The wall is off during a run: the dead man was released, or the spring is loaded."""
 FLAG_RAISED = 16
-"""It was asked to go back to the full wall."""
+"""The return to the full wall was requested."""
 
 
 @dataclass(slots=True)
 class Row:
-    """One tick, as the loop writes it; ``seq`` is the memory's. Reused from tick to tick."""
+    """One tick, as the loop writes it; the memory assigns ``seq``. Reused from tick to tick."""
 
     deadline_ns: int = 0
     """The deadline served [ns]"""
     lateness_ns: int = 0
-    """From it to when the loop woke [ns]"""
+    """From the deadline to the loop's wake-up [ns]"""
     work_ns: int = 0
     """Work of the tick before, the writing of its row included [ns]"""
     bus_ns: int = 0
-    """Waiting for the bus in the tick before [ns]"""
+    """Bus wait of the tick before [ns]"""
     sampled_ns: int = 0
     """When the position was sampled [ns]; 0: none is known yet"""
     age_ns: int = 0
@@ -97,9 +97,9 @@ class Row:
     stiffness: float = 0.0
     """Commanded [N·m/rad]"""
     damping: float = 0.0
-    """Commanded, with what is injected [N·m·s/rad]"""
+    """Commanded, the injected included [N·m·s/rad]"""
     delay_s: float = 0.0
-    """The total delay that the guard counts with [s]"""
+    """The total delay that the guard uses [s]"""
     measured_torque: float = 0.0
     """[N·m]; NaN: the servo measures none"""
 
@@ -109,24 +109,24 @@ _PACK, _ROW_BYTES = _ROW_STRUCT.pack_into, _ROW_STRUCT.size
 _PAGE = 4096
 CAPACITY = 1 << 16
 NO_DEAD_MAN = (1 << 63) - 1
-"""What ``Word.HELD_NS`` holds where nobody has to hold anything [ns]"""
+"""Value of ``Word.HELD_NS`` without a dead man [ns]"""
 
 
 class Word(IntEnum):
-    """Places of the control words; each has one writer, named."""
+    """Indices of the control words; each has one writer, named."""
 
     HEAD = 0
     """Rows written (loop)."""
     HEARTBEAT_NS = 1
-    """When the loop last lived (loop)."""
+    """Time of the loop's last tick (loop)."""
     STATE = 2
     """A ``State`` (loop)."""
     STOP = 3
     """Not 0: end the run with torque off (supervisor)."""
     CUT = 4
-    """Not 0: the supervisor has taken the bus; never write again (supervisor)."""
+    """Not 0: the supervisor has taken the bus; the loop must never write again (supervisor)."""
     TAIL = 5
-    """The row after the last that was recorded (recorder)."""
+    """Sequence number after the last recorded row (recorder)."""
     FINISHED = 6
     """Not 0: no more rows will come (supervisor)."""
     TICKS = 7
@@ -134,24 +134,24 @@ class Word(IntEnum):
     MISSED = 8
     """Whole periods skipped (loop)."""
     RAISE = 9
-    """How often it was asked to go back to the full wall (supervisor)."""
+    """Number of requests to return to the full wall (supervisor)."""
     LACKING = 10
     """Rows before ``TAIL`` that the log lacks (recorder)."""
     HELD_NS = 11
-    """Until when the dead man counts as held [ns]; far ahead where there is none (watcher)."""
+    """Until when the dead man counts as held [ns]; far in the future without one (watcher)."""
     LOG_FILE = 12
     """Identity of the log's file; 0: none was begun (recorder)."""
 
 
-_HEAD = int(Word.HEAD)  # in every tick: a plain number is twice as quick as a member
+_HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as an enum member
 
 
 class State(IntEnum):
-    """Where the loop is."""
+    """State of the loop."""
 
     STARTING = 0
     RUNNING = 1
-    """On the grid; from here on there is a heartbeat."""
+    """On the grid, with a heartbeat."""
     TORQUE_OFF = 2
     """Torque off was commanded and read back."""
     TORQUE_UNKNOWN = 3
@@ -165,33 +165,33 @@ class Telemetry:
 
     Args:
         descriptor: Of a memory made by ``create``, possibly inherited.
-        capacity: Rows that it holds.
+        capacity: Number of rows in the ring.
     """
 
     def __init__(self, descriptor: int, capacity: int = CAPACITY) -> None:
         self.descriptor = descriptor
         self._capacity = capacity
-        flags = mmap.MAP_SHARED | mmap.MAP_POPULATE  # not page by page as rows first come there
+        flags = mmap.MAP_SHARED | mmap.MAP_POPULATE  # maps all pages now, not in the loop
         self._map = mmap.mmap(descriptor, _PAGE + capacity * _ROW_BYTES, flags)
         self.words = memoryview(self._map)[:_PAGE].cast("q")
-        # As plain numbers: rows of named fields are copied field by field, ten times as slowly.
+        # As plain numbers: NumPy copies rows of named fields field by field, ten times as slowly.
         self._rows = np.frombuffer(self._map, np.int64, offset=_PAGE).reshape(capacity, -1)
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
     def create(cls) -> Telemetry:
-        """New, empty shared memory; to be closed."""
+        """Return new, empty shared memory; the caller closes it."""
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)
         return cls(descriptor)._without_dead_man()
 
     def close(self) -> None:
-        """Let go of the descriptor; what is mapped is there for as long as somebody holds it."""
+        """Close the descriptor; the memory stays mapped while it is in use."""
         os.close(self.descriptor)
 
     @classmethod
     def scratch(cls) -> Telemetry:
-        """Memory of this process alone, for a few rows that nobody reads."""
+        """Return private memory of this process, for a few rows that are never read."""
         return cls(-1, 8)._without_dead_man()
 
     def _without_dead_man(self) -> Telemetry:
@@ -228,16 +228,16 @@ class Telemetry:
         self._head = self.words[_HEAD] = head + 1
 
     def read(self, tail: int, most: int = CAPACITY) -> tuple[NDArray[np.void], int]:
-        """Copies of the rows from ``tail`` on, and the next tail.
+        """Return copies of the rows from ``tail`` on, and the next tail.
 
         Args:
-            tail: The sequence number to begin with.
-            most: How many rows to read at most.
+            tail: Sequence number of the first row.
+            most: Largest number of rows to read.
 
         Returns:
-            Rows, shape (n,), dtype ``ROW``, and the sequence number that follows the last. Where
-            the writer has overtaken the reader, the rows start later than ``tail``: the gap
-            shows in ``seq``.
+            Rows, shape (n,), dtype ``ROW``, and the sequence number after the last. Where the
+            writer has
+            overtaken the reader, the rows start later than ``tail``: the gap shows in ``seq``.
         """
         head = int(self.words[Word.HEAD])
         start = max(tail, head - self._capacity + 1)
@@ -246,6 +246,6 @@ class Telemetry:
         before_wrap = self._rows[first : first + head - start]
         behind_wrap = self._rows[: head - start - len(before_wrap)]
         rows = np.concatenate((before_wrap, behind_wrap)).reshape(-1).view(ROW)
-        # Rows that the writer has come to meanwhile may be overwritten, wholly or in part.
+        # The writer may have overwritten rows meanwhile, wholly or in part.
         intact = int(self.words[Word.HEAD]) - self._capacity + 1
         return rows[max(0, intact - start) :], head

@@ -1,4 +1,4 @@
-"""One period, start to end: sample, render, delay, check, write, tell."""
+"""One period from start to end: sample, render, delay, check, write, report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.telemetry import (
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Outcome, Servo
 
-_OK = Outcome.OK  # members are looked up anew each time: plain names are many times as quick
+_OK = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
@@ -35,7 +35,7 @@ _HELD_NS = int(Word.HELD_NS)
 
 @dataclass(frozen=True, slots=True)
 class TickParts:
-    """Everything a tick works with."""
+    """All parts of a tick."""
 
     clock: Clock
     servo: Servo
@@ -56,11 +56,11 @@ class TickParts:
 
 
 class Tick:
-    """The order of a period, its trip, and its counters.
+    """Executes the steps of a period in order; holds its trip and its counters.
 
     Attributes:
-        trip: Why the run must end; None while all is well. Once set, no torque was sent.
-        done: What was to be rendered is over; the torque of the last period was zero.
+        trip: Why the run must end; None: no trip. Once set, no torque is sent.
+        done: The program is over; the torque of the last period was zero.
         came_on: The wall has been on at least once.
         ticks: Periods executed.
         missed: Whole periods skipped.
@@ -90,21 +90,21 @@ class Tick:
         self._follow_gains()
 
     def _follow_gains(self) -> None:
-        """Count with the delay of the decision in force."""
+        """Use the delay of the present decision."""
         parts = self._parts
         self._delay_s = parts.gains.decision.delay
         parts.motion.follow_gains()
 
     @property
     def warm_up(self) -> bool:
-        """While true the torque is zero, and only the delay is measured."""
+        """Whether the warm-up is on: the torque is zero, and only the delay is measured."""
         return not self._parts.gains.in_force
 
     @property
     def commanded(self) -> tuple[float, float]:
-        """Stiffness [N·m/rad] and damping [N·m·s/rad] that are rendered.
+        """Return the rendered stiffness [N·m/rad] and damping [N·m·s/rad].
 
-        Ramps are at their end. A probe is left out: it takes most of K for a cycle.
+        Ramps count as complete. Probes are excluded: one takes most of K for a cycle.
         """
         parts = self._parts
         law, gains, own = parts.law, parts.gains, parts.motion.watch.own
@@ -113,11 +113,11 @@ class Tick:
 
     @property
     def position(self) -> float:
-        """The last known position of the shaft [rad]; NaN: none is known yet."""
+        """Return the last known position of the shaft [rad]; NaN: none is known yet."""
         return self._parts.sampler.position
 
     def may_engage(self) -> bool:
-        """Whether the wall would come on with the next reading, if that is like the last one."""
+        """Whether the wall would come on with the next reading, if that equals the last one."""
         return self._parts.engagement.ready and self.held()
 
     def held(self) -> bool:
@@ -130,7 +130,7 @@ class Tick:
         Args:
             deadline_ns: The deadline served [ns].
             woke_ns: When the loop woke for it [ns].
-            missed: Whole periods skipped since the tick before.
+            missed: Whole periods skipped since the last tick.
         """
         parts = self._parts
         servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
@@ -159,16 +159,16 @@ class Tick:
         if abs(torque) > self._limit or abs(torque) >= law.clip:
             flags |= FLAG_SATURATED
         if words[_CUT]:
-            return  # the supervisor has taken the bus: not one byte more
-        # From the sending of the request to the sending of the torque: what either takes on its
-        # way is the same, and so is no part of the age.
+            return  # the supervisor has taken the bus: write nothing more
+        # From sending the request to sending the torque: both have the same travel time, which
+        # therefore is no part of the age.
         sent_ns = self._now()
         sent = servo.write(torque)
         motion.watch.sent(sent)
         sampler.request_ahead()
 
         age_ns = 0
-        # To the next tick with a sample: one that lost its reading is part of the interval.
+        # To the next tick with a sample: a tick with a lost reading is part of the interval.
         interval_ns = sampler.interval_ns(woke_ns)
         if sampled_ns is not None:
             age_ns = sent_ns - sampled_ns
@@ -190,7 +190,7 @@ class Tick:
         self._work_ns = ended_ns - woke_ns - bus_ns
 
     def _write_row(self) -> None:
-        """Complete the row by what the parts know, and write it."""
+        """Fill the row with the parts' values, and write it."""
         parts, row = self._parts, self._row
         law, sampler = parts.law, parts.sampler
         row.work_ns = self._work_ns
@@ -220,14 +220,14 @@ class Tick:
             self.trip = parts.safety.failed(self._now())
 
     def _engage(self, woke_ns: int, contact: bool) -> bool:
-        """Whether the wall comes on with this tick; it is off, or the dead man was let go."""
+        """Whether the wall comes on in this tick, after a warm-up or a release of the dead man."""
         parts = self._parts
         gate, law, sampler = parts.engagement, parts.law, parts.sampler
         if self._on:
             self._on = False
             gate.restart()
             parts.ring.clear()
-        if sampler.known:  # slow replies: the last place counts
+        if sampler.known:  # with slow replies the last position counts
             gate.sample(parts.gains.coming, sampler.position - law.position if contact else 0.0)
         if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
             return False
@@ -237,19 +237,19 @@ class Tick:
         return True
 
     def _may_rise(self) -> bool:
-        """Whether K may rise by whatever it lacks, though the shaft is in contact."""
+        """Whether the pending increase of K is allowed although the shaft is in contact."""
         parts = self._parts
         elongation = parts.sampler.position - parts.law.position
         return parts.engagement.may_rise(parts.gains.largest_rise, elongation)
 
     def _checked(self, torque: float) -> float:
-        """The torque that may be sent [N·m]: none once a trip has come."""
+        """Return the torque that may be sent [N·m]: zero after a trip."""
         if self.trip is None and not math.isfinite(torque):
             self.trip = Trip.NOT_A_NUMBER
         return torque if self.trip is None else 0.0
 
     def _count_missed(self, deadline_ns: int, missed: int) -> None:
-        """Count periods that had no tick; too many may end the run."""
+        """Count periods without a tick; too many may end the run."""
         parts = self._parts
         if self.warm_up or self.trip is not None:
             return
@@ -257,10 +257,10 @@ class Tick:
             self.trip = Trip.MISSED_PERIODS
 
     def _follow_guard(self, age_ns: int, interval_ns: int, may_raise: bool) -> int:
-        """Let the gains follow what the guard allows now.
+        """Let the gains follow the guard's present decision.
 
         Returns:
-            ``FLAG_RAISED`` where it was asked to go back to the full wall; else 0.
+            ``FLAG_RAISED`` where the return to the full wall was requested; else 0.
         """
         parts = self._parts
         asked = 0

@@ -1,4 +1,4 @@
-"""The time before the wall comes on: the loop runs without torque, and a person is told why."""
+"""The time before the wall comes on: the loop runs without torque, and a person learns why."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from haptic_wall.controller.runtime.tick import TickParts
 from haptic_wall.controller.settings.config import Config
 
 LOOK_S = 0.01
-"""How often a shaft around which the wall may not come on yet is looked at [s]"""
+"""Period of the checks whether the wall may come on [s]"""
 
 
 class WallWait:
     """Serves ticks without torque until the wall may come on.
 
     Args:
-        grid: Whose ticks are served meanwhile.
+        grid: The loop's grid.
         config: The effective configuration.
-        parts: What the tick works with.
-        tell: Called with where the wall and the shaft are, and where the shaft must go.
+        parts: Parts of the tick.
+        tell: Called with the positions of wall and shaft, and where the shaft must go.
 
     Attributes:
-        waited_for: What the wall waited for last; empty: it did not wait.
+        waited_for: The last unmet condition; empty: there was none.
         over: The wall may have come on.
     """
 
@@ -40,10 +40,10 @@ class WallWait:
         self.over = False
 
     def __call__(self, most_s: float | None) -> StopReason | None:
-        """Serve deadlines until the wall may come on; why that did not happen, or None.
+        """Serve deadlines until the wall may come on; return why that did not happen, or None.
 
         Args:
-            most_s: How long to wait [s]; None: for ever.
+            most_s: Longest wait [s]; None: for ever.
         """
         tick = self._grid.tick
         known = self._tell_start()
@@ -51,7 +51,7 @@ class WallWait:
         looks = 0
         while not tick.may_engage():
             kind, self.waited_for = self._reason()
-            # The first readings after a warm-up too short for them are no news.
+            # The first readings after a very short warm-up are not reported.
             if kind not in told and looks * LOOK_S > REST_S:
                 self._tell(self.waited_for)
                 told.add(kind)
@@ -65,16 +65,16 @@ class WallWait:
         return None
 
     def lacking(self) -> str:
-        """Condition that a wall never on has waited for; empty: none, or it was stopped before.
+        """Return the unmet condition of a wall that was never on; empty: none, or stopped before.
 
-        The shaft may have gone on in the very tick in which the wall was to come on.
+        The shaft may have moved on in the tick in which the wall was to come on.
         """
         if self._grid.tick.came_on:
             return ""
         return self._reason()[1] if self.over else self.waited_for
 
     def _tell_start(self) -> bool:
-        """Say where the wall and the shaft are; whether that is known."""
+        """Report the positions of wall and shaft; return whether they are known."""
         config, law = self._config, self._parts.law
         position = self._grid.tick.position
         if (
@@ -82,7 +82,7 @@ class WallWait:
             and config.servo.kind == "simulated"
             and not self._parts.wall_from_start
         ):
-            position = config.start_position  # nothing has been read, and nothing has moved it
+            position = config.start_position  # no reading yet, and no torque has moved it
         if math.isnan(position):
             return False
         if law.guarded:
@@ -90,7 +90,7 @@ class WallWait:
         return True
 
     def _reason(self) -> tuple[str, str]:
-        """What the wall waits for: a name, and a text for people."""
+        """Return the unmet condition: a name, and a text for people."""
         tick, parts = self._grid.tick, self._parts
         if math.isnan(tick.position):
             return "reading", "the wall waits for the first reading"

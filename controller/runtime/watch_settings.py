@@ -1,4 +1,4 @@
-"""What the watch of a run knows and is to do: from a configuration and the servo's facts."""
+"""Derives the settings of the oscillation watch from a configuration and the servo's facts."""
 
 from __future__ import annotations
 
@@ -12,37 +12,41 @@ from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.config import Config
 
 UNPROBED = 12
-"""Regular half-cycles after which an oscillation is told where the wall must not be probed [1]"""
+"""Regular half-cycles after which an oscillation is reported where the wall must not be probed [1]
+"""
 LIGHTER, HEAVIER = 0.8, 1.6
-"""Apparent inertia of an oscillation over the least, and the largest, that is believed [1]"""
+"""Factors on the least and the largest believed inertia that bound an oscillation's apparent
+inertia [1]"""
 
 
 class WatchFacts(Protocol):
-    """What the watch wants to know of a servo."""
+    """Facts of a servo that the oscillation watch needs."""
 
     @property
     def torque_limit(self) -> float:
-        """Largest torque it accepts [N·m]."""
+        """Return the largest torque it accepts [N·m]."""
 
     @property
     def stall_torque(self) -> float:
-        """The most it can make [N·m]; infinite: not known."""
+        """Return the largest torque it can make [N·m]; infinite: not known."""
 
     @property
     def position_step(self) -> float:
-        """One count of the encoder [rad]; 0: the position is not quantised."""
+        """Return one count of the encoder [rad]; 0: the position is not quantised."""
 
 
 def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:
-    """Settings of the watch. A program is only watched; without a guard an alarm trips.
+    """Return the settings of the watch.
+
+    A program is only watched, without a reaction; without a guard an alarm trips.
 
     Args:
         config: The effective configuration.
         facts: Of the servo.
-        law: What is rendered.
+        law: The rendered law.
     """
     belief = config.belief()
-    gain = belief.torque_gain.value  # torques are counted as they are commanded
+    gain = belief.torque_gain.value  # torques are in commanded units
     answer: Answer = config.safety.on_oscillation
     if config.guard.mode == "off":
         answer = "trip"
@@ -70,7 +74,7 @@ def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings
 def _backstop(
     config: Config, facts: WatchFacts, clip: float, *, bounces: bool
 ) -> BackstopSettings | None:
-    """When the wall is probed for motion of its own; ``bounces``: by its contacts."""
+    """Return when the wall is probed for self-sustained motion; ``bounces``: by its contacts."""
     if bounces and config.wall.side == "both":
         return None
     belief = config.belief()

@@ -1,1 +1,1 @@
-"""Settings: what a run is asked to be, read and checked."""
+"""Settings: the configuration of a run, read and checked."""

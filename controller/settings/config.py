@@ -1,4 +1,4 @@
-"""The whole configuration, and what it means to the rest of the program."""
+"""The whole configuration, and the values that other rooms derive from it."""
 
 from __future__ import annotations
 
@@ -27,23 +27,22 @@ if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import GuardSettings, Request
 
 APPROACH = 0.1
-"""How far outside a one-sided wall a simulated servo starts unless told [rad]."""
+"""Default distance of a simulated servo's start from a one-sided wall [rad]."""
 MOST_KICK = math.tau / 4.0
-"""Largest displacement of a simulated or emulated servo around which the wall comes on at once
-[rad]"""
+"""Largest displacement of a simulated or emulated servo at which the wall comes on at once [rad]"""
 OLD_NAMES = {"safety.max_losses_in_row": "safety.max_silence_s"}
-"""Fields of older files and logs, and by which name they are read"""
+"""Fields of older files and logs, and their present names"""
 MOVED_BY_START = math.radians(1.0)
-"""How far the proof of the torque's sign may move an emulated servo [rad]"""
+"""Largest motion of an emulated servo during the check of the torque's sign [rad]"""
 
 
 class Config(Sections):
-    """Everything that can be set for a run, valid as a whole; travels between processes as JSON."""
+    """All settings, valid as a whole; travels between processes as JSON."""
 
     @model_validator(mode="before")
     @classmethod
     def _strict_on_hardware(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """Real hardware gets the strict real-time profile unless told otherwise."""
+        """Give real hardware the strict real-time profile by default."""
         if not isinstance(found, dict):
             return found
         servo, realtime = found.get("servo"), found.get("realtime", {})
@@ -71,7 +70,7 @@ class Config(Sections):
             if not silence_s > 0.0:
                 return found
         except (TypeError, AttributeError, ArithmeticError):
-            return found  # something is wrong with it: it is named as unknown
+            return found  # invalid: it is reported as unknown
         rest = {name: value for name, value in safety.items() if name != "max_losses_in_row"}
         return {**found, "safety": {"max_silence_s": silence_s, **rest}}
 
@@ -84,12 +83,12 @@ class Config(Sections):
 
     @property
     def period_ns(self) -> int:
-        """The sampling period of the grid [ns]."""
+        """Return the sampling period of the grid [ns]."""
         return round(1e9 / self.loop.rate_hz)
 
     @property
     def driven_speed(self) -> float:
-        """Speed at the nominal supply that trips where an experiment drives the shaft [rad/s]."""
+        """Return the speed that trips where an experiment drives the shaft [rad/s]."""
         most = self.safety.max_speed
         if most is not None:
             return most
@@ -97,10 +96,11 @@ class Config(Sections):
 
     @property
     def planned_speed(self) -> float:
-        """Speed of which an experiment aims at a share of 0.4 at most [rad/s].
+        """Return the speed of which an experiment plans at most a fraction of 0.4 [rad/s].
 
-        Where the limit is of the model's making that is 0.8 of ``driven_speed``: the aim is not
-        exceeded within the bounds of the belief.
+        Where the limit comes from the model it is 0.8 of ``driven_speed``: the plan is not exceeded
+        within
+        the bounds of the belief.
         """
         if self.safety.max_speed is None and self._no_load_speed:
             return 2.0 * self.driven_speed
@@ -117,7 +117,7 @@ class Config(Sections):
 
     @property
     def start_position(self) -> float:
-        """Where a simulated or emulated servo starts, at rest [rad]."""
+        """Return where a simulated or emulated servo starts, at rest [rad]."""
         if self.servo.kick is not None:
             return self.wall.position + self.servo.kick
         outside = {"above": -APPROACH, "below": APPROACH, "both": 0.0}
@@ -125,10 +125,10 @@ class Config(Sections):
 
     @property
     def start_room(self) -> float:
-        """Penetration up to which the wall comes on at the start though its spring is loaded [rad].
+        """Return the penetration up to which the wall comes on with a loaded spring [rad].
 
-        0 on a real servo; infinite where the wall is to come on at once. A ``servo.kick`` into the
-        spring says itself that a blow is meant, up to a quarter turn.
+        It applies at the start only: 0 on a real servo; infinite where the wall comes on at once. A
+        ``servo.kick`` into the spring is an intended impact, up to a quarter turn.
         """
         servo, inward = self.servo, SIGNS[self.wall.side]
         if self.safety.engage == "at-once":
@@ -138,13 +138,13 @@ class Config(Sections):
         if servo.kick is not None and abs(servo.kick) > MOST_KICK:
             return 0.0
         if servo.kind == "simulated" and self.loop.clock == "simulated":
-            return math.inf  # no warm-up, so it is where it was put: there, or outside
+            return math.inf  # no warm-up, so it still is at its start: there, or outside
         if servo.kick is None:
             return MOVED_BY_START if inward == 0 else 0.0
         return MOST_KICK if inward == 0 or inward * servo.kick > 0.0 else 0.0
 
     def surface(self, started_at: float) -> float:
-        """Where the wall is, in the servo's own count [rad].
+        """Return the position of the wall, in the servo's own count [rad].
 
         Args:
             started_at: The first position of the run [rad].
@@ -153,10 +153,10 @@ class Config(Sections):
         return counted_from + self.wall.position
 
     def true_servo(self) -> TrueServo:
-        """What the simulated or emulated servo is.
+        """Return the true parameters of the simulated or emulated servo.
 
         Raises:
-            ValueError: The servo is real: nobody knows its truth.
+            ValueError: The servo is real: its true parameters are unknown.
         """
         servo = self.servo
         if servo.kind == "hardware" or servo.inertia is None:
@@ -200,7 +200,7 @@ class Config(Sections):
         )
 
     def belief(self) -> Belief:
-        """What the controller believes of the servo: ``model.*``, else the simulated truth."""
+        """Return the belief about the servo: ``model.*``, else the simulated truth."""
         servo, model = self.servo, self.model
         return Belief(
             inertia=_bounded(model.inertia, servo.inertia or 0.0),
@@ -211,7 +211,7 @@ class Config(Sections):
         )
 
     def request(self) -> Request:
-        """The wall that is asked for, as the guard takes it."""
+        """Return the requested wall, for the guard."""
         from haptic_wall.controller.guard.guard import (
             Request,  # not at the top: it loads the theory's arrays
         )
@@ -220,7 +220,7 @@ class Config(Sections):
         return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
 
     def guard_settings(self) -> GuardSettings:
-        """How careful the guard is."""
+        """Return the guard's settings."""
         from haptic_wall.controller.guard.guard import GuardSettings
 
         guard = self.guard
@@ -228,7 +228,7 @@ class Config(Sections):
 
 
 def _bounded(estimate: Estimate[float] | None, truth: float) -> Bounded:
-    """The belief of one quantity; the rules see to it that hardware has an estimate."""
+    """Return the belief of one quantity; the rules ensure that hardware has an estimate."""
     if estimate is None:
         return Bounded.exactly(truth)
     return Bounded(estimate.value, estimate.low, estimate.high)

@@ -1,4 +1,4 @@
-"""List every setting: its path, unit, range and meaning, read off its declaration."""
+"""Lists every setting with path, unit, range and meaning, from its declaration."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ class Field:
     unit: str
     """Empty where there is none."""
     wanted: str
-    """What it takes, in words: type, range or choices."""
+    """Accepted values in words: type, range or choices."""
     meaning: str
     choices: tuple[str, ...]
-    """The names it takes; empty unless it takes names."""
+    """Accepted names; empty unless it takes names."""
     used_by: tuple[str, ...]
-    """The kinds of servo it is for."""
+    """Kinds of servo that use it."""
 
 
 def fields() -> dict[str, Field]:
-    """Every field by its path, in the order of declaration."""
+    """Return every field by its path, in the order of declaration."""
     return {field.path: field for field in _walk()}
 
 
 def sections() -> dict[str, type[Section]]:
-    """The sections by name, in the order of declaration."""
+    """Return the sections by name, in the order of declaration."""
     return {
         name: info.annotation
         for name, info in Config.model_fields.items()
@@ -128,5 +128,5 @@ def _bounds(annotation: Any, metadata: list[Any]) -> str:  # noqa: ANN401
 
 
 def _short(number: float) -> str:
-    """A bound as a person writes it."""
+    """Format a bound as a person writes it."""
     return f"{number:.0f}" if float(number).is_integer() and abs(number) < 1e8 else f"{number:g}"

@@ -1,4 +1,4 @@
-"""From a preset or a file and ``--set`` to a configuration, with all that is wrong at once."""
+"""Loads a configuration from a preset or a file and ``--set``; reports all errors at once."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from haptic_wall.hw.names import did_you_mean
 
 DEFAULT_PRESET = "simulated"
 MOST_BYTES = 2**16
-"""No configuration is longer; this much of the worst YAML takes a second or two."""
+"""Largest size of a configuration; this much of the worst YAML takes a second or two."""
 _MOST_HINTS = 20
-"""Unknown keys that come with a suggestion: to look for one takes time"""
+"""Largest number of unknown keys with a suggestion: finding one takes time"""
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A configuration and where it came from."""
+    """A configuration and its origin."""
 
     config: Config
     name: str
     """The preset's name or the file's path."""
     origins: Mapping[str, str]
-    """Where each field that was given came from, by path: the preset, the file or ``--set``.
-    What is not here has its default."""
+    """Origin of each given field by path: the preset, the file or ``--set``. Other fields have
+    their defaults."""
 
 
 def preset_names() -> list[str]:
-    """The presets that come with the program, sorted."""
+    """Return the names of the program's presets, sorted."""
     return sorted(
         entry.name.removesuffix(".yaml")
         for entry in _presets().iterdir()
@@ -50,17 +50,17 @@ def preset_names() -> list[str]:
 
 
 def preset_text(name: str) -> str:
-    """A preset as it stands in its file."""
+    """Return the text of a preset's file."""
     return _presets().joinpath(f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def preset_summary(name: str) -> str:
-    """What a preset is for: the first line of its file."""
+    """Return the purpose of a preset: the first line of its file."""
     return preset_text(name).splitlines()[0].lstrip("# ")
 
 
 def file_of(source: str) -> Path | None:
-    """The file that a CONFIG names; None: a preset."""
+    """Return the file that a CONFIG names; None: it names a preset."""
     return None if source in preset_names() else Path(source)
 
 
@@ -138,7 +138,7 @@ def _presets() -> resources.abc.Traversable:
 
 
 def _read(source: str) -> tuple[str, str]:
-    """The text of a preset or file, and its title for messages."""
+    """Return the text of a preset or file, and its title for messages."""
     if source in preset_names():
         return preset_text(source), f"preset {source}"
     path = Path(source)
@@ -155,13 +155,13 @@ def _read(source: str) -> tuple[str, str]:
 
 
 def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
-    """The configuration, or everything that is wrong with it."""
+    """Return the configuration, or all of its problems."""
     try:
         return Config.model_validate(data), []
     except ValidationError as error:
         problems = _problems(error, data)
-    # Rules between fields are checked only when each field is right by itself. So that they are
-    # heard too, look again with the wrong fields left out; rules that read those stay silent.
+    # Rules between fields are checked only when each field is valid by itself. To report them too,
+    # validate again without the invalid fields; rules that read those are skipped.
     pruned = copy.deepcopy(data)
     unusable = {problem.path for problem in problems}
     for path in unusable:
@@ -177,7 +177,7 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
 
 
 def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
-    """The library's errors in our words, one for each field."""
+    """Return the library's errors in our words, one for each field."""
     found: dict[str, Problem] = {}
     for detail in error.errors():
         cause = detail.get("ctx", {}).get("error")
@@ -208,7 +208,7 @@ def _wrong(path: str, value: Any, kind: str) -> str:  # noqa: ANN401
 
 
 def _unknown(where: list[str]) -> str:
-    """An unknown key: the nearest known one, by its own name or in any section."""
+    """Describe an unknown key with the nearest known one, by its own name or in any section."""
     name, section = where[-1], sections().get(where[0])
     if len(where) == 1:
         homes = [path for path in fields() if path.endswith(f".{name}")]
@@ -237,7 +237,7 @@ def _shown(value: Any) -> str:  # noqa: ANN401
 
 
 def _leaves(data: dict[str, Any]) -> list[str]:
-    """Paths of the fields that data gives."""
+    """Return the paths of the given fields."""
     return [
         f"{section}.{key}"
         for section, content in data.items()

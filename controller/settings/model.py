@@ -30,7 +30,7 @@ Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class Section(BaseModel):
-    """A part of the configuration: cannot be changed, knows its fields, takes no other."""
+    """A part of the configuration: immutable, and without unknown fields."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
@@ -59,7 +59,7 @@ class Loop(Section):
 
 
 class Realtime(Section):
-    """Real-time settings asked of Linux."""
+    """Real-time settings requested from Linux."""
 
     profile: Literal["off", "best-effort", "strict"] = Field(
         "best-effort",
@@ -86,7 +86,7 @@ class Realtime(Section):
 
 
 class Wall(Section):
-    """The virtual wall that is asked for; the guard decides what is commanded."""
+    """The requested virtual wall; the guard decides the commanded one."""
 
     stiffness: float = Field(
         8.0,
@@ -138,7 +138,7 @@ class Wall(Section):
 
 
 class Delay(Section):
-    """Delay inserted on purpose."""
+    """Additional, inserted delay."""
 
     steps: Whole = Field(
         0,
@@ -195,7 +195,7 @@ Number = TypeVar("Number")
 
 
 class Estimate(Section, Generic[Number]):
-    """A believed value and the range the truth is believed to lie in."""
+    """A believed value and its bounds."""
 
     value: Number
     low: Number
@@ -217,7 +217,7 @@ class Estimate(Section, Generic[Number]):
 
 
 class Model(Section):
-    """Belief of the controller about the servo; unset and simulated: the truth."""
+    """The controller's belief about the servo; unset and simulated: the truth."""
 
     inertia: Estimate[Positive] | None = Field(
         None, description="Believed inertia", json_schema_extra={"unit": "kg·m²"}

@@ -1,4 +1,4 @@
-"""What must hold between fields; each rule names the fields it reads and the one it blames."""
+"""Checks the rules between fields; each rule names the fields it reads and the one at fault."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _KIND = ("servo.backend", "servo.port")
 
 
 class Problem(NamedTuple):
-    """One thing that is wrong: a field's path, and what was found and is wanted."""
+    """One error: a field's path, and a sentence with the found and the accepted value."""
 
     path: str
     message: str
 
 
 class BrokenRulesError(ValueError):
-    """Fields that are each right, but not together."""
+    """Raised for fields that are valid alone, but not together."""
 
     def __init__(self, problems: list[Problem]) -> None:
         super().__init__("; ".join(f"{path}: {message}" for path, message in problems))
@@ -37,7 +37,7 @@ class BrokenRulesError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """A check and the fields it reads: it is left out while one of them is itself wrong."""
+    """A check and the fields it reads; it is skipped if one of them is invalid."""
 
     reads: tuple[str, ...]
     check: Callable[[Sections], Iterator[Problem]]
@@ -59,12 +59,12 @@ def _reads(
 
 
 def broken_rules(config: Sections, unusable: frozenset[str] = frozenset()) -> list[Problem]:
-    """Everything that is wrong between fields.
+    """Return the violations of all rules between fields.
 
     Args:
         config: The configuration, each field valid by itself.
-        unusable: Paths of fields that were wrong and hold a stand-in: rules that read them, or
-            a part of them, say nothing.
+        unusable: Paths of invalid fields, which hold a stand-in: rules that read them, or a part of
+            them, are skipped.
     """
 
     def usable(path: str) -> bool:
@@ -80,7 +80,7 @@ def broken_rules(config: Sections, unusable: frozenset[str] = frozenset()) -> li
 
 
 def _is_real(config: Sections) -> bool:
-    """Whether a real servo is named; a port that is missing is blamed by another rule."""
+    """Whether the servo is real; another rule reports a missing port."""
     return config.servo.kind == "hardware" and config.servo.port is not None
 
 
@@ -266,7 +266,7 @@ def _backend_finds_no_problem(config: Sections) -> Iterator[Problem]:
 
 
 _CYCLE_SHARE = 0.8
-"""Of a period that a cycle may be on the wire: what comes later than that counts as lost"""
+"""Largest fraction of a period for a cycle on the wire: later replies count as lost"""
 
 
 @_reads("servo.backend", "servo.baud", "loop.rate_hz")
@@ -331,9 +331,9 @@ def _heartbeat_is_patient(config: Sections) -> Iterator[Problem]:
 
 
 SILENCE_SHARE = 0.5
-"""Of the Bus Watchdog's time that no reading may be good before the run is ended"""
+"""Fraction of the Bus Watchdog's time after which a run without good readings ends"""
 WARM_UP_AGES = 20
-"""Readings over a bus from which its delay is known well enough to begin"""
+"""Number of readings over a bus that determine its delay well enough"""
 
 
 @_reads("realtime.spin_us", "loop.rate_hz")

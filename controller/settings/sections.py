@@ -1,4 +1,4 @@
-"""The sections of a configuration side by side, each valid by itself."""
+"""The sections of a configuration as one object, each section valid by itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptic_wall.controller.settings.servo import Servo
 
 
 class Sections(Section):
-    """All sections: what the rules between fields read."""
+    """All sections; the rules between fields read it."""
 
     loop: Loop = Loop()
     realtime: Realtime = Realtime()
@@ -29,5 +29,5 @@ class Sections(Section):
 
     @property
     def period_s(self) -> float:
-        """The sampling period T [s]."""
+        """Return the sampling period T [s]."""
         return 1.0 / self.loop.rate_hz

@@ -1,4 +1,4 @@
-"""The servo's section of the configuration: what it is when simulated, where it is when real."""
+"""The servo's section of the configuration: true parameters if simulated, connection if real."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import EMULATED, HandName, Kind, Schedule, ServoSettings
 
 IN_WORDS = "in_words"
-"""The kind of an error whose message is for people as it is."""
+"""Kind of an error whose message is already written for people."""
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
     BeforeValidator(whole),
 ]
-"""What the Baud Rate register of the X series can hold. Source: ROBOTIS e-manual."""
+"""Values of the Baud Rate register of the X series. Source: ROBOTIS e-manual."""
 
 
 def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -39,7 +39,7 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 
 
 def _port(found: str) -> str:
-    """Refuse what no device is called, and what is meant to be ``emulated``."""
+    """Refuse impossible device names and misspellings of ``emulated``."""
     if "\0" in found or (found != EMULATED and found.strip().lower() == EMULATED):
         raise PydanticCustomError(
             IN_WORDS,
@@ -63,12 +63,12 @@ def _backend(found: str) -> str:
 
 
 def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
-    """What a field's declaration carries beside its bounds: unit, and which servos it is for."""
+    """Return a field's metadata beside its bounds: unit, and kinds of servo that use it."""
     return {"unit": unit, "used_by": list(used_by)}
 
 
 def used_by(name: str) -> tuple[str, ...]:
-    """The kinds of servo that one of the servo's fields is for; all of them unless it says so."""
+    """Return the kinds of servo that use a field of this section; by default all."""
     extra = Servo.model_fields[name].json_schema_extra
     kinds = extra.get("used_by") if isinstance(extra, dict) else None
     return tuple(map(str, kinds)) if isinstance(kinds, list) else get_args(Kind)
@@ -81,7 +81,8 @@ _EMULATED: tuple[Kind, ...] = ("emulated",)
 
 
 class Servo(Section):
-    """The servo: what a simulated or emulated one is, or where a real one is found."""
+    """The servo: true parameters if simulated or emulated, connection if real.
+    """
 
     backend: Annotated[str, AfterValidator(_backend)] = Field(
         "simulated", description="In this process, on a Dynamixel bus, or of an installed plugin"
@@ -221,7 +222,7 @@ class Servo(Section):
 
     @property
     def kind(self) -> Kind:
-        """Kind of servo behind the servo interface."""
+        """Return the kind of servo behind the servo interface."""
         return backend(self.backend).kind(self.port)
 
     def asked(self) -> ServoSettings:
@@ -251,7 +252,7 @@ class Servo(Section):
     def _without_the_truth_of_hardware(
         self, handler: SerializerFunctionWrapHandler
     ) -> dict[str, Any]:
-        """Drop what only a simulated servo has: of a real one nobody knows it."""
+        """Drop the fields of simulated servos: a real one's true parameters are unknown."""
         fields: dict[str, Any] = handler(self)
         if not self.options:
             fields.pop("options", None)
@@ -275,4 +276,4 @@ def _options(model: type) -> TypeAdapter[Any]:
 
 
 TRUTH_FIELDS = tuple(name for name in Servo.model_fields if "hardware" not in used_by(name))
-"""The servo's fields that say what a simulated or emulated servo is."""
+"""The fields with the true parameters of a simulated or emulated servo."""

@@ -1,11 +1,11 @@
-"""Fractions that a rule between fields checks and that a run keeps to."""
+"""Fractions that both the rules between fields and a run use."""
 
 from __future__ import annotations
 
 from typing import Final
 
 SPIN_SHARE: Final = 0.6
-"""Of a period, at most: Linux halts a real-time process that holds its core for more than 0.95 of
-a second, and the tick's own work comes on top."""
+"""Largest fraction of a period for spinning: Linux halts a real-time process that holds its core
+for more than 0.95 of a second, and the tick's own work adds to it."""
 DRIVEN_SHARE: Final = 0.8
-"""Of the no-load speed: a motion that the torque drives must stay below it"""
+"""Fraction of the no-load speed: a motion that the torque drives must stay below it"""

@@ -1,7 +1,7 @@
-"""YAML as people mean it: ``off`` is a word, ``1e6`` a number, and no key stands twice.
+"""Reads YAML as people mean it: ``off`` is a word, ``1e6`` a number, and no key occurs twice.
 
-The library's own reading follows YAML 1.1, where ``off`` is false, ``1e6`` a text, ``010`` eight
-and ``1:30`` ninety. Here plain words are read by the core schema of YAML 1.2.
+The library follows YAML 1.1, where ``off`` is false, ``1e6`` a text, ``010`` eight and ``1:30``
+ninety. This reader uses the core schema of YAML 1.2 for plain words.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.printable import in_line
 
 MOST_VALUES = 10_000
-"""A configuration has a hundred; a few nested aliases stand for billions."""
+"""A configuration has a hundred values; a few nested aliases can stand for billions."""
 
 _WORDS = (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -31,13 +31,13 @@ _WORDS = (
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, with the words above; keys are texts."""
+    """Loads plain data only, by the rules above; keys are texts."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """As the base class, but a name is a text: true, 1 and null too."""
-        self.flatten_mapping(node)  # what << brings in is there by its own keys
+        """Construct as the base class, but keep keys as texts: true, 1 and null too."""
+        self.flatten_mapping(node)  # expand the keys of << first
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 key.tag = "tag:yaml.org,2002:str"
@@ -45,7 +45,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def _whole_number(loader: _Loader, node: yaml.ScalarNode) -> int:
-    """Decimal, always: a leading zero is no other base."""
+    """Read a decimal: a leading zero is no other base."""
     return int(loader.construct_scalar(node))
 
 
@@ -71,7 +71,7 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
         return _data(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"{source}: {_reason(error)}") from None
-    except (LookupError, AttributeError):  # the library's, over !!bool abc and its like
+    except (LookupError, AttributeError):  # errors of the library, over !!bool abc and the like
         raise UserError(
             f"{source}: found a tag (!!...) with a value that is none of its kind; leave the tag"
             " out"
@@ -79,7 +79,7 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
 
 
 def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds
-    loader = _Loader(text)  # a SafeLoader: plain data only
+    loader = _Loader(text)  # a SafeLoader, for plain data
     try:
         root = loader.get_single_node()
         if root is None:
@@ -91,11 +91,11 @@ def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds
 
 
 def _written_out(node: yaml.Node, counted: dict[int, int]) -> int:
-    """How many values a node stands for, each alias as often as it is used.
+    """Return the number of values in a node, each alias counted as often as it is used.
 
     Args:
-        node: The node; no key stands twice in it, or in what it holds.
-        counted: The nodes that are counted already, by their id; 0: in the midst of it.
+        node: The node; it contains no duplicate key.
+        counted: The counts of visited nodes by their id; 0: being counted.
     """
     known = counted.get(id(node))
     if known == 0:
@@ -139,7 +139,7 @@ def _problem(text: str, node: yaml.Node) -> yaml.MarkedYAMLError:
 
 
 def _reason(error: Exception) -> str:
-    """One line from the library's several."""
+    """Join the library's lines into one."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         mark = error.problem_mark
         return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"

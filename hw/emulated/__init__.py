@@ -1,1 +1,1 @@
-"""An emulated Dynamixel bus, down to the bytes."""
+"""An emulated Dynamixel bus, exact to the byte: wire, adapter, servos, faults and witness."""

@@ -1,9 +1,9 @@
-"""The USB adapter between wire and host: its latency timer, and its blocks.
+"""The USB adapter between wire and host: its latency timer and its blocks.
 
-Bytes gather in the adapter until a block is full or the timer runs out. The timer measures the time
-since bytes were last sent to the host, and starts again whenever it runs out, also with nothing to
-send. So while replies are short its expiries lie on a fixed grid, and how long a reply waits
-depends on where in the grid it falls, not on when it was asked for.
+Bytes gather in the adapter until a block is full or the timer expires. The timer measures the time
+since bytes were last sent to the host, and restarts whenever it expires, even with nothing to send.
+While replies are short its expiries therefore lie on a fixed grid. The waiting time of a reply
+depends on its place in the grid, not on the time of the request.
 
 Not modelled: the host's polling of the USB bus (every 1 ms on full-speed, 125 µs on high-speed
 parts), which adds to the wait, and the drift of the adapter's clock against the host's, which moves
@@ -24,7 +24,7 @@ BLOCKS = (62, 510)
 
 
 class _Stretch(NamedTuple):
-    """Bytes that reach the adapter one after the other, from the ``first`` that is still there."""
+    """Consecutive bytes that reach the adapter, from the ``first`` one still there."""
 
     start_ns: int
     baud: int
@@ -32,23 +32,23 @@ class _Stretch(NamedTuple):
     first: int = 0
 
     def arrived_ns(self, index: int) -> int:
-        """When the byte there is through [ns]."""
+        """Return when that byte has arrived [ns]."""
         return self.start_ns + wire_ns(index + 1, self.baud)
 
     def through(self, now_ns: int) -> int:
-        """How many bytes are through at ``now_ns`` [ns], those that are gone included."""
+        """Return how many bytes have arrived at ``now_ns`` [ns], those handed over included."""
         passed_ns = max(0, now_ns - self.start_ns)
         count = ((passed_ns + 1) * self.baud - 1) // BYTE_AT_ONE_BAUD_NS
         return max(self.first, min(count, len(self.data)))
 
 
 class Adapter:
-    """Where bytes wait on their way to the host.
+    """Buffers bytes on their way to the host.
 
     Args:
-        timer_ns: The latency timer [ns]; 0: none, each reply is handed over when it is whole.
-        block: Bytes that are handed over without waiting for the timer.
-        start_ns: When the timer starts [ns]; moving it moves the grid of its expiries.
+        timer_ns: The latency timer [ns]; 0: none, each reply is handed over when it is complete.
+        block: Number of bytes that are handed over without waiting for the timer.
+        start_ns: Start of the timer [ns]; it sets the phase of the grid of expiries.
     """
 
     def __init__(self, timer_ns: int, block: int, start_ns: int) -> None:
@@ -58,7 +58,7 @@ class Adapter:
         """When bytes were last handed over"""
         self._stretches: deque[_Stretch] = deque()
         self._full_ns = start_ns
-        """When the last byte known of is through"""
+        """Arrival of the last known byte"""
 
     @property
     def holds(self) -> bool:
@@ -66,13 +66,13 @@ class Adapter:
         return bool(self._stretches)
 
     def put(self, data: bytes, start_ns: int, baud: int) -> None:
-        """Bytes begin to arrive at ``start_ns`` [ns], but behind those before them."""
+        """Let bytes arrive from ``start_ns`` [ns] on, but after the bytes before them."""
         stretch = _Stretch(max(start_ns, self._full_ns), baud, data)
         self._stretches.append(stretch)
         self._full_ns = stretch.arrived_ns(len(data) - 1)
 
     def next_ns(self) -> int | None:
-        """When the next bytes are handed over [ns]; None: there are none."""
+        """Return when the next bytes are handed over [ns]; None: there are none."""
         if not self._stretches:
             return None
         first = self._stretches[0]
@@ -84,14 +84,14 @@ class Adapter:
         return expiry_ns if full_ns is None else min(expiry_ns, full_ns)
 
     def take(self, now_ns: int) -> bytes:
-        """All that has been handed over by ``now_ns`` [ns] since the last time."""
+        """Return the bytes handed over by ``now_ns`` [ns] since the last call."""
         taken = b""
         while (time_ns := self.next_ns()) is not None and time_ns <= now_ns:
             taken += self._hand_over(time_ns)
         return taken
 
-    def cut(self, now_ns: int) -> None:
-        """Whoever is sending falls silent at ``now_ns`` [ns]: what is not through will not come."""
+    def truncate(self, now_ns: int) -> None:
+        """Stop the sender at ``now_ns`` [ns]: bytes that have not arrived are lost."""
         heard = [
             stretch._replace(data=stretch.data[: stretch.through(now_ns)])
             for stretch in self._stretches
@@ -100,11 +100,11 @@ class Adapter:
         self._full_ns = now_ns
 
     def clear(self) -> None:
-        """Lose everything."""
+        """Lose all bytes."""
         self._stretches.clear()
 
     def _block_ns(self) -> int | None:
-        """When a block will be full [ns]; None: not with what is known of."""
+        """Return when a block will be full [ns]; None: not with the known bytes."""
         wanted = self._block
         for stretch in self._stretches:
             here = len(stretch.data) - stretch.first

@@ -1,4 +1,4 @@
-"""Who on a bus obeys an instruction, who answers it, in what order and with which bytes."""
+"""Decides which servos execute an instruction, and which of them reply, when and with what."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _ById = Mapping[int, Sequence[EmulatedServo]]
 
 
 class Answer(NamedTuple):
-    """A reply that is owed."""
+    """A reply to be sent."""
 
     delay_ns: int
-    """From the end of what came before on the wire to its first byte [ns]"""
+    """Time from the end of the bytes before it on the wire to its first byte [ns]"""
     frame: Frame
-    """Of the first of them where several servos with one id answer at once"""
+    """The first one where several servos with one id reply at once"""
     wire: bytes
-    """The frame's bytes, or as many of them as are sent, or what a collision leaves of them"""
+    """The frame's bytes, perhaps truncated, or the result of a collision"""
 
 
 def addressed(frame: Frame) -> list[int] | None:
-    """The ids an instruction is for; None: all of them."""
+    """Return the ids an instruction is for; None: all of them."""
     if frame.id != BROADCAST:
         return [frame.id]
     if frame.instruction in READS or frame.instruction in WRITES:
@@ -44,10 +44,10 @@ def addressed(frame: Frame) -> list[int] | None:
 
 
 def answer(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[Answer]:
-    """Carry out ``frame``, which has fully arrived at ``now_ns`` [ns].
+    """Execute ``frame``, which has fully arrived at ``now_ns`` [ns].
 
     Returns:
-        The replies, in the order they take on the wire.
+        The replies, in their order on the wire.
     """
     if frame.instruction == Instruction.STATUS:
         return []
@@ -67,9 +67,10 @@ def answer(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[A
 
 
 def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[Answer]:
-    """An instruction for one id; Status Return Level decides whether its servo answers.
+    """Execute an instruction for one id; Status Return Level decides whether its servo replies.
 
-    The reply is the servo's as it was before: a write may change its id, its delay or the level.
+    The reply uses the servo's settings before the instruction: a write may change its id, delay or
+    level.
     """
     sendings = []
     for servo in servos:
@@ -87,10 +88,10 @@ def _direct(frame: Frame, servos: Sequence[EmulatedServo], now_ns: int) -> list[
 def _broadcast(
     frame: Frame, servos: Sequence[EmulatedServo], by_id: _ById, now_ns: int
 ) -> list[Answer]:
-    """An instruction for all, or for a list: answered are pings and lists of reads alone.
+    """Execute an instruction for all or for a list: only pings and lists of reads have replies.
 
-    Servos answer a ping in the order of their ids, a list in its own, each as soon as the one
-    before it is through. One that is missing is passed over at once.
+    Servos reply to a ping in the order of their ids, to a list in its own order, each as soon as
+    the one before has finished. A missing servo is skipped at once.
     """
     if frame.error == ErrorCode.CRC:
         return []
@@ -116,7 +117,7 @@ def _broadcast(
 
 
 def _listed(frame: Frame, listed: Iterable[Entry], by_id: _ById, now_ns: int) -> list[Answer]:
-    """Each listed servo does its part; reads are answered but at Status Return Level 0."""
+    """Execute each listed servo's part; reads have replies except at Status Return Level 0."""
     reads = frame.instruction in READS
     single = Instruction.READ if reads else Instruction.WRITE
     answers = []
@@ -133,10 +134,11 @@ def _listed(frame: Frame, listed: Iterable[Entry], by_id: _ById, now_ns: int) ->
 
 
 def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answer]:
-    """One frame to which every servo appends its share.
+    """Return one frame to which every servo appends its part.
 
-    A servo that is missing, silenced, or whose firmware is too old leaves the frame cut short in
-    front of its share: nobody behind it can go on. The length in the frame's head counts all.
+    A servo that is missing, silenced, or whose firmware is too old truncates the frame before its
+    part:
+    no servo behind it can continue. The length in the frame's header counts all.
     """
     shares: list[FastReply] = []
     sent = sent_bytes = 0
@@ -166,7 +168,7 @@ def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answe
 
 
 def _share(entry: Entry, servos: Sequence[EmulatedServo], now_ns: int) -> FastReply:
-    """What is appended for one id; several servos with it pull each other's bits low."""
+    """Return the part appended for one id; several servos with it pull each other's bits low."""
     address, size = int.from_bytes(entry.params[:2], "little"), entry.size
     shares = []
     for servo in servos:
@@ -191,7 +193,7 @@ def _status(
 
 
 def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
-    if len(sendings) == 1:  # as always on a bus in order
+    if len(sendings) == 1:  # the normal case
         (sending,) = sendings
         return [Answer(sending.delay_ns, sending.frame, sending.wire)]
     return [Answer(*heard) for heard in collide(sendings)]

@@ -1,11 +1,11 @@
 """The emulated bus: bytes in and out at given times, as one half-duplex wire carries them.
 
-It has no clock: whoever owns it says what time it is, in nanoseconds that never go back. Between
-two calls everything that was due in between happens at its own instant.
+It has no clock: the caller gives the time, in nanoseconds that never decrease. Between two calls
+every event happens at its own instant.
 
-The wire is one. A byte takes ten bit times; an instruction takes effect when its last byte has
-travelled, a reply can be read when its last byte has, unless an adapter keeps it. Bytes sent while
-something is on the wire wait for it (on a real bus they would collide).
+There is one wire. A byte takes ten bit times. An instruction takes effect when its last byte has
+arrived; a reply can be read when its last byte has, unless an adapter holds it back. Bytes sent
+while the wire is busy wait for it (on a real bus they would collide).
 """
 
 from __future__ import annotations
@@ -16,41 +16,41 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
-from haptic_wall.hw.emulated.account import Account
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.answers import Answer, addressed, answer
 from haptic_wall.hw.emulated.damage import id_of
+from haptic_wall.hw.emulated.fault_effects import SILENCING, apply_fault
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
-from haptic_wall.hw.emulated.injection import Faults, Happening
-from haptic_wall.hw.emulated.mishaps import SILENCING, befall
+from haptic_wall.hw.emulated.injection import FaultEvent, Faults
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.slots import in_slots
 from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
 from haptic_wall.hw.emulated.witness import Witness
+from haptic_wall.hw.emulated.witness_rows import WitnessRows
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""
 MAX_WAITING = 64
-"""Frames a host may have waiting for the wire, before ``full``"""
+"""Frames of the host that may wait for the wire before the bus is ``full``"""
 STATE_NS = 1_000_000
-"""Between two records of the state [ns]"""
+"""Period of the records of the state [ns]"""
 
 _NEVER_NS: Final = 1 << 62
 _FAULT, _WATCHDOG, _BEGIN, _REPLY, _INSTRUCTION, _STATE = range(6)
-"""Kinds of events; of those due at the same time the lower ones come first"""
+"""Kinds of events; of simultaneous events the lower kinds come first"""
 
 
 class EmulatedBus:
     """Servos on a wire.
 
     Args:
-        servos: Who is on it.
-        baud: The speed the host talks at [bit/s]; ``host_baud`` changes it. Servos set to another
-            speed understand nothing and are not understood.
-        start_ns: When it begins [ns].
-        witness: Told of everything, if there is one.
-        adapter: What is between wire and host; None: replies are there when they have travelled.
-        faults: What goes wrong, from the beginning.
+        servos: The servos on the bus.
+        baud: Baud rate of the host [bit/s]; ``host_baud`` changes it. Servos with another baud rate
+            neither receive nor are received.
+        start_ns: Start time [ns].
+        witness: Records every event; None: no record.
+        adapter: Buffers the bytes to the host; None: replies can be read on arrival.
+        faults: Faults from the beginning.
 
     Raises:
         ValueError: A fault is for an id that no servo has.
@@ -71,8 +71,8 @@ class EmulatedBus:
         self.connected = True
         """The adapter is plugged in at the host"""
         self.times_unplugged = 0
-        """How often it has been pulled out"""
-        self._account = Account(witness, self.servos)
+        """How often it has been unplugged"""
+        self._witness_rows = WitnessRows(witness, self.servos)
         self._recorded = witness is not None
         self._adapter = adapter
         self._faults = Faults() if faults is None else faults
@@ -85,29 +85,29 @@ class EmulatedBus:
         self._free_ns = start_ns
         """When the wire is free again"""
         self._heard_ns = start_ns
-        """When the last byte from the host had travelled"""
+        """When the last byte from the host arrived"""
         self._state_ns = start_ns
         for fault in self._faults.at_start:
             self._add(fault, start_ns)
 
     @property
     def busy(self) -> bool:
-        """Whether something is on its way, so that the next event must be met on time."""
+        """Whether bytes are on their way, so that the next event must be met on time."""
         held = self._adapter is not None and self._adapter.holds
         return held or bool(self._coming or self._going)
 
     @property
     def full(self) -> bool:
-        """More is waiting for the wire than a serial port would take in."""
+        """Whether more bytes wait for the wire than a serial port would take."""
         return len(self._coming) >= MAX_WAITING
 
     @property
     def faults(self) -> list[tuple[str, int]]:
-        """Faults that were asked for and not lifted, and how often each has happened."""
+        """Return the active faults, and how often each has occurred."""
         return self._faults.describe()
 
     def inject(self, spec: str, now_ns: int) -> None:
-        """From ``now_ns`` [ns] on let this go wrong; its times count from now.
+        """Activate a fault from ``now_ns`` [ns] on; its times count from now.
 
         Args:
             spec: See ``parse_fault``.
@@ -120,15 +120,15 @@ class EmulatedBus:
         self._add(parse_fault(spec), now_ns)
 
     def lift(self, name: str, now_ns: int) -> bool:
-        """End every fault of this name; whether there was one."""
+        """End every fault of this name; return whether there was one."""
         self._run(now_ns)
         over = self._faults.lift(name)
-        for happening in over or ():
-            self._happen(happening, now_ns)
+        for event in over or ():
+            self._apply(event, now_ns)
         return over is not None
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Bytes from the host begin to travel at ``now_ns`` [ns]."""
+        """Put bytes from the host on the wire at ``now_ns`` [ns]."""
         self._run(now_ns)
         if not self.connected:
             return
@@ -139,7 +139,7 @@ class EmulatedBus:
                 self._put(piece, now_ns, len(piece))
 
     def transmit(self, now_ns: int) -> bytes:
-        """Return the bytes the host can read by ``now_ns`` [ns] and has not been given yet."""
+        """Return the bytes that the host can read by ``now_ns`` [ns] since the last call."""
         self._run(now_ns)
         if self._adapter is not None:
             self._gone += self._adapter.take(now_ns)
@@ -150,7 +150,7 @@ class EmulatedBus:
         return data
 
     def next_event_ns(self) -> int | None:
-        """When something happens next if the host sends nothing [ns]; None: nothing will."""
+        """Return the time of the next event if the host sends nothing [ns]; None: no event."""
         time_ns, _ = self._next()
         if self._adapter is not None:
             handed_ns = self._adapter.next_ns()
@@ -159,10 +159,10 @@ class EmulatedBus:
         return None if time_ns == _NEVER_NS else time_ns
 
     def _next(self) -> tuple[int, int]:
-        """The time of what is due next, and of which kind it is."""
+        """Return time and kind of the next event."""
         time_ns, kind = _NEVER_NS, _STATE
         adapter = self._adapter
-        if adapter is not None:  # without one there are no faults either
+        if adapter is not None:  # without an adapter there are no faults either
             fault_ns = self._faults.next_ns()
             if fault_ns is not None:
                 time_ns, kind = fault_ns, _FAULT
@@ -187,7 +187,7 @@ class EmulatedBus:
         return time_ns, kind
 
     def _run(self, now_ns: int) -> None:
-        """Let everything happen that is due by ``now_ns``, in the order of time."""
+        """Process every event up to ``now_ns``, in order of time."""
         while True:
             time_ns, kind = self._next()
             if time_ns > now_ns:
@@ -199,37 +199,37 @@ class EmulatedBus:
             elif kind == _BEGIN:
                 self._begin(self._going[0])
             elif kind == _STATE:
-                self._account.states(time_ns)
+                self._witness_rows.states(time_ns)
                 self._state_ns += STATE_NS
             elif kind == _WATCHDOG:
                 for servo in self.servos:
                     if servo.watchdog_ns == time_ns:
                         servo.trip_watchdog(time_ns)
             else:
-                self._happen(self._faults.happen(time_ns), time_ns)
+                self._apply(self._faults.take_event(time_ns), time_ns)
 
     def _put(self, data: bytes, arrival_ns: int, count: int) -> None:
-        """Bytes that begin to travel, and take as long as ``count`` bytes do."""
+        """Put bytes on the wire, for the duration of ``count`` bytes."""
         duration_ns = wire_ns(count, self.host_baud)
         self._coming.append(Piece(arrival_ns, duration_ns, self.host_baud, data))
 
     def _send_damaged(self, piece: bytes, now_ns: int) -> None:
-        """Bytes from the host, with what the faults make of them."""
+        """Put bytes from the host on the wire, changed by the faults."""
         passage = self._faults.pass_frame(piece, "request", now_ns)
         if passage is None:
             self._put(piece, now_ns, len(piece))
             return
         for name in passage.names:
-            self._account.fault(now_ns, name, id_of(piece), instruction_of(piece))
+            self._witness_rows.fault(now_ns, name, id_of(piece), instruction_of(piece))
         arrival_ns = now_ns + passage.late_ns
         heard = [chunk for chunk in passage.chunks if chunk]
         for chunk in heard:
             self._put(chunk, arrival_ns, len(chunk))
         if missing := max(0, len(piece) - sum(map(len, heard))):
-            self._put(b"", arrival_ns, missing)  # the host sent it, the wire was taken
+            self._put(b"", arrival_ns, missing)  # the host sent it, so the wire was busy
 
     def _take(self, piece: Piece, now_ns: int) -> None:
-        """The last byte of ``piece`` has travelled."""
+        """Process ``piece``, whose last byte has arrived."""
         if now_ns - piece.wire_ns - self._heard_ns > GAP_NS:
             self._parser.reset()
         self._free_ns = self._heard_ns = now_ns
@@ -239,12 +239,12 @@ class EmulatedBus:
         for frame in self._parser.feed(piece.data):
             answers = answer(frame, listening, now_ns)
             if self._recorded:
-                self._account.frame(now_ns, "rx", frame, addressed(frame))
+                self._witness_rows.frame(now_ns, "rx", frame, addressed(frame))
             for reply in in_slots(frame, answers):
-                self._owe(reply, piece.baud)
+                self._schedule_reply(reply, piece.baud)
 
-    def _owe(self, reply: Answer, baud: int) -> None:
-        """A reply that will be sent when the wire is free and its delay is over."""
+    def _schedule_reply(self, reply: Answer, baud: int) -> None:
+        """Schedule a reply for when the wire is free and its delay is over."""
         begin_ns = self._free_ns + reply.delay_ns
         wire, late_ns = reply.wire, 0
         names: tuple[str, ...] = ()
@@ -256,24 +256,24 @@ class EmulatedBus:
         self._going.append(Reply(begin_ns, self._free_ns, baud, reply.frame, wire, late_ns, names))
 
     def _begin(self, reply: Reply) -> None:
-        """Its first bit is on the wire: the adapter takes in byte after byte."""
+        """Start a reply on the wire: the adapter receives byte after byte."""
         self._begun = True
         if self._adapter is not None and reply.wire and self._can_read(reply):
             self._adapter.put(reply.wire, reply.begin_ns + reply.late_ns, reply.baud)
 
     def _leave(self, reply: Reply, now_ns: int) -> None:
-        """The last byte of ``reply`` has travelled."""
+        """Finish ``reply``, whose last byte has left."""
         self._begun = False
         if self._adapter is None and self._can_read(reply):
             self._gone += reply.wire
         if self._recorded:
             frame = reply.frame
             for name in reply.faults:
-                self._account.fault(now_ns, name, frame.id, frame.instruction)
-            self._account.frame(now_ns, "tx", frame, [frame.id])
+                self._witness_rows.fault(now_ns, name, frame.id, frame.instruction)
+            self._witness_rows.frame(now_ns, "tx", frame, [frame.id])
 
     def _can_read(self, reply: Reply) -> bool:
-        """Whether the host is there, and at the reply's speed."""
+        """Whether the host is connected, and at the reply's baud rate."""
         return self.connected and reply.baud == self.host_baud
 
     def _add(self, fault: Fault, now_ns: int) -> None:
@@ -282,20 +282,20 @@ class EmulatedBus:
             self._adapter = Adapter(0, BLOCKS[-1], now_ns)
         self._faults.add(fault, now_ns)
 
-    def _happen(self, happening: Happening, now_ns: int) -> None:
-        """Something begins, or is over, that concerns servos or the adapter."""
-        fault = happening.fault
-        name = fault.name if happening.begins else f"{fault.name} over"
+    def _apply(self, event: FaultEvent, now_ns: int) -> None:
+        """Begin or end a fault of a servo or of the adapter."""
+        fault = event.fault
+        name = fault.name if event.begins else f"{fault.name} over"
         if fault.name == "unplug-adapter":
-            self._connect(not happening.begins)
-            self._account.fault(now_ns, name, None, None)
+            self._connect(not event.begins)
+            self._witness_rows.fault(now_ns, name, None, None)
             return
         struck = [s for s in self.servos if s.id == fault.values.get("id", s.id)]
-        if happening.begins and fault.name in SILENCING:
+        if event.begins and fault.name in SILENCING:
             self._silence({servo.id for servo in struck}, now_ns)
         for servo in struck:
-            befall(happening, servo, now_ns)
-            self._account.fault(now_ns, name, servo.id, None)
+            apply_fault(event, servo, now_ns)
+            self._witness_rows.fault(now_ns, name, servo.id, None)
 
     def _connect(self, connected: bool) -> None:
         self.connected = connected
@@ -306,8 +306,8 @@ class EmulatedBus:
             self._adapter.clear()
 
     def _silence(self, ids: Collection[int], now_ns: int) -> None:
-        """Replies of these servos end where they are."""
+        """Truncate the replies of these servos at the present byte."""
         if self._begun and self._going[0].frame.id in ids and self._adapter is not None:
-            self._adapter.cut(now_ns)
+            self._adapter.truncate(now_ns)
             self._begun = False
         self._going = deque(reply for reply in self._going if reply.frame.id not in ids)

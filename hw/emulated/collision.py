@@ -1,10 +1,11 @@
-"""Several servos with one id answer at once: what is left of their bytes on the wire.
+"""Computes the bytes on the wire when several servos with one id reply at once.
 
-A simple picture: every servo starts after its own return delay, in whole byte times, and where two
-send at once a bit is 0 if one of them pulls it low. So two of a kind that say the same, as to a
-ping, cannot be told from one; all else becomes a frame with a wrong CRC or none at all. On a real
-bus the edges differ within a bit and the levels depend on the transceivers: the bytes would be
-others, as useless.
+A simple model: every servo starts after its own return delay, in whole byte times, and where two
+send at once a bit is 0 if one of them pulls it low. Equal replies of two servos, as to a ping,
+cannot be distinguished from one; all others become a frame with a wrong CRC or none at all. On a
+real bus
+the edges differ within a bit and the levels depend on the transceivers: the bytes would differ, but
+be as useless.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 
 
 class Sending(NamedTuple):
-    """Bytes that one servo begins to send when its return delay has passed."""
+    """Bytes that one servo begins to send after its return delay."""
 
     delay_ns: int
     baud: int
@@ -26,7 +27,7 @@ class Sending(NamedTuple):
 
 
 def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
-    """Overlay replies: delay behind what came before [ns], the first frame, the bytes heard."""
+    """Yield overlaid replies: delay behind the bytes before [ns], first frame, received bytes."""
     waiting = sorted(sendings, key=lambda sending: sending.delay_ns)
     over_ns = 0
     while waiting:
@@ -44,7 +45,7 @@ def collide(sendings: Sequence[Sending]) -> Iterator[tuple[int, Frame, bytes]]:
 
 
 def pull_low(sent: Sequence[bytes]) -> bytes:
-    """Bytes sent at once: every bit is 0 that one of them pulls low; an idle line is high."""
+    """Combine bytes sent at once: a bit is 0 if any sender pulls it low; an idle line is high."""
     heard = bytearray(max(sent, key=len))
     for data in sent:
         for at, byte in enumerate(data):

@@ -1,4 +1,4 @@
-"""Lines of text that change a running bus: a fault's SPEC, ``off NAME``, or ``list``."""
+"""Executes lines of text that change a running bus: a fault's SPEC, ``off NAME``, or ``list``."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from haptic_wall.hw.emulated.values import suggestion
 
 _READ_SIZE = 4096
 _LEFT_ALONE_NS = 500_000_000
-"""How often a terminal is asked whether it is ours [ns]"""
+"""Period of the check whether this process is in the terminal's foreground [ns]"""
 
 
 class Console:
-    """Where lines come in.
+    """Reads and executes lines.
 
     Args:
-        bus: What they change.
-        descriptor: Read from as lines come; its end is no matter.
-        say: Told what was done.
-        complain: Told what cannot be done.
+        bus: The bus to change.
+        descriptor: Source of the lines; its end has no effect.
+        say: Called with results.
+        complain: Called with errors.
     """
 
     def __init__(
@@ -39,19 +39,19 @@ class Console:
         self._ours_from_ns = 0
 
     def listens(self, now_ns: int) -> tuple[int, ...]:
-        """The descriptor to wait for, if any."""
+        """Return the descriptor to wait for, if any."""
         if self._descriptor is None or now_ns < self._ours_from_ns:
             return ()
         return (self._descriptor,)
 
     def read(self, now_ns: int) -> None:
-        """Take in what has come, and do what it says."""
+        """Read the waiting lines and execute them."""
         descriptor = self._descriptor
         if descriptor is None:
             return
         if not _is_ours(descriptor):
-            # What is typed is for the shell that put us in the background, which reading would
-            # stop us for.
+            # In the background the typed text belongs to the shell, and reading would stop this
+            # process.
             self._ours_from_ns = now_ns + _LEFT_ALONE_NS
             return
         try:
@@ -67,7 +67,7 @@ class Console:
             self.obey(line.decode(errors="replace").strip(), now_ns)
 
     def obey(self, line: str, now_ns: int) -> None:
-        """Do what one line says."""
+        """Execute one line."""
         verb, _, name = line.partition(" ")
         try:
             if verb == "list" and not name:
@@ -89,7 +89,7 @@ class Console:
 
 
 def _is_ours(descriptor: int) -> bool:
-    """Whether lines there are meant for this process: no terminal, or one it is in front at."""
+    """Whether this process may read there: no terminal, or in its foreground."""
     try:
         return not os.isatty(descriptor) or os.tcgetpgrp(descriptor) == os.getpgrp()
     except OSError:

@@ -1,14 +1,14 @@
-"""The servo's own controllers: from goals, gains and profiles to a duty, once a millisecond.
+"""The servo's own controllers: compute a duty from goals, gains and profiles, once a millisecond.
 
-What the manual gives: the structure (a profile leads, a PID or PI follows, Goal PWM limits) and
-the scales of the gains. What it does not give, and is assumed here:
+The manual gives the structure (a profile leads, a PID or PI follows, Goal PWM limits) and the
+scales of the gains. Assumptions, where it is silent:
 
 - The controllers run every millisecond, errors are in counts and units of velocity, outputs in
   units of PWM; "the constants include the sampling time". With the factory gains and the published
   motor an XM430 then settles with a damping ratio of about 0.9.
 - The derivative acts on the velocity, not on differences of counts.
 - Feedforward multiplies counts per millisecond and counts per millisecond squared.
-- Anti-windup: the integral stands still while the output is at its limit.
+- Anti-windup: the integral is held while the output is at its limit.
 - Current-based position: the same controller, its output limited to what Goal Current allows (the
   scale from its output to a current is not given).
 
@@ -24,7 +24,7 @@ from haptic_wall.hw.emulated.profile import Plan, Point, by_time, by_velocity, r
 from haptic_wall.hw.emulated.rules import ControlTable
 
 PWM_FULL = 885
-"""Units of PWM at which the whole supply is on the motor"""
+"""Units of PWM at which the motor has the full supply voltage"""
 VELOCITY_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_POSITION_MODE, PWM_MODE = 1, 3, 4, 5, 16
 POSITION_MODES = frozenset({POSITION_MODE, EXTENDED_MODE, CURRENT_POSITION_MODE})
 SAMPLE_S = 0.001
@@ -35,15 +35,16 @@ COUNTS_PER_ACCELERATION = 214.577 * COUNTS_PER_REV / 3600.0
 """[counts/s²] per unit of acceleration"""
 
 IN_POSITION = 20
-"""So close it has arrived [counts]: the manual says "predefined" """
+"""Distance at which the servo counts as arrived [counts]: the manual only says "predefined"."""
 FOLLOWING = 200
-"""So far behind its profile it does not follow [counts]; not published"""
+"""Lag behind the profile at which the servo no longer counts as following [counts]; not published
+"""
 _ARRIVED, _ONGOING, _BEHIND = 0x01, 0x02, 0x08
 _TIME_BASED = 0x04
 
 
 class Motion(NamedTuple):
-    """Motion as a servo's registers tell it."""
+    """The state of motion that a servo's registers report."""
 
     status: int
     """Moving Status"""
@@ -74,14 +75,14 @@ class Controllers:
         self._since_ns = 0
 
     def engage(self, mode: int, position: int, *, hold: bool, now_ns: int) -> None:
-        """Begin, with the shaft at ``position`` [counts] and nothing summed up.
+        """Start with the shaft at ``position`` [counts] and zero integral.
 
         Args:
             mode: Operating Mode.
             position: Present Position.
             hold: In a position mode, Goal Position becomes Present Position, so that enabling
-                torque moves nothing. The manual does not say so; without it the first motion would
-                be to a goal from before.
+                torque moves nothing. The manual does not say so; otherwise the first motion would
+                be to an earlier goal.
             now_ns: The time [ns].
         """
         self.mode = mode
@@ -98,7 +99,7 @@ class Controllers:
         self.follow(now_ns)
 
     def follow(self, now_ns: int) -> None:
-        """Make a new plan if the goal is another one than before."""
+        """Make a new plan if the goal has changed."""
         memory = self._memory
         if self.mode in POSITION_MODES:
             goal = memory["goal_position"]
@@ -113,10 +114,10 @@ class Controllers:
                 self._start(goal, ramp_to(present, wanted, self._ramp_s(wanted - present)), now_ns)
 
     def stop(self, position: int, now_ns: int) -> None:
-        """Hold the position, without a profile, as the Bus Watchdog has it.
+        """Hold the position, without a profile, as after a trip of the Bus Watchdog.
 
-        The manual says "stop"; that the goals change with it is assumed, so that nothing comes back
-        when the watchdog is cleared.
+        The manual says "stop". The change of the goals is an assumption; it avoids a motion when
+        the watchdog is cleared.
         """
         memory = self._memory
         if self.mode in POSITION_MODES:
@@ -130,9 +131,9 @@ class Controllers:
         self._since_ns = now_ns
 
     def renumber(self, counts: int, now_ns: int) -> None:
-        """Present Position has become another by so much, and nothing has moved: so do the goals.
+        """Shift the goals by ``counts``, after Present Position has shifted without a motion.
 
-        The manual is silent about Goal Position when turns are cleared. Left as it was, it would
+        The manual is silent about Goal Position when turns are cleared. An unchanged goal would
         turn the servo by as many turns as were cleared.
         """
         self._memory["goal_position"] = self._goal = self._goal + counts
@@ -140,11 +141,11 @@ class Controllers:
         self._since_ns = now_ns
 
     def point(self, now_ns: int) -> Point:
-        """Where the profile leads at ``now_ns`` [counts, counts/s, counts/s²]."""
+        """Return the profile's point at ``now_ns`` [counts, counts/s, counts/s²]."""
         return self._plan.at((now_ns - self._since_ns) * 1e-9)
 
     def motion(self, position: int, now_ns: int) -> Motion:
-        """Motion as the registers tell it, with the shaft at ``position`` [counts]."""
+        """Return the state of motion for the registers, with the shaft at ``position`` [counts]."""
         point = self.point(now_ns)
         velocity = round(point.velocity / COUNTS_PER_VELOCITY)
         status = self._plan.kind << 4
@@ -160,7 +161,7 @@ class Controllers:
         return Motion(status, ongoing, velocity, round(point.position))
 
     def output(self, position: int, velocity: float, now_ns: int) -> float:
-        """The wanted PWM [units], limited by Goal PWM.
+        """Return the wanted PWM [units], limited by Goal PWM.
 
         Args:
             position: Present Position [counts].
@@ -208,7 +209,7 @@ class Controllers:
         )
 
     def _ramp_s(self, change: float) -> float:
-        """How long a change of velocity [counts/s] takes [s]."""
+        """Return the duration of a change of velocity [counts/s] [s]."""
         acceleration = self._memory["profile_acceleration"]
         if self._time_based:
             return acceleration * 1e-3

@@ -1,4 +1,4 @@
-"""Damage by a fault to the bytes of one frame."""
+"""Applies faults to the bytes of one frame."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from haptic_wall.hw.emulated.traffic import HEADER
 
 _ID, _SHORTEST = 4, 10
 _NOISE = 8
-"""Bytes of garbage unless told"""
+"""Default number of garbage bytes"""
 
 
 @dataclass(slots=True)
 class Passage:
-    """Result of a frame's way through the faults."""
+    """A frame after the faults."""
 
     chunks: list[bytes]
-    """What is heard: noise, the frame, a copy; nothing where it is lost"""
+    """The received bytes: noise, the frame, a copy; empty where it is lost"""
     late_ns: int = 0
-    """How long it is held up [ns]"""
+    """Added delay [ns]"""
     names: tuple[str, ...] = ()
-    """The faults that struck it"""
+    """The faults that hit it"""
 
 
 def strike(fault: Fault, passage: Passage, rng: Random) -> None:
-    """Let ``fault`` do to the frame in ``passage`` what it does."""
+    """Apply ``fault`` to the frame in ``passage``."""
     values = fault.values
     chunks = passage.chunks
     passage.names += (fault.name,)
@@ -45,12 +45,12 @@ def strike(fault: Fault, passage: Passage, rng: Random) -> None:
 
 
 def id_of(wire: bytes) -> int | None:
-    """The id a frame's bytes carry; None where it does not begin with a header."""
+    """Return the id in a frame's bytes; None where they do not begin with a header."""
     return wire[_ID] if wire.startswith(HEADER) and len(wire) > _ID else None
 
 
 def _flip(wire: bytes, fault: Fault, rng: Random) -> bytes:
-    """Different bits, each as likely as any other."""
+    """Flip distinct bits, each with equal probability."""
     damaged = bytearray(wire)
     count = min(fault.values.get("flips", 1), 8 * len(wire))
     for bit in rng.sample(range(8 * len(wire)), count):
@@ -59,13 +59,13 @@ def _flip(wire: bytes, fault: Fault, rng: Random) -> bytes:
 
 
 def _truncate(wire: bytes, fault: Fault, rng: Random) -> bytes:
-    """The first bytes: as many as asked for, else from one to all but one."""
+    """Keep the first bytes: the given number, else from one to all but one."""
     keep = fault.values.get("keep")
     return wire[: rng.randint(1, max(1, len(wire) - 1)) if keep is None else keep]
 
 
 def _readdress(wire: bytes, fault: Fault, rng: Random) -> bytes:
-    """The same with another id and the CRC that goes with it; what is no whole frame stays."""
+    """Replace the id and adapt the CRC; bytes that are no whole frame stay."""
     own = id_of(wire)
     if own is None or len(wire) < _SHORTEST:
         return wire

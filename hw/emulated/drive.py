@@ -1,9 +1,10 @@
-"""Drive of an emulated servo: its controllers and motor, on its mechanism, in time.
+"""The drive of an emulated servo: controllers and motor, acting on its mechanism, in time.
 
-In current mode the motor's torque is Goal Current times the torque constant, held: nothing is
-computed between instructions. Every other mode, and current mode where the supply's current is
-sensed or the supply or Goal PWM limits it, runs once a millisecond; the motion in between is exact.
-All of it is made up for when somebody looks, so that it does not matter how often somebody does.
+In current mode the motor's torque is Goal Current times the torque constant, held between
+instructions. Every other mode runs once a millisecond, and so does current mode where the supply's
+current is sensed or the supply or Goal PWM limits it; the motion in between is exact. The
+computation catches up on every access, so that the result does not depend on how often that
+happens.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ class Drive:
     Args:
         table: Its registers.
         motor: Its motor.
-        mechanism: What the motor moves.
-        encoder: What the controllers see of it.
+        mechanism: The mechanism that the motor moves.
+        encoder: The encoder that the controllers read.
         current_unit: [A] per unit of current; 0 where there is none.
-        stall_current: Of the motor, at the voltage its figures hold for [A].
+        stall_current: Of the motor, at its nominal voltage [A].
         now_ns: The time [ns].
-        back_emf: In current mode too the current is no more than the supply can drive at the
-            present speed. Off by default: a torque is then held as it was commanded.
+        back_emf: In current mode too, limit the current to the one the supply can drive at the
+            present speed. Off by default: a torque is then held as commanded.
     """
 
     __slots__ = (
@@ -93,16 +94,16 @@ class Drive:
         self.mechanism = mechanism
         self.motor = motor
         self.next_ns = _NEVER_NS
-        """When something is computed next [ns]"""
+        """Time of the next computation [ns]"""
 
     def advance(self, now_ns: int) -> None:
-        """Let time pass until ``now_ns`` [ns]."""
+        """Advance to ``now_ns`` [ns]."""
         if now_ns >= self.next_ns:
             self._catch_up(now_ns)
         self.mechanism.advance(now_ns)
 
     def update(self, now_ns: int) -> None:
-        """Have the motor make what the registers now ask for; ``advance`` comes first."""
+        """Set the motor to the registers' present request; call ``advance`` first."""
         memory = self._memory
         mode = memory["operating_mode"]
         unlimited = abs(memory["goal_pwm"]) >= PWM_FULL
@@ -119,7 +120,7 @@ class Drive:
             return
         if self._active != mode:
             self._active = mode
-            self._goal = 0  # what was held is stepped from now on
+            self._goal = 0  # the controllers run in steps from now on
             if mode == POSITION_MODE:
                 self.forget_turns()
             if mode != CURRENT_MODE:
@@ -131,38 +132,38 @@ class Drive:
             self.controllers.follow(now_ns)
 
     def stop(self, now_ns: int) -> None:
-        """The Bus Watchdog has tripped: limp in current mode, else where it is and still."""
+        """React to a trip of the Bus Watchdog: limp in current mode, else hold the position."""
         if self._active not in (None, CURRENT_MODE):
             self.controllers.stop(self.position(), now_ns)
         self.update(now_ns)
 
     def motion(self, position: int, now_ns: int) -> Motion:
-        """State of the controllers, with the shaft at ``position`` [counts]."""
+        """Return the controllers' state, with the shaft at ``position`` [counts]."""
         if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
             return Motion(0, False, 0, position)
         return self.controllers.motion(position, now_ns)
 
     def position(self) -> int:
-        """Present Position [counts], at the time advanced to."""
+        """Return Present Position [counts], at the present time."""
         counts = self.encoder.counts() - self._lost
         if self.table.reversed:
             counts = -counts
         return counts + self.table.homing_offset
 
     def forget_turns(self) -> None:
-        """Present Position back within one turn, but for the homing offset."""
+        """Reduce Present Position to one turn, without the homing offset."""
         counts, sign = self.encoder.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
     def clear_turns(self, now_ns: int) -> None:
-        """As ``forget_turns``, while it stands; what it holds is renumbered, so nothing moves."""
+        """Reduce Present Position to one turn at a standstill, and shift the goals."""
         before = self.position()
         self.forget_turns()
         if self._active in POSITION_MODES:
             self.controllers.renumber(self.position() - before, now_ns)
 
     def electrical(self) -> tuple[float, float]:
-        """The current that is measured [A], and the share of the supply on the motor.
+        """Return the measured current [A], and the duty (fraction of the supply on the motor).
 
         Both in the motor's direction, both 0 while it is limp.
         """
@@ -179,7 +180,7 @@ class Drive:
         return current, min(max(duty, -1.0), 1.0)
 
     def release(self, now_ns: int) -> None:
-        """Whatever the controllers are at ends, and the motor is limp."""
+        """End every control action; the motor is limp."""
         if self._active is not None:
             self._active = None
             self._duty = 0.0
@@ -187,10 +188,10 @@ class Drive:
             self._torque(0.0, now_ns)
 
     def _hold(self, current: int, now_ns: int) -> None:
-        """Current mode: this current [units] from now on."""
+        """Hold this current [units] from now on, in current mode."""
         self._goal = current
         self._torque(current * self.current_unit * self.motor.torque_constant, now_ns)
-        # A look at the temperature is due while current flows, and until it has been accounted for.
+        # The temperature is updated while current flows, and until its heat is accounted for.
         if self.next_ns == _NEVER_NS:
             self.next_ns = now_ns + HEALTH_NS
 
@@ -199,14 +200,14 @@ class Drive:
         self.health.load(torque / self.motor.torque_constant, now_ns)
 
     def _voltage(self, duty: float, volts: float, now_ns: int) -> None:
-        """Hold a duty: the torque falls as the speed rises, at once and not step by step."""
+        """Hold a duty: the torque falls with the speed continuously, not step by step."""
         motor = self.motor
         stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
         self.mechanism.command(stalled, now_ns, motor.braking)
         self.health.load(motor.current(duty, volts, self.mechanism.velocity), now_ns)
 
     def _catch_up(self, now_ns: int) -> None:
-        """Everything that is due by ``now_ns``."""
+        """Compute every step up to ``now_ns``."""
         mechanism = self.mechanism
         self.next_ns = max(self.next_ns, mechanism.time_ns)
         while self.next_ns <= now_ns:
@@ -221,7 +222,7 @@ class Drive:
                 self.update(time_ns)  # an error may have switched the torque off
 
     def _step(self, now_ns: int) -> None:
-        """One period of the controllers."""
+        """Compute one period of the controllers."""
         memory, motor, health, volts = self._memory, self.motor, self.health, self.table.supply
         if now_ns >= health.due_ns:
             health.settle(now_ns)
@@ -265,7 +266,7 @@ class Drive:
             self.update(now_ns)
 
     def _sloped(self, duty: float, volts: float) -> float:
-        """The duty that PWM Slope allows; models without one follow at once."""
+        """Return the duty that PWM Slope allows; models without one follow at once."""
         slope = self._memory.get("pwm_slope")
         if not slope:
             return duty

@@ -1,4 +1,4 @@
-"""Reading of the encoder, and the ways in which it can be wrong."""
+"""The encoder of an emulated servo, with its possible faults."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ class Encoder:
     """The encoder of an emulated servo.
 
     Args:
-        mechanism: Whose shaft it looks at.
-        quantised: The mechanism's own encoder has this one's counts; else they are rounded here.
+        mechanism: The mechanism whose shaft it measures.
+        quantised: The mechanism's own encoder has the same counts; else they are rounded here.
     """
 
     def __init__(self, mechanism: Mechanism, *, quantised: bool) -> None:
@@ -22,11 +22,11 @@ class Encoder:
 
     @property
     def stuck(self) -> bool:
-        """It does not follow the shaft."""
+        """Whether it does not follow the shaft."""
         return self._stuck_at is not None
 
     def counts(self) -> int:
-        """Multi-turn counts, at the time the mechanism has come to."""
+        """Return multi-turn counts, at the mechanism's present time."""
         if self._stuck_at is not None:
             return self._stuck_at
         if self._quantised:
@@ -34,14 +34,14 @@ class Encoder:
         return round(self._mechanism.measured_position() / POSITION_UNIT) + self._offset
 
     def shift(self, counts: int) -> None:
-        """From now on it is off by so many counts more; the shaft is where it was."""
+        """Add an offset of so many counts; the shaft does not move."""
         self._offset += counts
 
     def stop(self, now_ns: int) -> None:
-        """It stays where it is at ``now_ns`` [ns]."""
+        """Freeze its reading at ``now_ns`` [ns]."""
         self._mechanism.advance(now_ns)
         self._stuck_at = self.counts()
 
     def free(self) -> None:
-        """It follows the shaft again."""
+        """Follow the shaft again."""
         self._stuck_at = None

@@ -1,8 +1,8 @@
-"""Faults that can be asked of the emulated bus: ``NAME[:KEY=VALUE[,KEY=VALUE ...]]``.
+"""Parses the faults for injection into the bus: ``NAME[:KEY=VALUE[,KEY=VALUE ...]]``.
 
-Two kinds. *Frame* faults strike single frames, those to the servos and those from them: each with a
-probability ``p``, every so manieth with ``every``, or all. *Servo* faults happen to a servo, or to
-the adapter, at an instant. Times are seconds since the fault was given.
+There are two kinds. *Frame* faults hit single frames in either direction: each with a probability
+``p``, every n-th with ``every``, or all. *Servo* faults occur to a servo or the adapter at an
+instant. Times are seconds since the injection.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
 ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
     {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
 )
-"""Of Hardware Error Status"""
+"""Bits of Hardware Error Status by name"""
 SUPPLY: Final = number(0.1, 60)
-"""Voltages a servo may be supplied with [V]"""
+"""Reads a servo's supply voltage [V]"""
 AMBIENT: Final = number(-40, 200)
-"""Temperatures it may stand in [°C]"""
+"""Reads an ambient temperature [°C]"""
 _SECOND_NS = 1_000_000_000
 
 
@@ -43,7 +43,7 @@ class _Key(NamedTuple):
 
 class _Kind(NamedTuple):
     keys: tuple[str, ...]
-    """Beside those that all of its kind take"""
+    """In addition to those of every fault of its kind"""
     required: tuple[str, ...]
     strikes_frames: bool
     example: str
@@ -124,7 +124,7 @@ _SERVO_KEYS = ("at", "repeat", "times")
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault that was asked for."""
+    """One requested fault."""
 
     text: str
     name: str
@@ -133,29 +133,29 @@ class Fault:
 
     @property
     def strikes_frames(self) -> bool:
-        """Whether it strikes frames; else it happens to a servo or to the adapter."""
+        """Whether it hits frames; else it occurs to a servo or to the adapter."""
         return KINDS[self.name].strikes_frames
 
     @property
     def at_ns(self) -> int:
-        """When it begins, since it was given [ns]."""
+        """Return its beginning after the injection [ns]."""
         seconds: float = self.values.get("at", 0.0)
         return round(seconds * _SECOND_NS)
 
     @property
     def lasts_ns(self) -> int | None:
-        """How long it lasts [ns]; None: until it is lifted."""
+        """Return its duration [ns]; None: until it is lifted."""
         seconds = self.values.get("for")
         return None if seconds is None else round(seconds * _SECOND_NS)
 
     @property
     def repeat_ns(self) -> int | None:
-        """After how long it happens again [ns]; None: it does not."""
+        """Return its period [ns]; None: it does not repeat."""
         seconds = self.values.get("repeat")
         return None if seconds is None else round(seconds * _SECOND_NS)
 
     def check_servo(self, ids: Collection[int]) -> None:
-        """Whether the servo it happens to, if it names one, is among those with these ids.
+        """Check that its servo, if it names one, is among those with these ids.
 
         Raises:
             ValueError: It is not.
@@ -169,7 +169,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """The fault that ``text`` asks for.
+    """Return the fault that ``text`` describes.
 
     Raises:
         ValueError: It is none; the message says what was found and what is wanted.

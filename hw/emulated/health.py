@@ -1,10 +1,10 @@
-"""Temperature, supply and load of an emulated servo, and the errors they latch.
+"""Temperature, supply and load of an emulated servo, and the errors that they latch.
 
 The manual gives neither thermal constants nor the condition of an overload ("persistent load that
-exceeds maximum output"). Assumed here: one thermal mass, heated by the motor's losses, which would
-end ``STALL_RISE`` above where it began at stall current; and an overload when a controller's
-output has been at its limit for ``OVERLOAD_NS`` while the shaft stood still. In current and PWM
-mode full output is what was asked for, and no overload.
+exceeds maximum output"). Assumptions: one thermal mass, heated by the motor's losses, which would
+settle ``STALL_RISE`` above ambient at stall current; an overload when a controller's output has
+been at its limit for ``OVERLOAD_NS`` while the shaft stood still. In current and PWM mode full
+output is the request, and no overload.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ OVERLOAD_NS = 5_000_000_000
 """[ns] Users report "some seconds" and "around 5 s" """
 OVERLOAD = 0x20
 HEALTH_NS = 100_000_000
-"""Between two looks at the temperature [ns]"""
+"""Period of the temperature updates [ns]"""
 
 
 class Health:
-    """Wear of a servo by overload and heat.
+    """Overload and heat of a servo.
 
     Args:
         table: Its registers, which hold the supply's voltage and the temperature.
@@ -49,23 +49,23 @@ class Health:
         self._table = table
         self._stall = stall_current
         self.ambient = table.temperature
-        """Where it settles without load [°C]"""
+        """Settling temperature without load [°C]"""
         self._load = 0.0
         self._heat = 0.0
         self._since_ns = self._settled_ns = now_ns
         self.due_ns = now_ns + HEALTH_NS
-        """When the temperature is to be brought up to date next [ns]"""
+        """Time of the next temperature update [ns]"""
         self._at_limit_ns: int | None = None
 
     def load(self, current: float, now_ns: int) -> None:
-        """From ``now_ns`` on this motor current [A] flows."""
+        """Set the motor current [A] from ``now_ns`` on."""
         share = current / self._stall
         self._heat += self._load * (now_ns - self._since_ns)
         self._since_ns = now_ns
         self._load = share * share
 
     def settle(self, now_ns: int) -> None:
-        """Bring the temperature up to ``now_ns``, and latch what it amounts to."""
+        """Update the temperature to ``now_ns``, and latch the resulting errors."""
         self._heat += self._load * (now_ns - self._since_ns)
         self._since_ns = now_ns
         self.due_ns = now_ns + HEALTH_NS

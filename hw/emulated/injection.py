@@ -1,6 +1,6 @@
-"""The faults that act on a bus: when each strikes, which is decided by a seed and nothing else.
+"""Decides when each injected fault acts, from a seed and nothing else.
 
-Every fault draws from a random stream of its own, so that one more does not move the others.
+Every fault has a random stream of its own, so that one more fault does not change the others.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from haptic_wall.hw.emulated.damage import Passage, id_of, strike
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 
 _HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
-"""Faults that last until they are over; a jump only if it says how long"""
+"""Faults with a duration; a jump only if one is given"""
 
 
-class Happening(NamedTuple):
-    """Something that happens to a servo or to the adapter now."""
+class FaultEvent(NamedTuple):
+    """The beginning or end of a fault of a servo or of the adapter."""
 
     fault: Fault
     begins: bool
-    """It begins; else it is over"""
+    """It begins; else it ends"""
 
 
 class _Due(NamedTuple):
@@ -33,7 +33,7 @@ class _Due(NamedTuple):
 
 
 class _Acting:
-    """A fault since it was given."""
+    """An injected fault and its state."""
 
     def __init__(self, fault: Fault, now_ns: int, rng: Random) -> None:
         self.fault = fault
@@ -42,14 +42,14 @@ class _Acting:
         lasts_ns = fault.lasts_ns
         self.end_ns = None if lasts_ns is None else self.begin_ns + lasts_ns
         self.done = 0
-        """How often it has struck"""
+        """How often it has occurred"""
         self.begun = False
-        """It holds a servo or the adapter now"""
+        """It acts on a servo or the adapter now"""
         self.lifted = False
         self._seen = 0
 
     def strikes(self, id_: int | None, way: str, now_ns: int) -> bool:
-        """Whether it strikes this frame."""
+        """Whether it hits this frame."""
         values = self.fault.values
         if now_ns < self.begin_ns or (self.end_ns is not None and now_ns >= self.end_ns):
             return False
@@ -65,16 +65,16 @@ class _Acting:
 
     @property
     def spent(self) -> bool:
-        """It has struck as often as it was to."""
+        """Whether it has occurred as often as requested."""
         times = self.fault.values.get("times")
         return times is not None and self.done >= int(times)
 
 
 class Faults:
-    """Faults on one bus.
+    """The faults on one bus.
 
     Args:
-        specs: What to begin with, see ``parse_fault``.
+        specs: Faults from the beginning, see ``parse_fault``.
         seed: Of every random choice.
 
     Raises:
@@ -89,10 +89,10 @@ class Faults:
         self._servos: list[_Acting] = []
         self._due: list[_Due] = []
         self.at_start = [parse_fault(spec) for spec in specs]
-        """To be added by the bus when it begins"""
+        """Faults that the bus adds when it starts"""
 
     def add(self, fault: Fault, now_ns: int) -> None:
-        """Have ``fault`` act; its times count from ``now_ns`` [ns]."""
+        """Inject ``fault``; its times count from ``now_ns`` [ns]."""
         rng = Random(f"{self._seed} {self._number} {fault.text}")
         self._number += 1
         acting = _Acting(fault, now_ns, rng)
@@ -102,12 +102,12 @@ class Faults:
             self._servos.append(acting)
             self._plan(acting.begin_ns, acting, begins=True)
 
-    def lift(self, name: str) -> list[Happening] | None:
-        """End all faults of this name; what is over by it. None: none is there."""
+    def lift(self, name: str) -> list[FaultEvent] | None:
+        """End all faults of this name; return the resulting events. None: there was none."""
         found = [acting for acting in self._all() if acting.fault.name == name]
         for acting in found:
             acting.lifted = True
-        over = [Happening(acting.fault, False) for acting in found if acting.begun]
+        over = [FaultEvent(acting.fault, False) for acting in found if acting.begun]
         self._frames = [acting for acting in self._frames if not acting.lifted]
         self._servos = [acting for acting in self._servos if not acting.lifted]
         self._due = [due for due in self._due if not due.acting.lifted]
@@ -116,15 +116,15 @@ class Faults:
 
     @property
     def strikes_frames(self) -> bool:
-        """Whether frames may be struck at all."""
+        """Whether any active fault can hit frames."""
         return bool(self._frames)
 
     def describe(self) -> list[tuple[str, int]]:
-        """Every fault that was given and not lifted, and how often it has struck."""
+        """Return the active faults, and how often each has occurred."""
         return [(acting.fault.text, acting.done) for acting in self._all()]
 
     def pass_frame(self, wire: bytes, way: str, now_ns: int) -> Passage | None:
-        """Pass a frame through the faults; None: nothing happens to it.
+        """Pass a frame through the faults; None: no fault hits it.
 
         Args:
             wire: Its bytes.
@@ -143,11 +143,11 @@ class Faults:
         return passage
 
     def next_ns(self) -> int | None:
-        """When something happens to a servo or to the adapter next [ns]; None: never."""
+        """Return the time of the next event of a servo or the adapter [ns]; None: none."""
         return self._due[0].time_ns if self._due else None
 
-    def happen(self, now_ns: int) -> Happening:
-        """The next of what is due at ``now_ns`` [ns]; what follows from it is planned."""
+    def take_event(self, now_ns: int) -> FaultEvent:
+        """Return the next event due at ``now_ns`` [ns], and plan the one after it."""
         _, _, acting, begins = heapq.heappop(self._due)
         fault = acting.fault
         held = fault.name in _HELD or (fault.name == "jump" and fault.lasts_ns is not None)
@@ -158,7 +158,7 @@ class Faults:
                 self._plan(now_ns + fault.lasts_ns, acting, begins=False)
             if fault.repeat_ns is not None and not acting.spent:
                 self._plan(now_ns + fault.repeat_ns, acting, begins=True)
-        return Happening(fault, begins)
+        return FaultEvent(fault, begins)
 
     def _all(self) -> list[_Acting]:
         return self._frames + self._servos

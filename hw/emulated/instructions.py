@@ -1,4 +1,4 @@
-"""Execute an instruction on one servo: its error code, and the parameters of its reply.
+"""Executes an instruction on one servo: returns its error code and the parameters of its reply.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", instruction details.
 """
@@ -16,13 +16,14 @@ BACKUP_KEY = b"\x43\x54\x52\x4c"
 _CLEAR_POSITION, _STORE, _RESTORE = 1, 1, 2
 _RESET_ALL = 0xFF
 _CLEAR_FIRMWARE = 42
-"""First firmware that knows clear, and that spares all ids from one reset; the X330 always did"""
+"""First firmware with clear, and with protection of the ids in a broadcast reset; every X330 has
+both"""
 
 _Done = tuple[int, bytes]
 
 
 def carry_out(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
-    """Do what ``frame`` says at ``now_ns`` [ns]; whether it is answered is not decided here.
+    """Execute ``frame`` at ``now_ns`` [ns]; the caller decides whether a reply is sent.
 
     Returns:
         The error code and the reply's parameters.
@@ -34,10 +35,11 @@ def carry_out(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
 
 
 def carry_out_as_secondary(frame: Frame, servo: EmulatedServo, now_ns: int) -> None:
-    """Do what ``frame`` says to the servo's Secondary ID, which reaches RAM alone.
+    """Execute ``frame`` for the servo's Secondary ID, which reaches RAM alone.
 
-    Only writes, reg writes and actions are carried out: what the others would do is not said, and
-    they are of no use without an answer, or end more than a group is meant for.
+    Only writes, reg writes and actions are executed. The manual does not describe the other
+    instructions:
+    they are useless without a reply, or affect more than a group should.
     """
     if frame.instruction == Instruction.ACTION:
         servo.act(now_ns)
@@ -77,7 +79,7 @@ def _factory_reset(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
         return ErrorCode.DATA_LENGTH, b""
     option = frame.params[0]
     if frame.id == BROADCAST and option == _RESET_ALL and _knows_clear(servo):
-        return ErrorCode.RESULT_FAIL, b""  # all would have the same id afterwards
+        return ErrorCode.RESULT_FAIL, b""  # all servos would have the same id afterwards
     return servo.reset(option, now_ns), b""
 
 
@@ -105,9 +107,9 @@ def _backup(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
 
 
 def _keyed(params: bytes, key: bytes, options: tuple[int, ...]) -> tuple[int | None, ErrorCode]:
-    """The option, if it is one and the key behind it is right.
+    """Return the option, if it is valid and the key behind it is correct.
 
-    Open in the manual: a wrong option or key is answered "data range".
+    Open in the manual: the reply to a wrong option or key is "data range".
     """
     if len(params) != 1 + len(key):
         return None, ErrorCode.DATA_LENGTH

@@ -1,4 +1,4 @@
-"""The lists inside of sync and bulk instructions: which servo is asked for what.
+"""Decodes the lists in sync and bulk instructions: the part of each servo.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", sync and bulk read and write.
 """
@@ -23,19 +23,19 @@ _BULK_ENTRY = 5
 
 
 class Entry(NamedTuple):
-    """One servo's part: the parameters it would have got in an instruction of its own."""
+    """One servo's part: the parameters that a direct instruction would have."""
 
     id: int
     params: bytes
 
     @property
     def size(self) -> int:
-        """Bytes asked for, where it is a read."""
+        """Return the number of requested bytes, for a read."""
         return int.from_bytes(self.params[2:4], "little")
 
 
 def entries(frame: Frame) -> list[Entry]:
-    """The parts of a listing instruction, in its order; none where they do not add up.
+    """Return the parts of a listing instruction, in order; none if its lengths are inconsistent.
 
     "The same ID cannot be used multiple times" in a bulk instruction: the first one counts.
     """

@@ -1,4 +1,4 @@
-"""Measurements of an emulated servo, as its registers say them."""
+"""Encodes the measurements of an emulated servo for its registers."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ _LOAD_FULL = 1000
 
 
 def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
-    """The bytes of the measured registers.
+    """Return the bytes of the measured registers.
 
-    The velocity is the true one, unfiltered. Present Load, which takes the place of Present Current
-    in models without current control, is the output: "inferred from the internal output value".
+    The velocity is the true one, unfiltered. Present Load, which replaces Present Current in models
+    without current control, is the output: "inferred from the internal output value".
 
     Args:
-        drive: What is measured, advanced to ``now_ns``.
+        drive: The servo's drive, advanced to ``now_ns``.
         tick: Realtime Tick.
         now_ns: The time [ns].
     """
     table, health = drive.table, drive.health
     if now_ns >= health.due_ns:
         health.settle(now_ns)
-    # A motor nobody stops may leave what the registers can say.
+    # An unlimited motion may exceed the registers' range.
     position = min(max(drive.position(), _LOWEST), _HIGHEST)
     velocity = 0
     if not drive.encoder.stuck:

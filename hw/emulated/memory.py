@@ -1,7 +1,7 @@
-"""The memory behind a control table: which bytes belong to which register, read and written.
+"""The memory behind a control table: maps bytes to registers for reads and writes.
 
-Indirect Data shows the bytes that Indirect Address names, and takes writes for them, so that
-scattered registers can be had in one piece.
+Indirect Data maps the bytes that Indirect Address names, for reads and writes, so that scattered
+registers can be accessed in one block.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 
 
 class Memory:
-    """Bytes at addresses, and the registers that lie there.
+    """Bytes at addresses, and their registers.
 
     Reads may cover addresses between registers, which hold zeros; writes may not.
 
@@ -28,7 +28,7 @@ class Memory:
 
     def __init__(self, registers: Iterable[Register], measured: range) -> None:
         self._measured = measured
-        self._values: dict[str, int] = {}  # what is in the bytes, to be had quickly
+        self._values: dict[str, int] = {}  # decoded values of the bytes, for quick access
         self.registers: Mapping[str, Register] = {r.name: r for r in registers}
         end = max(r.address + r.size for r in self.registers.values())
         self._bytes = bytearray(end)
@@ -58,34 +58,34 @@ class Memory:
             self._values[name] = value
 
     def get(self, name: str) -> int:
-        """The register's value; 0 where the model or its firmware has no such register."""
+        """Return the register's value; 0 where the model or its firmware has no such register."""
         value = self._values.get(name)
         if value is not None:
             return value
         return self[name] if name in self.registers else 0
 
     def overwrite(self, data: bytes) -> None:
-        """Put ``data`` where the measured registers are."""
+        """Store ``data`` in the measured registers."""
         self._bytes[self._measured.start : self._measured.stop] = data
 
     def read(self, address: int, size: int) -> bytes | None:
-        """The bytes there; None when they reach beyond the table."""
+        """Return the bytes there; None when they reach beyond the table."""
         end = address + size
         if end > len(self._bytes):
             return None
-        if end <= self._measured.stop:  # nothing indirect there
+        if end <= self._measured.stop:  # no Indirect Data there
             return bytes(self._bytes[address:end])
         return bytes(self._bytes[self._target(at)] for at in range(address, end))
 
     def shows_measured(self, address: int, size: int) -> bool:
-        """Whether a read of these bytes needs what the servo measures to be up to date."""
+        """Whether a read of these bytes contains measured values."""
         end = address + size
         if address < self._measured.stop:
             return end > self._measured.start
         return any(self._target(at) in self._measured for at in range(address, end))
 
     def chained(self, register: Register, value: int) -> bool:
-        """Whether ``value`` in ``register`` would have Indirect Data show other Indirect Data."""
+        """Whether ``value`` in ``register`` would map Indirect Data to other Indirect Data."""
         own = self.registers.get(_DATA + register.name.removeprefix(_ADDRESS))
         return (
             register.name.startswith(_ADDRESS)
@@ -95,15 +95,15 @@ class Memory:
         )
 
     def split(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
-        """The registers ``data`` would be written to, with their values, or why it cannot be.
+        """Return the registers and values that a write of ``data`` sets, or why it cannot be done.
 
-        Only what depends on the table alone is checked: that whole, writable registers are hit,
-        and that the values lie in their ranges.
+        It checks only what depends on the table alone: the write covers whole, writable registers,
+        and the values lie in their ranges.
         """
         if not data:
             return ErrorCode.DATA_LENGTH
         targets: Sequence[int] = range(address, address + len(data))
-        if address + len(data) > self._measured.stop:  # something indirect may be there
+        if address + len(data) > self._measured.stop:  # there may be Indirect Data
             targets = [self._target(at) for at in targets]
         values = []
         done = 0
@@ -124,6 +124,6 @@ class Memory:
         return values
 
     def _target(self, address: int) -> int:
-        """Where the byte at ``address`` really is."""
+        """Return the real address of the byte at ``address``."""
         name = self._names_of.get(address)
         return address if name is None else self[name]

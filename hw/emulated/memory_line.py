@@ -1,4 +1,4 @@
-"""The emulated bus without processes or waiting: a line in memory, on the simulated clock."""
+"""A line in memory to an emulated bus, on the simulated clock: no processes, no waiting."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from haptic_wall.hw.errors import ServoLostError
 
 
 class MemoryLine:
-    """A line straight into an emulated bus. Bytes, times and motion depend on nothing else.
+    """A line to an emulated bus. Bytes, times and motion are deterministic.
 
-    Time passes only in ``wait``: as far as the next reply, or to the deadline. Once the adapter was
-    unplugged the line is dead, as a serial port is, also when it is plugged in again: make another.
+    Time passes only in ``wait``: up to the next reply, or to the deadline. After the adapter was
+    unplugged
+    the line is dead, like a serial port, even if it is plugged in again: make another.
 
     Args:
-        bus: What it leads to; begun at the clock's present time.
-        clock: The simulated clock everything runs on.
+        bus: The bus, begun at the clock's present time.
+        clock: The simulated clock.
     """
 
     def __init__(self, bus: EmulatedBus, clock: SimulatedClock) -> None:
@@ -25,7 +26,7 @@ class MemoryLine:
         self._times_unplugged = bus.times_unplugged
 
     def write(self, data: bytes) -> None:
-        """Send ``data``; it begins to travel now.
+        """Send ``data`` from the present time on.
 
         Raises:
             ServoLostError: The adapter was unplugged.
@@ -35,7 +36,7 @@ class MemoryLine:
         self._check()
 
     def read(self) -> bytes:
-        """All that has arrived by now.
+        """Return the bytes that have arrived.
 
         Raises:
             ServoLostError: The adapter was unplugged.
@@ -46,7 +47,7 @@ class MemoryLine:
         return data
 
     def wait(self, deadline_ns: int) -> bool:
-        """Let time pass until bytes arrive or ``deadline_ns`` [ns]; whether there are any.
+        """Let time pass until bytes arrive or ``deadline_ns`` [ns]; return whether there are any.
 
         Raises:
             ServoLostError: The adapter was unplugged.
@@ -61,7 +62,7 @@ class MemoryLine:
             self.clock.wait_until(deadline_ns if event_ns is None else min(event_ns, deadline_ns))
 
     def close(self) -> None:
-        """Nothing is held, so nothing is let go of."""
+        """Do nothing: the line holds no resource."""
 
     def _check(self) -> None:
         if self.bus.times_unplugged != self._times_unplugged or not self.bus.connected:

@@ -1,10 +1,10 @@
-"""The motor of an emulated servo, as seen at its output: duty, current and torque.
+"""The motor of an emulated servo, as seen at its output: relates duty, current and torque.
 
 A DC motor without inductance: ``duty U = R i + k_e w``, ``torque = k_t i``. ``R`` and ``k_e`` come
-from the published stall current and no-load speed, ``k_t`` from stall torque over stall current;
-the gear is why ``k_t`` is the smaller of the two (but for XL330-M077 and XC430-W150, whose figures
-do not fit together that well). The no-load speed is that of a motor without friction: the
-mechanism's own friction is a load like any other.
+from the published stall current and no-load speed, ``k_t`` from stall torque over stall current.
+The gear's losses make ``k_t`` smaller than ``k_e`` (except for XL330-M077 and XC430-W150, whose
+figures are less consistent). The no-load speed is that of a motor without friction: the mechanism's
+own friction is a load like any other.
 
 Models of the X330 family measure the current of the supply, by the law of
 ``haptic_wall.hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 by its
@@ -33,15 +33,15 @@ class Motor:
     back_emf: float
     """k_e [V·s/rad]"""
     senses_supply: bool = False
-    """Currents that are sensed or wanted are the supply's"""
+    """Measured and requested currents are those of the supply"""
 
     @property
     def braking(self) -> float:
-        """How much torque a held duty loses with speed [N·m·s/rad]."""
+        """Return the loss of torque with speed under a held duty [N·m·s/rad]."""
         return self.torque_constant * self.back_emf / self.resistance
 
     def current(self, duty: float, volts: float, speed: float) -> float:
-        """Current through the motor [A].
+        """Return the current through the motor [A].
 
         Args:
             duty: -1 to 1.
@@ -51,28 +51,28 @@ class Motor:
         return (duty * volts - self.back_emf * speed) / self.resistance
 
     def duty(self, current: float, volts: float, speed: float) -> float:
-        """The duty that makes this motor current [A] at this speed [rad/s]; may exceed 1."""
+        """Return the duty that gives this motor current [A] at this speed [rad/s]; may exceed 1."""
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """Current that the servo measures [A] when ``current`` [A] flows through the motor."""
+        """Return the measured current [A] at a motor current ``current`` [A]."""
         if not self.senses_supply:
             return current
         return supply_current(current, volts, speed, self.resistance, self.back_emf)
 
     def from_sensed(self, sensed: float, volts: float, speed: float) -> float:
-        """The motor current [A] at which ``sensed`` [A] is measured; 0 for 0."""
+        """Return the motor current [A] at a measured current ``sensed`` [A]; 0 for 0."""
         if not self.senses_supply:
             return sensed
         return motor_current(sensed, volts, speed, self.resistance, self.back_emf)
 
 
 def motor_of(model: Model, torque_constant: float) -> Motor:
-    """The motor of this model.
+    """Return the motor of this model.
 
     Args:
-        model: Whose figures.
-        torque_constant: k_t, which counts instead of the model's [N·m/A].
+        model: The model with its published figures.
+        torque_constant: k_t, in place of the model's [N·m/A].
     """
     return Motor(
         torque_constant,

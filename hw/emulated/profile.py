@@ -1,10 +1,10 @@
-"""Profiles: how a servo leads its goal from where it is to where it is told to be.
+"""Profiles: the path of a servo's goal from its present position to the commanded one.
 
-A plan is a row of stretches over which the velocity changes linearly. A new plan begins with the
-velocity the old one had, so that velocity never jumps where an acceleration is set.
+A plan is a sequence of stretches with linearly changing velocity. A new plan begins with the
+velocity of the old one, so that the velocity never jumps where an acceleration is set.
 
-The manual says that real ones also limit the jerk, which makes them a little slower, without
-numbers; here nothing does.
+According to the manual real servos also limit the jerk, which makes them a little slower, without
+numbers; this model does not.
 
 Source: ROBOTIS e-Manual, "What is the Profile".
 """
@@ -20,7 +20,7 @@ STEP, RECTANGULAR, TRIANGULAR, TRAPEZOIDAL = range(4)
 
 
 class Stretch(NamedTuple):
-    """A time over which the velocity changes linearly."""
+    """A time of linearly changing velocity."""
 
     duration: float
     """[s]"""
@@ -31,7 +31,7 @@ class Stretch(NamedTuple):
 
 
 class Point(NamedTuple):
-    """Where a plan leads at one instant."""
+    """The point of a plan at one instant."""
 
     position: float
     """[counts]"""
@@ -43,24 +43,24 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A way to a goal, from the instant it was made."""
+    """A path to a goal, from the time it was made."""
 
     begin: float
     """Position at its start [counts]"""
     goal: float
-    """Position behind its end [counts]"""
+    """Position after its end [counts]"""
     kind: int
     stretches: tuple[Stretch, ...]
     final: float = 0.0
-    """Velocity behind its end [counts/s]"""
+    """Velocity after its end [counts/s]"""
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Return its duration [s]."""
         return sum(stretch.duration for stretch in self.stretches)
 
     def at(self, elapsed: float) -> Point:
-        """Where it leads ``elapsed`` [s] after its start."""
+        """Return its point ``elapsed`` [s] after its start."""
         position = self.begin
         for duration, start, end in self.stretches:
             if elapsed < duration:
@@ -75,14 +75,14 @@ class Plan:
 def by_velocity(
     position: float, velocity: float, goal: float, speed: float, acceleration: float
 ) -> Plan:
-    """The quickest way within a speed and an acceleration.
+    """Return the quickest plan within a speed and an acceleration.
 
     Args:
-        position: Where it starts [counts].
-        velocity: With which velocity [counts/s].
+        position: Start [counts].
+        velocity: Velocity at the start [counts/s].
         goal: [counts]
-        speed: Largest speed [counts/s]; 0: any, the goal is there at once.
-        acceleration: Largest acceleration [counts/s²]; 0: any.
+        speed: Largest speed [counts/s]; 0: unlimited, the goal is reached at once.
+        acceleration: Largest acceleration [counts/s²]; 0: unlimited.
     """
     way = goal - position
     if speed == 0.0:
@@ -91,7 +91,7 @@ def by_velocity(
         cruise = math.copysign(speed, way)
         stretches = (Stretch(way / cruise, cruise, cruise),) if way else ()
         return Plan(position, goal, RECTANGULAR, stretches)
-    # Which way to go: past the goal already, if it cannot stop before it.
+    # The direction: if it cannot stop before the goal, it has to come back.
     sign = math.copysign(1.0, way - velocity * abs(velocity) / (2.0 * acceleration))
     along, ahead = sign * velocity, sign * way
     to_cruise = abs(speed - along) / acceleration
@@ -115,14 +115,14 @@ def by_velocity(
 
 
 def by_time(position: float, velocity: float, goal: float, span: float, ramp: float) -> Plan:
-    """The way that takes a given time.
+    """Return the plan that takes a given time.
 
     Args:
-        position: Where it starts [counts].
-        velocity: With which velocity [counts/s].
+        position: Start [counts].
+        velocity: Velocity at the start [counts/s].
         goal: [counts]
-        span: How long it takes [s]; 0: the goal is there at once.
-        ramp: How long it accelerates, and brakes [s]; at most half of ``span`` counts.
+        span: Duration [s]; 0: the goal is reached at once.
+        ramp: Duration of acceleration and of braking [s]; at most half of ``span`` counts.
     """
     if span == 0.0:
         return Plan(position, goal, STEP, ())
@@ -145,7 +145,7 @@ def by_time(position: float, velocity: float, goal: float, span: float, ramp: fl
 
 
 def ramp_to(velocity: float, goal: float, duration: float) -> Plan:
-    """From one velocity to another [counts/s] in ``duration`` [s]; positions mean nothing."""
+    """Return a plan between two velocities [counts/s] in ``duration`` [s], without positions."""
     kind = TRAPEZOIDAL if duration > 0.0 else STEP
     stretches = (Stretch(duration, velocity, goal),) if duration > 0.0 else ()
     return Plan(0.0, 0.0, kind, stretches, final=goal)

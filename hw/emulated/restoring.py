@@ -1,4 +1,4 @@
-"""How a servo's EEPROM is put back: by a factory reset, or from a backup.
+"""Restores a servo's EEPROM: by a factory reset, or from a backup.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", factory reset and control table backup.
 """
@@ -19,13 +19,13 @@ _KEPT: Final[Mapping[int, frozenset[str]]] = MappingProxyType(
         0x02: frozenset({"id", "baud_rate"}),
     }
 )
-"""What each option of a factory reset leaves alone"""
+"""Registers that each option of a factory reset keeps"""
 
 
 def factory_reset(memory: Memory, option: int) -> ErrorCode:
-    """EEPROM as from the factory, but for what the option keeps; to be powered up after it.
+    """Set the EEPROM to factory values, except those that the option keeps; power up afterwards.
 
-    Open in the manual: an option that is none is answered "data range".
+    Open in the manual: the reply to an invalid option is "data range".
     """
     if option not in _KEPT:
         return ErrorCode.DATA_RANGE
@@ -38,12 +38,12 @@ def factory_reset(memory: Memory, option: int) -> ErrorCode:
 class Backup:
     """Backup of a servo: EEPROM, gains, profile and indirect addresses.
 
-    Open in the manual: a factory reset does not touch it, and without one restoring is answered
+    Open in the manual: a factory reset does not touch it, and the reply to a restore without one is
     "result fail".
 
     Args:
         memory: The servo's registers.
-        gains: Names of those in RAM that are put aside too, beside indirect addresses.
+        gains: Names of the registers in RAM that are saved too, beside indirect addresses.
     """
 
     __slots__ = ("_gains", "_memory", "_values")
@@ -54,7 +54,7 @@ class Backup:
         self._values: dict[str, int] | None = None
 
     def store(self) -> ErrorCode:
-        """Put it aside; not while torque is on."""
+        """Save the registers; refused while torque is on."""
         memory = self._memory
         if memory["torque_enable"]:
             return ErrorCode.RESULT_FAIL
@@ -69,14 +69,14 @@ class Backup:
         return ErrorCode.NONE
 
     def restore_eeprom(self) -> ErrorCode:
-        """EEPROM as it was put aside; to be powered up after it."""
+        """Set the EEPROM to the backup; power up afterwards."""
         if self._values is None or self._memory["torque_enable"]:
             return ErrorCode.RESULT_FAIL
         self._put_back(eeprom=True)
         return ErrorCode.NONE
 
     def power_up(self, *, restore_ram: bool) -> None:
-        """Say that there is one, and put RAM back if that is configured."""
+        """Report that there is a backup, and restore RAM if so configured."""
         if self._values is None:
             return
         self._memory["backup_ready"] = 1

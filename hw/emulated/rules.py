@@ -1,7 +1,7 @@
-"""The rules of an emulated servo's control table: what may be written, and what it entails.
+"""The rules of an emulated servo's control table: permitted writes and their consequences.
 
-Time and motion are not its business. What the manual leaves open is decided here, and said where
-it is decided.
+It does not handle time and motion. Where the manual is silent, the code states the chosen
+behaviour.
 
 Source: ROBOTIS e-Manual, control table pages of the X series.
 """
@@ -18,11 +18,11 @@ _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
 _POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
 _QUARTER_TURN = 1024
 _FARTHEST = 1_048_575
-"""Goal Position reaches 256 turns either way in the multi-turn modes [counts]"""
+"""Largest Goal Position in the multi-turn modes: 256 turns either way [counts]"""
 _TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
 """Bits of Startup Configuration"""
 MEASURED = range(120, 147)
-"""Addresses of what the servo measures, Realtime Tick to Present Temperature"""
+"""Addresses of the measured registers, Realtime Tick to Present Temperature"""
 _GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
 _LIMIT_OF = {
     "goal_pwm": "pwm_limit",
@@ -46,10 +46,10 @@ class ControlTable:
     """A servo's registers with their rules.
 
     Args:
-        model: Whose registers.
-        firmware: Decides what it knows.
-        supply: The voltage it is supplied with [V].
-        ambient: How warm it is [°C].
+        model: The servo's model.
+        firmware: Decides the available features.
+        supply: Supply voltage [V].
+        ambient: Temperature [°C].
     """
 
     __slots__ = (
@@ -64,39 +64,39 @@ class ControlTable:
     )
 
     def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
-        """Every register at its default, not yet powered up."""
+        """Create the registers at their defaults, before power-up."""
         self._model = model
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
         self.backup = Backup(self.memory, _RESET_WITH_MODE)
         self.supply = supply
-        """Of the servo [V]; ``feed`` sets it"""
+        """Supply voltage [V]; ``feed`` sets it"""
         self.volts = round(supply * 10)
         """Present Input Voltage [0.1 V]"""
         self.temperature = ambient
         """Inside [°C]"""
         self.enabled_by_goal = False
-        """Torque was last switched on by writing a goal, not by Torque Enable"""
+        """Torque was last switched on by a goal, not by Torque Enable"""
 
     @property
     def position_inverted(self) -> int:
-        """The sign between the shaft's position and Present Position."""
+        """Return the sign between the shaft's position and Present Position."""
         return -1 if self.reversed else 1
 
     @property
     def reversed(self) -> bool:
-        """Position counts the other way."""
+        """Whether the position counts in the reverse direction."""
         return bool(self.memory.get("drive_mode") & _REVERSE)
 
     @property
     def inverts_current(self) -> bool:
-        """Reversed X540 and XW invert velocity, current and PWM too, says the manual, no others."""
+        """Whether velocity, current and PWM are reversed: X540 and XW only, says the manual."""
         return self._model.family in ("X540", "XW540", "XW430") and self.reversed
 
     @property
     def homing_offset(self) -> int:
-        """Homing Offset as it acts [counts].
+        """Return Homing Offset as it acts [counts].
 
         Position mode stays within a turn and ignores offsets of more than a quarter of one.
         """
@@ -108,17 +108,17 @@ class ControlTable:
 
     @property
     def tripped(self) -> bool:
-        """The Bus Watchdog has tripped and was not cleared."""
+        """Whether the Bus Watchdog has tripped and was not cleared."""
         return self.memory.get("bus_watchdog") == WATCHDOG_TRIPPED
 
     @property
     def shut_down(self) -> bool:
-        """A latched hardware error keeps torque off; only a reboot recovers."""
+        """Whether a latched hardware error keeps torque off; only a reboot recovers."""
         return bool(self.memory["hardware_error_status"] & self.memory["shutdown"])
 
     @property
     def current(self) -> int:
-        """Current that current mode asks of the motor [current units], within Current Limit."""
+        """Return the current requested in current mode [current units], within Current Limit."""
         memory = self.memory
         if not memory["torque_enable"] or memory.get("bus_watchdog") == WATCHDOG_TRIPPED:
             return 0
@@ -129,7 +129,7 @@ class ControlTable:
     def check(
         self, address: int, data: bytes, *, ram_only: bool = False
     ) -> list[tuple[Register, int]] | ErrorCode:
-        """Check a write: what it would store, or why it is refused, all of it or nothing.
+        """Check a write: return what it would store, or why it is refused; all of it or nothing.
 
         Args:
             address: Of the first byte.
@@ -148,7 +148,7 @@ class ControlTable:
         return values
 
     def write(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
-        """Store, with what it entails for other registers."""
+        """Store the data, with its consequences for other registers."""
         values = self.check(address, data, ram_only=ram_only)
         if isinstance(values, ErrorCode):
             return values
@@ -159,15 +159,15 @@ class ControlTable:
     def trip(self) -> None:
         """Set the registers as the Bus Watchdog does when it trips.
 
-        Open in the manual: in current mode Goal Current becomes 0, so that clearing the error does
-        not bring the old torque back.
+        Open in the manual: in current mode Goal Current becomes 0, so that the old torque does not
+        return when the error is cleared.
         """
         self.memory["bus_watchdog"] = WATCHDOG_TRIPPED
         if self.memory["operating_mode"] == CURRENT_MODE:
             self.memory["goal_current"] = 0
 
     def feed(self, volts: float) -> None:
-        """Supply it with this voltage [V]; outside its limits it errs."""
+        """Set the supply voltage [V]; outside its limits it causes an error."""
         self.supply = volts
         self.volts = round(volts * 10)
         self.check_health()
@@ -179,7 +179,7 @@ class ControlTable:
             self.memory["torque_enable"] = 0
 
     def power_up(self) -> None:
-        """RAM at its defaults, goals at their limits, and torque on where so configured."""
+        """Set RAM to its defaults, goals to their limits, and torque on if so configured."""
         memory = self.memory
         for register in memory.registers.values():
             if not register.eeprom:
@@ -193,10 +193,10 @@ class ControlTable:
             memory["torque_enable"] = 1
 
     def _refusal(self, register: Register, value: int) -> ErrorCode:
-        """Why this value must not be stored now, beyond the register's own range.
+        """Return why this value must not be stored now, beyond the register's own range.
 
-        Open in the manual: enabling torque while shut down is answered "result fail"; a tripped
-        watchdog takes nothing but 0; Indirect Data that would show other Indirect Data is out of
+        Open in the manual: the reply to enabling torque while shut down is "result fail"; a tripped
+        watchdog accepts nothing but 0; Indirect Data that would map other Indirect Data is out of
         range.
         """
         memory, name = self.memory, register.name
@@ -240,10 +240,10 @@ class ControlTable:
             memory["torque_enable"] = 1
 
     def _reset_with_mode(self) -> None:
-        """What power-up and a change of the operating mode do: goals at their limits.
+        """Set goals to their limits, as power-up and a change of the operating mode do.
 
-        Goal Current becomes Current Limit, so torque that is enabled next in current mode is the
-        largest there is, unless 0 is written in between.
+        Goal Current becomes Current Limit. Torque that is enabled next in current mode is therefore
+        the largest possible, unless 0 is written in between.
         """
         memory = self.memory
         memory["goal_pwm"] = memory["pwm_limit"]
@@ -253,7 +253,7 @@ class ControlTable:
             memory[name] = memory.registers[name].default
 
     def check_health(self) -> None:
-        """Latch the errors the present voltage and temperature amount to; shut down on them."""
+        """Latch the errors of the present voltage and temperature; shut down if configured."""
         memory = self.memory
         bits = 0
         if not memory["min_voltage_limit"] <= self.volts <= memory["max_voltage_limit"]:

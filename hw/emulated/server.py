@@ -1,8 +1,8 @@
-"""The emulated bus in real time, behind a pseudo-terminal that any serial client can open.
+"""Runs the emulated bus in real time, behind a pseudo-terminal that any serial client can open.
 
 One process, one thread: it sleeps until the next event of the bus, the next byte of the client or
-the next line on the console, spins over the last stretch where a reply must leave on time, and
-writes the record in between.
+the next line on the console, spins shortly before a reply must leave, and writes the record in
+between.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from haptic_wall.hw.emulated.console import Console
 from haptic_wall.hw.emulated.witness import Witness
 
 _SPIN_NS = 60_000
-"""Sleeping ends this long before a reply is due: waking up takes about as long [ns]"""
+"""Sleeping ends this long before a reply is due [ns]: waking up takes about as long"""
 _NAP_NS = 10_000_000
-"""Longest sleep, after which a wish to stop is noticed [ns]"""
+"""Longest sleep [ns]; a stop request is noticed after it"""
 _IDLE_NS = 300_000
-"""There is time to write a part of the record when nothing happens for this long [ns]"""
+"""Part of the record is written if no event is due for this long [ns]"""
 _ROWS_AT_ONCE = 4
-"""Of the record, in one idle moment: about 15 µs, which a request may have to wait"""
+"""Rows of the record written in one idle window: about 15 µs, by which a request may be delayed"""
 _MAX_WAITING = 200_000
-"""Rows kept in memory before they are written whether there is time or not"""
+"""Rows kept in memory; with more they are written at once"""
 _FLUSH_NS = 500_000_000
-"""How often the record is handed to the operating system [ns]"""
+"""Period of flushing the record to the operating system [ns]"""
 _READ_SIZE = 4096
 _TCGETS2 = 0x802C542A
 _TERMIOS2 = struct.Struct("=4I20s2I")
 
 
 class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
-    """Both ends of a raw pseudo-terminal; clients may open ``path`` and leave as they like.
+    """Both ends of a raw pseudo-terminal; clients may open ``path`` and leave at any time.
 
     Args:
-        link: Where to put a symbolic link to it; one that lies there is replaced.
+        link: Path of a symbolic link to it; an existing link is replaced.
 
     Raises:
-        FileExistsError: Something that is not a symbolic link is at ``link``.
+        FileExistsError: A file that is no symbolic link is at ``link``.
         OSError: The link cannot be made.
     """
 
@@ -71,12 +71,12 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
 
     @property
     def connected(self) -> bool:
-        """It is there for clients."""
+        """Whether clients can open it."""
         return bool(self._ends)
 
     @property
     def baud(self) -> int | None:
-        """The speed a client has set [bit/s]; None: none was set yet, or it cannot be known."""
+        """Return the baud rate that a client has set [bit/s]; None: unset or unknown."""
         speed = self._speed()
         if speed is None or speed == self._untouched_speed:
             return None
@@ -84,7 +84,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         return speed
 
     def close(self) -> None:
-        """Remove the link, if it is still ours, and let go of both ends."""
+        """Remove the link, if it is still ours, and close both ends."""
         if self._link is not None:
             with suppress(OSError):
                 if str(self._link.readlink()) == self.path:
@@ -96,7 +96,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         self._ends = ()
 
     def replug(self) -> None:
-        """After ``close`` hung up on the clients: there it is again, perhaps at another path.
+        """Open it again after ``close``, perhaps at another path.
 
         Raises:
             OSError: There are no more terminals, or the link cannot be made.
@@ -106,7 +106,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
     def _open(self) -> None:
         self.master, slave = self._ends = os.openpty()
         try:
-            # Held open, or the client's close would hang up the line.
+            # Kept open: otherwise the client's close would hang up the line.
             tty.setraw(slave)
             os.set_blocking(self.master, False)
             self.path = os.ttyname(slave)
@@ -130,9 +130,9 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         self._link = link
 
     def _speed(self) -> int | None:
-        """The line speed as the client set it, also where it is no standard one [bit/s].
+        """Return the baud rate that the client set, also a non-standard one [bit/s].
 
-        None where this kernel numbers the request otherwise: then nothing is known.
+        None where this kernel numbers the request differently.
         """
         try:
             raw = fcntl.ioctl(self.master, _TCGETS2, bytes(_TERMIOS2.size))
@@ -149,15 +149,15 @@ def serve(
     console: Console | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
-    """Run ``bus`` on the monotonic clock until ``stopped`` says so, noticed within 10 ms.
+    """Run ``bus`` on the monotonic clock until ``stopped`` returns true, noticed within 10 ms.
 
     Args:
         bus: Begun on the monotonic clock.
-        terminal: Where the client is.
-        stopped: Asked between events.
-        witness: The bus's; its rows are written here.
-        console: Where the bus is changed while it runs.
-        announce: Told the terminal's path when an unplugged adapter is back.
+        terminal: The client's end of the line.
+        stopped: Called between events.
+        witness: Of the bus; its rows are written here.
+        console: Changes the bus while it runs.
+        announce: Called with the terminal's path when an unplugged adapter is back.
     """
     clock = time.monotonic_ns
     baud = bus.host_baud
@@ -168,7 +168,7 @@ def serve(
         if bus.connected != terminal.connected:
             _follow(bus, terminal, announce)
         if reply:
-            with suppress(BlockingIOError):  # a client that never reads: lost, as on a wire
+            with suppress(BlockingIOError):  # a client that does not read loses bytes, as on a wire
                 os.write(terminal.master, reply)
         if not bus.busy:
             for servo in bus.servos:
@@ -200,7 +200,7 @@ def serve(
 def _follow(
     bus: EmulatedBus, terminal: PseudoTerminal, announce: Callable[[str], None] | None
 ) -> None:
-    """The adapter was unplugged or plugged in again: so is the terminal."""
+    """Unplug or plug in the terminal together with the adapter."""
     if not bus.connected:
         terminal.close()
         return

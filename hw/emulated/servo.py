@@ -1,6 +1,6 @@
-"""One emulated servo: its control table in time, and the mechanism it drives.
+"""One emulated servo: its control table in time, and the mechanism that it drives.
 
-Every instruction acts at the instant it is given, and a read returns the state of that instant.
+Every instruction acts at its instant, and a read returns the state of that instant.
 """
 
 from __future__ import annotations
@@ -28,38 +28,38 @@ from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
 BOOT_NS = 200_000_000
-"""A rebooting servo answers nothing for this long [ns]; real ones take some tenths of a second"""
+"""A rebooting servo does not reply for this long [ns]; real ones take some tenths of a second"""
 
 _NEVER_NS = 1 << 62
-"""Answers of a servo that is off the cable [ns]"""
+"""Time of the replies of a disconnected servo [ns]"""
 
 
 class State(NamedTuple):
-    """The truth, which no client can read."""
+    """The true state, which no client can read."""
 
     position: float
     """[rad]"""
     velocity: float
     """[rad/s]"""
     torque: float
-    """The motor torque that acts [N·m]"""
+    """The motor's acting torque [N·m]"""
 
 
 class EmulatedServo:
     """A servo at rest, powered up at ``start_ns``.
 
     Args:
-        model: What it is.
+        model: Its model.
         id: Its id on the bus.
-        firmware: What it reports, and what decides what it knows.
-        true: What its mechanism is.
-        start_ns: When it is powered up [ns].
-        baud: The speed it listens at; one of ``BAUD_RATES``.
-        tick: Where its millisecond counter starts.
+        firmware: The version it reports; decides the available features.
+        true: True parameters of its mechanism.
+        start_ns: Time of its power-up [ns].
+        baud: Its baud rate; one of ``BAUD_RATES``.
+        tick: Initial value of its millisecond counter.
         back_emf: In current mode too the supply limits the current at the present speed.
 
     Raises:
-        ValueError: The baud rate, id or firmware is none it can have, the model needs a torque
+        ValueError: The baud rate, id or firmware is not possible, the model needs a torque
             constant, or the mechanism is impossible.
     """
 
@@ -88,17 +88,17 @@ class EmulatedServo:
         self.model = model
         self.firmware = firmware
         self.true_supply = model.voltage if true.supply is None else true.supply
-        """What it is supplied with unless ``set_supply`` says otherwise [V]"""
+        """Its supply voltage unless ``set_supply`` changes it [V]"""
         self.true_ambient = true.ambient
-        """Where it stands unless ``set_ambient`` says otherwise [°C]"""
+        """Its ambient temperature unless ``set_ambient`` changes it [°C]"""
         self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
         self.memory = self.table.memory
-        self.mechanism = Mechanism(true, start_ns, hand_waits=True)
+        self.mechanism = Mechanism(true, start_ns, operator_waits=True)
         self._held = False
         self.registered: tuple[int, bytes] | None = None
-        """What a reg write has put aside for the next action"""
+        """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
-        """It is still booting before [ns]"""
+        """End of its boot [ns]"""
         quantised = true.counts_per_rev == COUNTS_PER_REV
         self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
@@ -121,76 +121,75 @@ class EmulatedServo:
 
     @property
     def id(self) -> int:
-        """Its present id."""
+        """Return its present id."""
         return self.memory["id"]
 
     @property
     def secondary_id(self) -> int | None:
-        """The id it obeys without an answer; None where it has none or it is its own id."""
+        """Return the id it obeys without a reply; None: it has none, or it is its own id."""
         value = self.memory["secondary_id"]
         return None if value > MAX_ID or value == self.memory["id"] else value
 
     @property
     def baud(self) -> int:
-        """The speed it listens at [bit/s]."""
+        """Return its baud rate [bit/s]."""
         return BAUD_RATES[self.memory["baud_rate"]]
 
     @property
     def return_delay_ns(self) -> int:
-        """From an instruction's last byte to the reply's first [ns]."""
+        """Return the time from an instruction's last byte to the reply's first [ns]."""
         return self.memory["return_delay_time"] * RETURN_DELAY_UNIT_NS
 
     @property
     def alert(self) -> int:
-        """The alert bit of the error byte, if a hardware error is latched."""
+        """Return the alert bit of the error byte, if a hardware error is latched."""
         return ALERT if self.memory["hardware_error_status"] else 0
 
     @property
     def knows_fast_sync_read(self) -> bool:
-        """Whether its firmware does."""
+        """Whether its firmware supports fast sync read."""
         return self.model.knows_fast_reads(self.firmware)
 
     @property
     def watchdog_ns(self) -> int | None:
-        """When the Bus Watchdog will trip if nothing is heard [ns]; None: not at all."""
+        """Return when the Bus Watchdog will trip without instructions [ns]; None: never."""
         value = self.memory.get("bus_watchdog")
         if not value or not self.memory["torque_enable"] or self.table.tripped:
             return None
         return self._heard_ns + value * WATCHDOG_UNIT_NS
 
     def state(self, now_ns: int) -> State:
-        """The truth at ``now_ns`` [ns]."""
+        """Return the true state at ``now_ns`` [ns]."""
         mechanism = self.mechanism
         self.drive.advance(now_ns)
         return State(mechanism.position, mechanism.velocity, mechanism.torque)
 
     def heard(self, now_ns: int) -> None:
-        """An instruction reached it: for itself, for all, or for a list it is in.
+        """Process the arrival of an instruction for itself, for all, or for a list with its id.
 
-        Those restart the Bus Watchdog here. The manual counts "all the instruction packets";
-        whether packets for other servos do too is open, and here they do not.
+        Those restart the Bus Watchdog here. The manual counts "all the instruction packets"; it is
+        open whether packets for other servos count too, and here they do not.
         """
         self._heard_ns = now_ns
         if now_ns >= self.drive.next_ns:
             self.keep_up(now_ns)
 
     def keep_up(self, now_ns: int) -> None:
-        """Do what its controllers have to do by ``now_ns`` [ns], so that it is not left for later.
+        """Compute its controllers up to ``now_ns`` [ns], so that the next instruction is quick.
 
-        But for faults and errors, nothing depends on it but how long the next instruction takes to
-        compute.
+        Apart from faults and errors this has no effect on the results.
         """
         if now_ns >= self.drive.next_ns:
             self.drive.advance(now_ns)
 
     def set_supply(self, volts: float, now_ns: int) -> None:
-        """From ``now_ns`` [ns] it is supplied with this voltage [V]; outside its limits it errs."""
+        """Set the supply voltage [V] from ``now_ns`` [ns] on; out of limits it is an error."""
         self.drive.advance(now_ns)
         self.table.feed(volts)
         self.drive.update(now_ns)
 
     def set_ambient(self, celsius: float, now_ns: int) -> None:
-        """From ``now_ns`` [ns] it would idle at this temperature [°C], and is as much warmer."""
+        """Set the ambient temperature [°C] from ``now_ns`` [ns] on; the motor's heat adds to it."""
         self.drive.advance(now_ns)
         health = self.drive.health
         health.settle(now_ns)
@@ -200,17 +199,17 @@ class EmulatedServo:
         self.drive.update(now_ns)
 
     def trip_watchdog(self, now_ns: int) -> None:
-        """The Bus Watchdog trips: the register reads -1 and the servo stops.
+        """Trip the Bus Watchdog: the register reads -1 and the servo stops.
 
-        The manual says no more than that; that it goes limp in current mode, and stays where it is
-        in the others, is our reading.
+        The manual says no more than that. That it goes limp in current mode, and holds its position
+        in the other modes, is our interpretation.
         """
         self.drive.advance(now_ns)
         self.table.trip()
         self.drive.stop(now_ns)
 
     def read(self, address: int, size: int, now_ns: int) -> bytes | None:
-        """The bytes at ``address`` as they are at ``now_ns``; None: not all of them exist."""
+        """Return the bytes at ``address`` at ``now_ns``; None: not all of them exist."""
         if self.memory.shows_measured(address, size):
             self._refresh(now_ns)
         return self.memory.read(address, size)
@@ -226,15 +225,15 @@ class EmulatedServo:
             if mode is not None and mode != self.memory["operating_mode"]:
                 self._change_mode(now_ns)
             if self.memory["torque_enable"] and not self._held:
-                # The scripted hand belongs to whoever tries the wall: it waits for the torque,
-                # and does not disturb a start-up that looks at the shaft.
+                # The scripted operator waits for the torque, as a user of the wall would, and does
+                # not disturb a start-up that checks the shaft.
                 self._held = True
-                self.mechanism.let_hand(now_ns)
+                self.mechanism.engage_operator(now_ns)
             drive.update(now_ns)
         return error
 
     def register(self, address: int, data: bytes, *, ram_only: bool = False) -> ErrorCode:
-        """Put a write aside for the next ``act``."""
+        """Store a write for the next ``act``."""
         checked = self.table.check(address, data, ram_only=ram_only)
         if isinstance(checked, ErrorCode):
             return checked
@@ -243,7 +242,7 @@ class EmulatedServo:
         return ErrorCode.NONE
 
     def act(self, now_ns: int) -> ErrorCode:
-        """Carry out the write put aside; "instruction error" when there is none."""
+        """Execute the stored write; "instruction error" when there is none."""
         if self.registered is None:
             return ErrorCode.INSTRUCTION
         (address, data), self.registered = self.registered, None
@@ -251,7 +250,7 @@ class EmulatedServo:
         return self.write(address, data, now_ns)
 
     def clear_turns(self, now_ns: int) -> ErrorCode:
-        """Present Position back within one turn; "result fail" while it moves."""
+        """Reduce Present Position to one turn; "result fail" while it moves."""
         self._refresh(now_ns)
         if self.memory["moving"]:
             return ErrorCode.RESULT_FAIL
@@ -259,21 +258,21 @@ class EmulatedServo:
         return ErrorCode.NONE
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
-        """The factory's settings, but for what the option keeps, and a reboot."""
+        """Restore the factory settings, except those that the option keeps, and reboot."""
         error = factory_reset(self.memory, option)
         if error == ErrorCode.NONE:
             self.reboot(now_ns)
         return error
 
     def restore_backup(self, now_ns: int) -> ErrorCode:
-        """EEPROM from the backup, and a reboot."""
+        """Restore the EEPROM from the backup, and reboot."""
         error = self.table.backup.restore_eeprom()
         if error == ErrorCode.NONE:
             self.reboot(now_ns)
         return error
 
     def reboot(self, now_ns: int) -> None:
-        """RAM back to its defaults, errors cleared, turns forgotten; silent until it is up."""
+        """Set RAM to its defaults, clear errors and turns; silent until it has booted."""
         self.registered = None
         self.drive.advance(now_ns)
         self.drive.forget_turns()
@@ -282,11 +281,11 @@ class EmulatedServo:
 
     @property
     def unplugged(self) -> bool:
-        """It is off the cable: no data, no power."""
+        """Whether it is disconnected from data and power."""
         return self.answers_from_ns == _NEVER_NS
 
     def unplug(self, now_ns: int) -> None:
-        """Take it off the cable: limp and silent, and RAM is lost."""
+        """Disconnect it: limp and silent, and RAM is lost."""
         self.reboot(now_ns)
         self.memory["torque_enable"] = 0  # whatever Startup Configuration says
         self.drive.update(now_ns)
@@ -299,7 +298,7 @@ class EmulatedServo:
         self.drive.update(now_ns)
 
     def _change_mode(self, now_ns: int) -> None:
-        """The position modes begin within one turn."""
+        """Start a new mode; the position modes begin within one turn."""
         if self.memory["operating_mode"] in (POSITION_MODE, EXTENDED_MODE):
             self.drive.advance(now_ns)
             self.drive.forget_turns()
@@ -321,7 +320,7 @@ class EmulatedServo:
         self.memory[name] = value
 
     def _refresh(self, now_ns: int) -> None:
-        """Put what is measured at ``now_ns`` into the registers."""
+        """Store the measurements of ``now_ns`` in the registers."""
         self.drive.advance(now_ns)
         tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
         self.memory.overwrite(measured(self.drive, tick, now_ns))

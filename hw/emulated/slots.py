@@ -1,8 +1,8 @@
-"""When servos answer a ping for all: in the order of their ids, with a slot for each one missing.
+"""Delays the replies to a broadcast ping: in the order of ids, with a slot for each missing one.
 
-The manual is silent about how long the slots are. The vendor's SDK waits 3 ms for each of 253 ids
-beside the bytes' own time (``broadcastPing``), and users of its Arduino library report that a lone
-servo with id 5 needs more than 10 ms to answer. Here a missing id costs 3 ms.
+The manual is silent about the length of the slots. The vendor's SDK waits 3 ms for each of 253 ids
+in addition to the bytes' own time (``broadcastPing``), and users of its Arduino library report that
+a lone servo with id 5 needs more than 10 ms to reply. Here a missing id costs 3 ms.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Instruction
 from haptic_wall.hw.emulated.answers import Answer
 
 SLOT_NS = 3_000_000
-"""For an id that is not there [ns]"""
+"""Time for a missing id [ns]"""
 
 
 def in_slots(frame: Frame, answers: Sequence[Answer]) -> Sequence[Answer]:
-    """The answers to ``frame``, later by the slots in front of them if it is a ping for all."""
+    """Delay the replies to ``frame`` by the slots before them if it is a broadcast ping."""
     if frame.id != BROADCAST or frame.instruction != Instruction.PING:
         return answers
     slotted = []

@@ -1,4 +1,4 @@
-"""Traffic on the wire: pieces of instructions one way, replies the other."""
+"""Units of traffic on the wire: pieces of instructions one way, replies the other."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from haptic_wall.hw.dynamixel.codec import Frame
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 _INSTRUCTION_AT: Final = 7
-"""Where in a frame the instruction stands"""
+"""Offset of the instruction in a frame"""
 
 
 class Piece(NamedTuple):
-    """Bytes on their way to the servos: at most one frame, which ends where they end."""
+    """Bytes on their way to the servos: at most one frame, with its end."""
 
     arrival_ns: int
-    """When they were given to the wire [ns]"""
+    """When they were put on the wire [ns]"""
     wire_ns: int
-    """How long they travel [ns]"""
+    """Their travel time [ns]"""
     baud: int
     data: bytes
 
 
 class Reply(NamedTuple):
-    """A reply that is owed or on the wire."""
+    """A reply that is scheduled or on the wire."""
 
     begin_ns: int
     end_ns: int
     baud: int
     frame: Frame
-    """What the servo said"""
+    """The frame that the servo sent"""
     wire: bytes
-    """What is heard of it"""
+    """The received bytes"""
     late_ns: int
-    """How long it is held up [ns]"""
+    """Added delay [ns]"""
     faults: tuple[str, ...]
-    """What has struck it"""
+    """The faults that hit it"""
 
 
 def pieces(data: bytes) -> Iterator[bytes]:
-    """Cut the bytes of the host in front of every header."""
+    """Split the host's bytes before every header."""
     start = 0
     while start < len(data):
         end = data.find(HEADER, start + 1)
@@ -51,5 +51,5 @@ def pieces(data: bytes) -> Iterator[bytes]:
 
 
 def instruction_of(piece: bytes) -> int | None:
-    """The instruction of a frame; None where it is cut short in front of it."""
+    """Return the instruction of a frame; None where it is truncated before it."""
     return piece[_INSTRUCTION_AT] if len(piece) > _INSTRUCTION_AT else None

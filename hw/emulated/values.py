@@ -1,4 +1,4 @@
-"""Numbers and names given as text, each with the words that say what was wanted."""
+"""Reads numbers and names from text; each reader's docstring names the accepted values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from haptic_wall.hw.names import did_you_mean
 
 
 def number(low: float, high: float, *, open_low: bool = False) -> Callable[[str], float]:
-    """A reader of numbers in a range; its docstring says which.
+    """Return a reader of numbers in a range; its docstring names the range.
 
     Args:
         low: The smallest.
@@ -28,7 +28,7 @@ def number(low: float, high: float, *, open_low: bool = False) -> Callable[[str]
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """A reader of whole numbers in a range; its docstring says which."""
+    """Return a reader of whole numbers in a range; its docstring names the range."""
 
     def parse(text: str) -> int:
         value = float(text)
@@ -41,7 +41,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or numbers
-    """A reader of one of these, by its text; its docstring lists them."""
+    """Return a reader of one of these values, by its text; its docstring lists them."""
 
     def parse(text: str) -> Any:  # noqa: ANN401
         return {str(choice): choice for choice in choices}[text]
@@ -51,6 +51,6 @@ def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or nu
 
 
 def suggestion(found: str, known: Iterable[str], prefix: str = "") -> str:
-    """The end of a message about an unknown name: the nearest known one, or all of them."""
+    """Return the end of a message about an unknown name: the nearest known one, or all."""
     names = list(known)
     return did_you_mean(found, names, prefix) or f"; known are {', '.join(names)}"

@@ -1,4 +1,4 @@
-"""The witness: a record of every frame and of the true motion, kept apart from any controller.
+"""The witness: a record of every frame and of the true motion, independent of any controller.
 
 CSV with the columns of ``COLUMNS``. Rows are kept in memory and written when the bus is idle, so
 that writing never delays a reply.
@@ -6,12 +6,11 @@ that writing never delays a reply.
 - ``rx``: an instruction has fully arrived and has taken effect.
 - ``tx``: the last byte of a reply has left.
 - ``state``: every millisecond, for every servo.
-- ``fault``: something goes wrong on request; its name is in ``fault``. ``rx`` and ``tx`` are the
-  servos' side of it: a lost instruction has no ``rx``, a lost reply has its ``tx``.
+- ``fault``: an injected fault acts; its name is in ``fault``. ``rx`` and ``tx`` are seen from the
+  servos' side: a lost instruction has no ``rx``, a lost reply has its ``tx``.
 - ``time_s``: CLOCK_MONOTONIC where the bus runs in real time [s].
-- ``position_rad, velocity_rad_s, torque_nm``: the truth at that instant, behind everything that
-  happens at it; the torque is the motor's that acts. A broadcast's are those of the first servo it
-  is for.
+- ``position_rad, velocity_rad_s, torque_nm``: the true state after all events of that instant; the
+  torque is the motor's acting one. A broadcast has those of its first servo.
 - ``error``: the error byte of a reply; 3 for an instruction whose CRC was wrong.
 - ``params``: the frame's parameters, un-stuffed, in hexadecimal.
 """
@@ -43,12 +42,12 @@ class Row(NamedTuple):
 
 
 class Witness:
-    """Writes what it is told into a text file; closes it with everything in it.
+    """Writes rows to a text file; closes it when all are written.
 
-    A file that takes no more (a full disk) ends the record, never the bus: see ``failure``.
+    A file that cannot be written (a full disk) ends the record, never the bus: see ``failure``.
 
     Args:
-        file: Open for writing; becomes the witness's own.
+        file: Open for writing; owned by the witness from now on.
     """
 
     def __init__(self, file: TextIO) -> None:
@@ -71,22 +70,22 @@ class Witness:
 
     @property
     def waiting(self) -> int:
-        """Rows that are not written yet."""
+        """Return the number of rows that are not written yet."""
         return len(self._rows)
 
     def add(self, row: Row) -> None:
-        """Keep a row; in the order of time."""
+        """Add a row; call in the order of time."""
         if self.failure is None:
             self._rows.append(row)
 
     def write(self, rows: int) -> None:
-        """Hand at most so many rows to the file."""
+        """Write at most so many rows to the file."""
         count = min(rows, len(self._rows))
         lines = "".join(_line(self._rows.popleft()) for _ in range(count))
         self._try(lambda: self._file.write(lines))
 
     def flush(self) -> None:
-        """Hand everything to the operating system, for others to read."""
+        """Pass everything to the operating system, for other readers."""
         self.write(len(self._rows))
         self._try(self._file.flush)
 

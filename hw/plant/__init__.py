@@ -1,1 +1,1 @@
-"""How a servo moves: exact motion of one body or of many, a hand, an encoder."""
+"""The plant: exact motion of one servo or of many, an operator model, an encoder."""

@@ -1,9 +1,9 @@
-"""Exact motion of many one-axis servos at once under held torques; the array form of ``body``.
+"""Moves many one-axis servos at once under held torques, exactly; the array form of ``body``.
 
 The formulas and the order of their operations are those of ``haptic_wall.hw.plant.body.step``
-without a hand, so each body moves exactly, to the last bit, as it would alone. Where a velocity
-reaches zero within a step, only the few bodies concerned are looked at; the logarithm that gives
-the instant is taken one by one, because NumPy's may differ from ``math``'s in the last bit.
+without an operator, so that each body moves exactly, to the last bit, as it would alone. Where a
+velocity reaches zero within a step, only the bodies concerned take the general step; the logarithm
+of that instant is taken one by one, because NumPy's may differ from ``math``'s in the last bit.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _CLEARLY = 1e-9
-"""A body that keeps more than this share of its speed cannot have stopped, whatever rounding did"""
+"""A body that keeps more than this fraction of its speed cannot have stopped, whatever the rounding
+"""
 
 
 class Held(NamedTuple):
-    """The responses of many bodies over one step, as ``haptic_wall.hw.plant.response.Response``."""
+    """Responses of many bodies over one step; see ``haptic_wall.hw.plant.response.Response``."""
 
     h1: Floats
     h: Floats
@@ -33,7 +34,7 @@ class Held(NamedTuple):
     """Length of the step [s]"""
 
     def take(self, index: Indices) -> Held:
-        """Those of the bodies at ``index``."""
+        """Return the responses of the bodies at ``index``."""
         return Held(*(array[index] for array in self))
 
 
@@ -42,17 +43,17 @@ class Turned(NamedTuple):
 
     bodies: Indices
     position: Floats
-    """Where it did [rad]"""
+    """Position at that instant [rad]"""
 
 
 class Bodies:
     """Many bodies with viscous and Coulomb friction, moved in place.
 
-    About a thousand to four thousand at once are quickest: the arrays then stay in the cache.
+    Arrays of one to four thousand bodies are the fastest: they stay in the cache.
 
     Attributes:
         position: [rad], shape (n,).
-        velocity: [rad/s], shape (n,); the same array for good.
+        velocity: [rad/s], shape (n,); always the same array.
     """
 
     __slots__ = (
@@ -78,7 +79,7 @@ class Bodies:
         position: Floats,
         velocity: Floats,
     ) -> None:
-        """Bodies as ``haptic_wall.hw.plant.body.PlantParameters`` describes one; arrays of (n,).
+        """Create bodies, each as ``haptic_wall.hw.plant.body.PlantParameters``; arrays of (n,).
 
         Raises:
             ValueError: A value is out of range.
@@ -101,7 +102,7 @@ class Bodies:
         self._mask, self._stuck = np.empty((2, inertia.size), dtype=np.bool_)
 
     def held(self, duration: Floats) -> Held:
-        """The responses over steps of these lengths [s], >= 0, shape (n,)."""
+        """Return the responses over steps of these lengths [s], >= 0, shape (n,)."""
         pairs, place = np.unique(np.stack([self._decay, duration]), axis=1, return_inverse=True)
         values = [response(decay, 0.0, time) for decay, time in pairs.T.tolist()]
         table = np.array([(value.h1, value.h, value.s) for value in values]).T
@@ -114,7 +115,7 @@ class Bodies:
         Args:
             torque: Shape (n,).
             over: From ``held``, for this length.
-            out: Where the new positions go, which becomes ``position``; None: in place.
+            out: Array for the new positions, which becomes ``position``; None: in place.
         """
         out = self.position if out is None else out
         if self._frictional.any():
@@ -124,7 +125,7 @@ class Bodies:
         self.position = out
 
     def step_turning(self, torque: Floats, over: Held, out: Floats | None = None) -> Turned:
-        """``step`` that tells where velocities reached zero (as ``step`` with ``turns`` does)."""
+        """Move as ``step`` does; return where velocities reached zero."""
         out = self.position if out is None else out
         position, velocity, turned = _through_rest(
             self.position, self.velocity, torque, self._inertia, self._coulomb, self._decay, over
@@ -164,9 +165,9 @@ class Bodies:
         np.add(moved, work, moved)
         np.multiply(velocity, over.h1, work)
         np.multiply(push, over.h, push)
-        np.add(work, push, push)  # the velocity at the end, if it keeps its sign
+        np.add(work, push, push)  # the velocity at the end if it keeps its sign
         np.multiply(push, direction, work)
-        # Without a spring the velocity is monotone: with its sign kept it was never zero.
+        # Without a spring the velocity is monotone: if it keeps its sign it was never zero.
         np.greater(work, 0.0, kept)
         np.logical_or(kept, stuck, kept)
         np.copyto(moved, position, where=stuck)
@@ -195,10 +196,10 @@ def _through_rest(
     decay: Floats,
     over: Held,
 ) -> tuple[Floats, Floats, Turned]:
-    """The general step of ``haptic_wall.hw.plant.body``: slide to rest, stay there or slide on.
+    """Take the general step of ``haptic_wall.hw.plant.body``: slide to rest, stay or slide on.
 
     Returns:
-        Position, velocity, and who came to rest on the way.
+        Position, velocity, and the bodies that came to rest on the way.
     """
     pull = torque / inertia
     friction = coulomb / inertia
@@ -208,7 +209,7 @@ def _through_rest(
     end = velocity * over.h1 + push * over.h
     distance = velocity * over.h + push * over.s
     after = np.where(moves, position + distance, position)
-    # An end that rounding put on the other side of zero is at zero.
+    # Rounding may put the end on the other side of zero: it is zero.
     speed = np.where(moves & (end * direction > 0.0), end, 0.0)
 
     may_rest = (velocity != 0.0) & (push != 0.0) & ((velocity > 0.0) != (push > 0.0))
@@ -237,7 +238,7 @@ def _through_rest(
 
 
 def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
-    """When velocities that are pushed against reach zero [s].
+    """Return when decelerated velocities reach zero [s].
 
     See ``haptic_wall.hw.plant.response.time_to_rest``.
     """
@@ -252,14 +253,14 @@ def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
 
 
 def _response(decay: Floats, time: Floats) -> Floats:
-    """``h`` and ``s`` of ``haptic_wall.hw.plant.response.response`` without a spring; shape (2, n).
+    """Return ``h`` and ``s`` of ``response.response`` without a spring; shape (2, n).
 
     Equal to them to the last bit.
     """
     a = decay * time
     h, s = result = np.empty((2, a.size))
     largest = float(a.max())
-    if largest > 1.0:  # bodies that forget their speed within a step are rare: one by one
+    if largest > 1.0:  # bodies that lose their speed within a step are rare: one by one
         for i, (rate, t) in enumerate(zip(decay.tolist(), time.tolist(), strict=True)):
             whole = response(rate, 0.0, t)
             h[i], s[i] = whole.h, whole.s
@@ -267,7 +268,7 @@ def _response(decay: Floats, time: Floats) -> Floats:
     h[:], s[:] = 1.0, 0.5
     term, work = np.ones_like(a), np.empty_like(a)
     n, bound = 1, 1.0
-    # The series ends for all together: terms below 1e-19 are too small to change the sums.
+    # The series ends for all together: terms below 1e-19 do not change the sums.
     while bound > 1e-19:
         n += 1
         bound *= largest / n

@@ -1,13 +1,13 @@
-"""Exact motion of a one-axis servo under held torque, with friction and a hand; no stepping.
+"""Moves a one-axis servo exactly under held torque, friction and an operator; no time stepping.
 
 The motion over a step solves ::
 
     m x'' = u - b x' - c sign(x') + k_h (r0 + r1 t - x) + b_h (r1 - x')
 
-with the torque u held and the hand a spring and damper toward a reference that moves linearly.
-While the velocity keeps its sign the equation is linear and its solution is written down
-(``haptic_wall.hw.plant.response``). What is left are the instants where the velocity reaches zero,
-and where a stuck body breaks away: each is solved for, and the step is cut there.
+with the torque u held and the operator a spring and damper toward a reference that moves linearly.
+While the velocity keeps its sign the equation is linear and has a closed form
+(``haptic_wall.hw.plant.response``). The step is divided at the instants where the velocity reaches
+zero and where a stuck body breaks away; the module solves for each of them.
 
 At rest the body is stuck while the applied torque is at most c (static friction equals
 kinetic friction).
@@ -22,7 +22,7 @@ from typing import NamedTuple
 from haptic_wall.hw.plant.response import Slide, cached_response, response, time_to_rest
 
 _ONE_TURN = 9.0
-"""Square of a phase below pi: between two zeros of an oscillator's acceleration lies at least pi"""
+"""Square of a phase below pi: two zeros of an oscillator's acceleration are at least pi apart"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class PlantParameters:
 
 
 class State(NamedTuple):
-    """Where the body is and how it moves."""
+    """Position and velocity of the body."""
 
     position: float
     """[rad]"""
@@ -59,14 +59,14 @@ class State(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A hand on the body during one step: a spring and a damper toward a moving reference."""
+    """The operator's spring and damper toward a moving reference, during one step."""
 
     stiffness: float
     """[N·m/rad], >= 0"""
     damping: float
     """[N·m·s/rad], >= 0"""
     reference: float
-    """Where the hand wants the body at the start of the step [rad]"""
+    """Reference position at the start of the step [rad]"""
     slope: float
     """Speed of the reference during the step [rad/s]"""
 
@@ -80,16 +80,16 @@ def step(
     *,
     turns: list[float] | None = None,
 ) -> State:
-    """The state after ``duration`` [s] under a held torque.
+    """Return the state after ``duration`` [s] under a held torque.
 
     Args:
         state: Position [rad] and velocity [rad/s] at the start.
         parameters: The body.
         torque: Held over the whole step [N·m].
         duration: Length of the step [s], >= 0, of any size.
-        pull: The hand; None: no hand.
-        turns: When given, the positions [rad] at which the velocity reached zero within the
-            step are appended to it in order: between them the motion is monotone.
+        pull: The operator; None: no operator.
+        turns: If given, the positions [rad] at which the velocity reached zero within the step are
+            appended in order: between them the motion is monotone.
     """
     position, velocity = state
     inertia, damping, coulomb = parameters.inertia, parameters.damping, parameters.coulomb
@@ -106,11 +106,11 @@ def step(
         h1, h, s, _ = cached_response(damping / inertia, 0.0, duration)
         push = (torque - math.copysign(coulomb, direction)) / inertia
         end = velocity * h1 + push * h
-        # Without a spring the velocity is monotone: with its sign kept it was never zero.
+        # Without a spring the velocity is monotone: if it keeps its sign it was never zero.
         if end * direction > 0.0:
             return State(position + velocity * h + push * s, end)
     elif velocity != 0.0 or (coulomb == 0.0 and turns is None):
-        # Written out, not by calls: this is what a servo with a hand does in nearly every period.
+        # Inlined for speed: nearly every period of a servo with an operator takes this path.
         stiffness, grip, reference, slope = pull
         spring = stiffness / inertia
         decay = (damping + grip) / inertia
@@ -136,7 +136,7 @@ def step(
 def _slide(
     position: float, velocity: float, parameters: PlantParameters, torque: float, pull: Pull | None
 ) -> Slide:
-    """The motion per unit inertia, without Coulomb friction."""
+    """Return the motion per unit inertia, without Coulomb friction."""
     inertia = parameters.inertia
     if pull is None:
         return Slide(velocity, torque / inertia, 0.0, parameters.damping / inertia, 0.0)
@@ -160,11 +160,11 @@ def _step_with_events(
     pull: Pull | None,
     turns: list[float] | None = None,
 ) -> State:
-    """The general step: slide to the next event, decide, go on.
+    """Take the general step: slide to the next event, decide, continue.
 
-    The number of events is bounded: a body that breaks away from rest slides for at least half
-    a period of the hand's spring, but for one short slide against the reference's motion, after
-    which it sticks or slides along with it. The bound in the loop only matters where rounding
+    The number of events is bounded. A body that breaks away from rest slides for at least half a
+    period of the operator's spring, except for one short slide against the reference's motion,
+    after which it sticks or slides along with it. The loop's bound only matters where rounding
     makes events coincide; the body is at rest then.
     """
     position, velocity = state
@@ -173,7 +173,7 @@ def _step_with_events(
     friction = parameters.coulomb / parameters.inertia
     elapsed = 0.0
     for _ in range(8 + int(4.0 * duration * math.sqrt(spring))):
-        # The acceleration that a body at rest here would have without friction.
+        # The acceleration without friction of a body at rest here.
         push = start_push + ramp * elapsed - spring * (position - start_position)
         if velocity != 0.0:
             direction = math.copysign(1.0, velocity)
@@ -194,7 +194,7 @@ def _step_with_events(
         rest = time_to_rest(slide, left)
         if rest is None:
             distance, velocity = slide.moved(cached_response(decay, spring, left))
-            # An end that rounding put on the other side of zero is at zero.
+            # Rounding may put the end on the other side of zero: it is zero.
             return State(position + distance, velocity if velocity * direction > 0.0 else 0.0)
         position += slide.moved(response(decay, spring, rest))[0]
         velocity = 0.0

@@ -1,8 +1,7 @@
-"""The moving servo in time: torques that act late, a hand, and an encoder with play.
+"""The moving servo in time: delayed torques, an operator, and an encoder with backlash.
 
-Made of ``haptic_wall.hw.plant.body`` between the instants at which something changes: a torque
-begins to act, or the hand's reference turns. Times are integer nanoseconds of whatever clock the
-caller has.
+It moves ``haptic_wall.hw.plant.body`` from event to event: a torque begins to act, or the
+operator's reference changes its slope. Times are integer nanoseconds of the caller's clock.
 """
 
 from __future__ import annotations
@@ -12,19 +11,19 @@ from collections import deque
 from dataclasses import replace
 
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
-from haptic_wall.hw.plant.hand import DAMPING, STIFFNESS, hand_of
+from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.settings import TrueServo
 
-HAND_WAIT_S = 1.0
-"""How long a hand that waits goes on waiting once it may come [s]"""
+OPERATOR_WAIT_S = 1.0
+"""Delay between the operator's release and its first action [s]"""
 
 
 class Mechanism:
-    """One servo, its motor side commanded in torque, its encoder read.
+    """One servo: takes torque commands on its motor side and returns its encoder's readings.
 
-    The encoder rounds to the nearest count and counts on over turns. With backlash it follows
-    the shaft as a play of that full width does, starting in the middle: the turning points of
-    the shaft within a step count.
+    The encoder rounds to the nearest count and counts over turns. With backlash it follows the
+    shaft like a backlash of that full width, starting in the middle; turning points of the shaft
+    within a step count.
     """
 
     __slots__ = (
@@ -33,8 +32,8 @@ class Mechanism:
         "_counts_per_radian",
         "_delay_ns",
         "_followed",
-        "_hand",
-        "_hand_ns",
+        "_operator",
+        "_operator_ns",
         "_parameters",
         "_pending",
         "_start_ns",
@@ -46,13 +45,13 @@ class Mechanism:
         "time_ns",
     )
 
-    def __init__(self, true: TrueServo, start_ns: int, *, hand_waits: bool = False) -> None:
-        """A servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
+    def __init__(self, true: TrueServo, start_ns: int, *, operator_waits: bool = False) -> None:
+        """Create a servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
 
         Args:
-            true: What it is.
+            true: Its true parameters.
             start_ns: Present time [ns].
-            hand_waits: The scripted hand keeps off until ``let_hand``.
+            operator_waits: The scripted operator does not act until ``engage_operator``.
 
         Raises:
             ValueError: A value is out of range.
@@ -61,8 +60,8 @@ class Mechanism:
         self._braking = 0.0
         self._state = State(true.position, 0.0)
         self._true = true
-        self._hand = None if hand_waits else hand_of(true)
-        self._hand_ns: int | None = None
+        self._operator = None if operator_waits else operator_of(true)
+        self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
         if self._delay_ns < 0:
@@ -80,32 +79,33 @@ class Mechanism:
 
     @property
     def position(self) -> float:
-        """True position of the shaft [rad], at the time last advanced to."""
+        """Return the true position of the shaft [rad], at the present time."""
         return self._state.position
 
     @property
     def velocity(self) -> float:
-        """True velocity of the shaft [rad/s], at the time last advanced to."""
+        """Return the true velocity of the shaft [rad/s], at the present time."""
         return self._state.velocity
 
     @property
     def torque(self) -> float:
-        """The motor's torque that acts [N·m], from the time last advanced to."""
+        """Return the motor's acting torque [N·m], from the present time on."""
         return self._torque - self._braking * self._state.velocity
 
-    def let_hand(self, now_ns: int) -> None:
-        """Let the scripted hand take the shaft, wherever it is, ``HAND_WAIT_S`` after ``now_ns``.
+    def engage_operator(self, now_ns: int) -> None:
+        """Let the scripted operator take the shaft, ``OPERATOR_WAIT_S`` after ``now_ns`` [ns].
 
-        That is for whoever renders a wall: a person too waits until the servo is ready.
+        A program that renders a wall calls it when the servo is ready, as a person would wait for
+        that.
         """
         self.advance(now_ns)
-        self._hand_ns = now_ns + round(HAND_WAIT_S * 1e9)
+        self._operator_ns = now_ns + round(OPERATOR_WAIT_S * 1e9)
 
     def advance(self, now_ns: int) -> None:
-        """Let time pass until ``now_ns`` [ns].
+        """Advance to ``now_ns`` [ns].
 
         Raises:
-            ValueError: ``now_ns`` lies before the time last advanced to.
+            ValueError: ``now_ns`` lies before the present time.
         """
         if now_ns < self.time_ns:
             raise ValueError(
@@ -127,9 +127,9 @@ class Mechanism:
         Args:
             torque: Wanted [N·m]. Limited to the servo's limit, then rounded to its step (toward
                 zero where the nearest step would pass the limit).
-            now_ns: When the command arrives; time is advanced to it.
-            braking: What the torque loses with the velocity, as that of a motor under a held
-                voltage does [N·m·s/rad]; it acts along with the torque and is not limited.
+            now_ns: Arrival of the command; time is advanced to it.
+            braking: Loss of torque with the velocity, as of a motor under a held voltage
+                [N·m·s/rad]; it acts along with the torque and is not limited.
 
         Returns:
             The torque that will act [N·m].
@@ -147,7 +147,7 @@ class Mechanism:
         return acting
 
     def limited(self, torque: float) -> float:
-        """Torque that a command for ``torque`` makes, within the limit and in whole steps [N·m].
+        """Return the torque that a command for ``torque`` gives, limited and in whole steps [N·m].
 
         Raises:
             ValueError: The torque is not a finite number.
@@ -164,7 +164,7 @@ class Mechanism:
         return acting
 
     def encoder(self) -> int:
-        """Counts of the encoder, rounded to the nearest, multi-turn.
+        """Return the encoder's counts, rounded to the nearest, multi-turn.
 
         Raises:
             ValueError: The servo has no encoder (counts_per_rev is 0).
@@ -174,11 +174,11 @@ class Mechanism:
         return round(self._followed * self._counts_per_radian)
 
     def measured_position(self) -> float:
-        """The position the encoder gives [rad]: past the play, and quantised if it counts."""
+        """Return the encoder's position [rad]: behind the backlash, and quantised if it counts."""
         return self.measured()[0]
 
     def measured(self) -> tuple[float, int]:
-        """The same, and what the encoder counts; 0 where it counts nothing."""
+        """Return the encoder's position [rad] and its counts; 0 if it does not count."""
         per_radian = self._counts_per_radian
         if per_radian == 0.0:
             return self._followed, 0
@@ -192,23 +192,28 @@ class Mechanism:
             self._parameters = PlantParameters(true.inertia, true.damping + braking, true.coulomb)
 
     def _move(self, until_ns: int) -> None:
-        """Move under the torque that acts, cutting where the hand comes or its reference turns."""
-        if self._hand_ns is not None and until_ns >= self._hand_ns:
-            begin_ns, self._hand_ns = self._hand_ns, None
+        """Move under the acting torque, divided where the operator starts or changes its slope."""
+        if self._operator_ns is not None and until_ns >= self._operator_ns:
+            begin_ns, self._operator_ns = self._operator_ns, None
             if begin_ns > self.time_ns:
                 self._move(begin_ns)
-            self._hand = hand_of(replace(self._true, position=self.position))
+            self._operator = operator_of(replace(self._true, position=self.position))
             self._start_ns = begin_ns
             if until_ns == begin_ns:
                 return
         turns: list[float] | None = [] if self._backlash > 0.0 else None
-        state, parameters, torque, hand = self._state, self._parameters, self._torque, self._hand
+        state, parameters, torque, operator = (
+            self._state,
+            self._parameters,
+            self._torque,
+            self._operator,
+        )
         now_ns, start_ns = self.time_ns, self._start_ns
-        if hand is None:
+        if operator is None:
             state = step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
         else:
             while now_ns < until_ns:
-                reference, slope, turn_ns = hand.pull(now_ns - start_ns)
+                reference, slope, turn_ns = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
                 pull = Pull(STIFFNESS, DAMPING, reference, slope)
                 state = step(state, parameters, torque, (cut_ns - now_ns) * 1e-9, pull, turns=turns)

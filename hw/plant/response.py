@@ -1,4 +1,4 @@
-"""Closed forms of a damped oscillator: its response over time, and when it comes to rest.
+"""Closed forms of a damped oscillator: its response over time, and the instant it comes to rest.
 
 Everything is per unit inertia: ``h'' + decay h' + spring h = 0`` with ``h(0) = 0, h'(0) = 1``.
 A body that starts with velocity v, pushed by ``push + ramp t``, then has ::
@@ -6,7 +6,7 @@ A body that starts with velocity v, pushed by ``push + ramp t``, then has ::
     velocity(t) = v h' + push h + ramp s          s = integral of h
     position(t) = x + v h + push s + ramp r       r = integral of s
 
-where push is the acceleration it would have at rest at x.
+where push is the acceleration that the body would have at rest at x.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Response(NamedTuple):
 
 
 def response(decay: float, spring: float, time: float) -> Response:
-    """The response after ``time`` [s], exact to rounding in every regime.
+    """Return the response after ``time`` [s], exact to rounding in every regime.
 
     Args:
         decay: Damping over inertia [1/s], >= 0.
@@ -43,8 +43,8 @@ def response(decay: float, spring: float, time: float) -> Response:
     discriminant = half * half - spring
     if discriminant > 0.25 * half * half:
         return _two_rates(half, discriminant, spring, time)
-    # Near critical damping, or below it: the two rates would cancel, but the spring is strong
-    # enough to divide by.
+    # Near critical damping, or below it: the two rates would cancel, but the spring is large enough
+    # to divide by.
     if discriminant < 0.0:
         frequency = math.sqrt(-discriminant)
         envelope = math.exp(-half * time)
@@ -64,11 +64,11 @@ def response(decay: float, spring: float, time: float) -> Response:
 
 
 cached_response = lru_cache(maxsize=1024)(response)
-"""``response`` for the lengths of step that come again and again."""
+"""``response``, cached for step lengths that repeat."""
 
 
 def _series(decay: float, spring: float, time: float) -> Response:
-    """Taylor series, summed until its terms vanish; the closed forms cancel for short times."""
+    """Sum the Taylor series until its terms vanish; closed forms cancel for short times."""
     a = decay * time
     c = spring * time * time
     before, term = 0.0, 1.0
@@ -86,7 +86,7 @@ def _series(decay: float, spring: float, time: float) -> Response:
 
 
 def _two_rates(half: float, discriminant: float, spring: float, time: float) -> Response:
-    """Clearly overdamped: two decaying exponentials; the slow one may be a constant."""
+    """Return the clearly overdamped response: two decaying exponentials, one perhaps constant."""
     root = math.sqrt(discriminant)
     fast, gap = half + root, 2.0 * root
     slow = spring / fast
@@ -102,7 +102,7 @@ def _two_rates(half: float, discriminant: float, spring: float, time: float) -> 
 
 
 def _integrals(rate: float, time: float) -> tuple[float, float]:
-    """First and second integral of exp(-rate t) [s, s²]."""
+    """Return the first and second integral of exp(-rate t) [s, s²]."""
     y = rate * time
     if y < 0.5:
         once, twice, term, n = 0.0, 0.0, 1.0, 0
@@ -117,12 +117,12 @@ def _integrals(rate: float, time: float) -> tuple[float, float]:
 
 
 class Slide(NamedTuple):
-    """A motion from now on, per unit inertia."""
+    """A motion from an instant on, per unit inertia."""
 
     velocity: float
     """At the start [rad/s]"""
     push: float
-    """The acceleration the body would have at rest where it starts [rad/s²]"""
+    """Acceleration that the body would have at rest at the start [rad/s²]"""
     ramp: float
     """Growth of the push [rad/s³]; 0 where the spring is 0"""
     decay: float
@@ -131,22 +131,23 @@ class Slide(NamedTuple):
     """Stiffness over inertia [1/s²], >= 0"""
 
     def moved(self, over: Response) -> tuple[float, float]:
-        """Distance [rad] and velocity [rad/s] after the time whose response is ``over``."""
+        """Return distance [rad] and velocity [rad/s] after the time whose response is ``over``."""
         velocity, push, ramp, _, _ = self
         h1, h, s, r = over
         return velocity * h + push * s + ramp * r, velocity * h1 + push * h + ramp * s
 
 
 def time_to_rest(slide: Slide, limit: float) -> float | None:
-    """When the velocity first reaches zero, in (0, limit); None: not before ``limit`` [s].
+    """Return when the velocity first reaches zero, in (0, limit); None: not before ``limit`` [s].
 
-    A body that starts at rest is taken to start moving: its start does not count.
+    The start of a body at rest does not count.
     """
     velocity, push, ramp, decay, spring = slide
     if spring == 0.0:
         return _time_to_rest_without_spring(velocity, push, decay, limit)
     direction = math.copysign(1.0, velocity or push or ramp)
-    # Between two zeros of the acceleration the velocity is monotone, so that its end tells.
+    # Between two zeros of the acceleration the velocity is monotone, so its sign at the end
+    # decides.
     start = 0.0
     for turn in _acceleration_zeros(slide, limit):
         if turn > start:
@@ -160,8 +161,8 @@ def time_to_rest(slide: Slide, limit: float) -> float | None:
 def _time_to_rest_without_spring(
     velocity: float, push: float, decay: float, limit: float
 ) -> float | None:
-    """The velocity is one exponential: solved by a logarithm."""
-    # Signs, not a product: it would underflow, and a body all but at rest would never stop.
+    """Solve for the zero of a velocity that is one exponential, by a logarithm."""
+    # Signs, not a product: that would underflow, and a body almost at rest would never stop.
     if velocity == 0.0 or push == 0.0 or (velocity > 0.0) == (push > 0.0):
         return None
     coasting = -velocity / push
@@ -171,7 +172,7 @@ def _time_to_rest_without_spring(
 
 
 def _acceleration_zeros(slide: Slide, limit: float) -> list[float]:
-    """Instants in (0, limit) where the acceleration is zero, and ``limit`` itself [s].
+    """Return the instants in (0, limit) with zero acceleration, and ``limit`` itself [s].
 
     The acceleration is ``a h' + j h`` with a and j its value and its derivative at the start.
     """
@@ -200,12 +201,12 @@ def _acceleration_zeros(slide: Slide, limit: float) -> list[float]:
 
 
 def _root(slide: Slide, low: float, high: float) -> float:
-    """Zero of the velocity in a bracket where it is monotone: Newton, kept inside by halving."""
+    """Find the velocity's zero in a monotone bracket: Newton's method, kept inside by halving."""
     velocity, push, ramp, decay, spring = slide
     acceleration = push - decay * velocity
     jerk = ramp - spring * velocity
     sign_high = math.copysign(1.0, slide.moved(response(decay, spring, high))[1])
-    # A slow body stops almost at once: the tangent at the start is the place to begin.
+    # A slow body stops almost at once: begin with the tangent at the start.
     time = -velocity / acceleration if low == 0.0 and acceleration != 0.0 else high
     if not low < time < high:
         time = 0.5 * (low + high)

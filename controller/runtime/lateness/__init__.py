@@ -1,1 +1,1 @@
-"""Why a tick was late: what the machine was set to, and what it did meanwhile."""
+"""Explains late ticks: the machine's set-up, and what it did meanwhile."""

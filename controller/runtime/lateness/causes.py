@@ -1,8 +1,8 @@
-"""Why a tick was late: a pure function from what was counted around it to its likely cause.
+"""Finds the likely cause of a late tick from the counters around it; pure functions.
 
-Nothing in Linux says why a thread ran late. But between the deadline and the end of the tick every
-microsecond was spent somewhere: asleep, waiting for the core, on it, waiting for the bus. What was
-counted says where, and the largest share is the likely cause.
+Linux does not report why a thread ran late. But the thread spent every microsecond between the
+deadline and the end of the tick somewhere: asleep, waiting for the core, on it, waiting for the
+bus. The counters show where, and the largest fraction is the likely cause.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from enum import StrEnum
 from haptic_wall.controller.runtime.lateness.thread_counters import Counters
 
 _ENOUGH = 0.5
-"""Share of the delay that one kind of waiting has to make up to be its cause"""
+"""Fraction of the delay that a kind of waiting must make up to be its cause"""
 _WORTH_SAYING = 0.1
-"""Share of the delay below which a wait for the core is no evidence"""
+"""Fraction of the delay below which a wait for the core is no evidence"""
 _FAULT_NS = 5_000
-"""What a minor page fault costs at most [ns]: 0.5 µs on a quick machine, 5 µs on a virtual one"""
+"""Largest cost of a minor page fault [ns]: 0.5 µs on a quick machine, 5 µs on a virtual one"""
 
 
 class Cause(StrEnum):
@@ -39,7 +39,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Properties of the machine that hold for the whole run."""
+    """Properties of the machine that stay constant during a run."""
 
     virtual: bool
     """It has a host that can take the core"""
@@ -53,18 +53,18 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """A late tick: where its time went, as the loop itself saw it, and what was counted."""
+    """A late tick: the loop's own times, and the counters' growth."""
 
     asleep_ns: int
     """From the deadline to the end of the sleep [ns]; 0: the sleep ended in time"""
     held_ns: int
-    """What the spin after the sleep lasted beyond the deadline [ns]"""
+    """Spinning after the sleep, beyond the deadline [ns]"""
     work_ns: int
     """From there to the end of the tick, without waiting for the bus [ns]"""
     bus_ns: int
     """Waiting for the bus [ns]"""
     long_wait: bool
-    """That was longer than it should be; else it is no part of the delay"""
+    """The bus wait was longer than it should be; else it is no part of the delay"""
     lost: bool
     """A reply did not come"""
     stopped: bool
@@ -72,45 +72,45 @@ class Late:
     collections_ns: int
     """Time in garbage collections [ns]"""
     beyond: Counters
-    """What was counted since the last reading, beyond what is usual in that time"""
+    """Growth of the counters since the last reading, beyond the usual growth in that time"""
     steal_ns: int | None
-    """What the host took from the core since it was last looked at [ns]; None: not looked at"""
+    """Time the host took from the core since the last reading [ns]; None: not read"""
 
     @property
     def total_ns(self) -> int:
-        """From the deadline, or the end of the tick before, to the end of the tick [ns]."""
+        """Return the time from the deadline, or the last tick's end, to this end [ns]."""
         return self.asleep_ns + self.held_ns + self.work_ns + self.bus_ns
 
     @property
     def delay_ns(self) -> int:
-        """Avoidable part of that time [ns]; its usual work is counted with it."""
+        """Return the avoidable part of that time [ns]; it includes the usual work."""
         return self.total_ns if self.long_wait else self.total_ns - self.bus_ns
 
     @property
     def awake_ns(self) -> int:
-        """How long it spun beyond the deadline and worked, or would have [ns]."""
+        """Return the time of spinning beyond the deadline and of work, on the core or not [ns]."""
         return self.held_ns + self.work_ns
 
     @property
     def on_core_ns(self) -> int:
-        """How long of that it was on the core [ns]."""
+        """Return the part of that on the core [ns]."""
         return min(max(self.beyond.on_core_ns, 0), self.awake_ns)
 
     @property
     def gone_ns(self) -> int:
-        """How long of that neither it was on the core, nor another process [ns]."""
+        """Return the part of that in which neither it nor another process was on the core [ns]."""
         return self.awake_ns - self.on_core_ns - max(self.beyond.run_delay_ns, 0)
 
 
 def likely_cause(late: Late, machine: Machine) -> Cause:
-    """Likeliest cause of a late tick: the kind of waiting that makes up most of its delay.
+    """Return the likely cause of a late tick: the kind of waiting that makes up most of its delay.
 
-    A reading of the counters tells what happened since the one before, some 20 ms: what is usual in
-    that time is taken off, which leaves an uncertainty of some 0.1 ms.
+    A reading of the counters covers the time since the last reading, some 20 ms. The usual growth
+    in that time is subtracted, which leaves an uncertainty of about 0.1 ms.
 
     Args:
         late: The tick.
-        machine: Where it ran.
+        machine: The machine.
     """
     enough = _ENOUGH * late.delay_ns
     beyond = late.beyond
@@ -124,13 +124,13 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
         return Cause.LOST if late.lost else Cause.BUS
     if beyond.major_faults > 0:
         return Cause.FAULTS
-    if late.asleep_ns >= enough:  # nobody else had the core, and yet the sleep did not end
+    if late.asleep_ns >= enough:  # no other thread had the core, but the sleep did not end
         stolen = late.steal_ns is not None and late.steal_ns >= _ENOUGH * late.asleep_ns
         return Cause.HOST if stolen else Cause.WOKEN_LATE
     if late.awake_ns >= enough and beyond.minor_faults * _FAULT_NS >= _ENOUGH * late.awake_ns:
         return Cause.FAULTS
     if late.gone_ns >= enough:
-        # How often it waits for the bus varies: one switch more than usual says nothing there.
+        # The number of bus waits varies: one more switch than usual is no evidence.
         if beyond.voluntary > (1 if late.bus_ns else 0):
             return Cause.BLOCKED
         return Cause.HOST if machine.virtual else Cause.KERNEL
@@ -138,12 +138,12 @@ def likely_cause(late: Late, machine: Machine) -> Cause:
 
 
 def evidence(cause: Cause, late: Late, machine: Machine) -> str:
-    """Evidence for a cause, in words with the figures.
+    """Describe the evidence for a cause, with its figures.
 
     Args:
-        cause: As ``likely_cause`` gave it.
+        cause: From ``likely_cause``.
         late: The tick.
-        machine: Where it ran.
+        machine: The machine.
     """
     awake = f"on the core for {_ms(late.on_core_ns)} of {_ms(late.awake_ns)}"
     timer = f"the timer came {_ms(late.asleep_ns)} late"

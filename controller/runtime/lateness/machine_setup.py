@@ -1,4 +1,4 @@
-"""How this machine is set up for a loop, beyond what a process may ask for: found, and better."""
+"""Finds settings of the machine that make a loop late, beyond what a process may request."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from pathlib import Path
 from haptic_wall.controller.runtime.realtime import Setting
 
 START = "real time:"
-"""How the table at the start begins"""
+"""Beginning of the table at the start"""
 _ENOUGH_SHARE = 0.9
-"""Of each second, for real-time processes: the loop sleeps for longer than the rest"""
+"""Fraction of each second for real-time processes: the loop sleeps longer than the rest"""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """How one thing is, and what would be better for a loop."""
+    """The state of one setting, and a better one for a loop."""
 
     name: str
     found: str
     better: str
     remedy: str
-    """What makes it so; empty: it is well as it is"""
+    """How to change it; empty: it is fine"""
 
 
 def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
-    """Parts of this machine's set-up that make a loop late; never a reason to refuse.
+    """Return the settings of this machine that make a loop late; never a reason to refuse.
 
-    What a system does not tell (a container, another processor) is left out.
+    Unknown settings (in a container, on another processor) are omitted.
 
     Args:
         core: The loop's.
-        root: Of the file system where the kernel tells of itself.
+        root: Of the file system with the kernel's files.
     """
     cpu = root / "sys/devices/system/cpu"
     preempt = _text(root / "sys/kernel/realtime") == "1"
@@ -95,11 +95,11 @@ def is_virtual(root: Path = Path("/")) -> bool:
 
 
 def start_table(settings: Sequence[Setting], setup: Sequence[Found]) -> str:
-    """Wanted against got at the start of a loop: one line when all was granted, else a table.
+    """Return the settings wanted and granted: one line when all were granted, else a table.
 
     Args:
-        settings: As ``realtime.apply`` gave them.
-        setup: As ``machine_setup`` gave it; told in short.
+        settings: From ``realtime.apply``.
+        setup: From ``machine_setup``; shown in short.
     """
     granted = sum(setting.ok for setting in settings)
     head = f"{START} {granted} of {len(settings)} granted"
@@ -137,7 +137,7 @@ def _text(path: Path) -> str:
 
 
 def _cores(text: str) -> set[int]:
-    """The numbers of a list such as ``1-3,5``."""
+    """Return the numbers of a list such as ``1-3,5``."""
     cores: set[int] = set()
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")

@@ -1,4 +1,4 @@
-"""How much longer sleeps last than asked, counted at the loop's own pace: integers, no arrays."""
+"""Counts how much longer sleeps last than requested, at the loop's pace: integers, no arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from haptic_wall.controller.runtime.deadlines import Waiter
 
 
 class Overshoots:
-    """Percentiles of how much longer sleeps lasted than asked, in eighths of an octave."""
+    """Percentiles of the sleeps' overshoot, in bins of an eighth of an octave."""
 
     def __init__(self) -> None:
         self._counts = [0] * (8 * 64)
@@ -24,7 +24,7 @@ class Overshoots:
         self._max_ns = max(self._max_ns, overshoot_ns)
 
     def as_report(self) -> dict[str, float | None]:
-        """``{p50, p99, max}`` [µs]; percentiles to 6 %."""
+        """Return ``{p50, p99, max}`` [µs]; percentiles to 6 %."""
         return {
             "p50": self._percentile_us(0.5),
             "p99": self._percentile_us(0.99),

@@ -1,7 +1,7 @@
-"""Counters of Linux for the loop's thread and core: time, waiting, faults, switches, steal.
+"""Reads Linux's counters of the loop's thread and core: time, waiting, faults, switches, steal.
 
-Reading costs some 10 to 20 µs when the caches are cold, so it is done after a late tick and now
-and then in the slack before a sleep, never between a sample and its torque.
+A reading takes 10 to 20 µs with cold caches. It is done after a late tick and periodically in the
+idle window before a sleep, never between a sample and its torque.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from dataclasses import dataclass
 
 _NS_PER_CLOCK_TICK = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 _STAT_BYTES = 1 << 16
-"""Enough of /proc/stat for the lines of some 600 cores"""
+"""Enough for the lines of some 600 cores in /proc/stat"""
 _STEAL = 8
-"""Place of the steal in a core's line of /proc/stat, its name counted"""
+"""Index of the steal time in a core's line of /proc/stat, its name included"""
 
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """Counts of a thread since it began, or their growth between two readings."""
+    """Counts of a thread since its start, or their growth between two readings."""
 
     at_ns: int
-    """When they were read, or the time between [ns]"""
+    """Time of the reading, or the time between two [ns]"""
     on_core_ns: int
-    """Time on a core [ns]; where the kernel can tell, without what a host stole"""
+    """Time on a core [ns]; without the host's steal where the kernel knows it"""
     run_delay_ns: int
-    """Time it could have run, but another had the core [ns]"""
+    """Time in which it was ready, but another thread had the core [ns]"""
     minor_faults: int
-    """Pages that were mapped without reading"""
+    """Pages mapped without reading a disk"""
     major_faults: int
-    """Pages that were read from a disk"""
+    """Pages read from a disk"""
     voluntary: int
     """Switches because it slept or waited"""
     involuntary: int
-    """Switches because another one was put in its place"""
+    """Switches because it was preempted"""
 
     def less(self, other: Counters, share: float = 1.0) -> Counters:
-        """These without a share of others: what has grown since, or beyond what is usual."""
+        """Return these less a fraction of others: the growth since, or beyond the usual."""
         return Counters(
             self.at_ns - round(share * other.at_ns),
             self.on_core_ns - round(share * other.on_core_ns),
@@ -52,14 +52,14 @@ class Counters:
 
 
 class CounterReader:
-    """Reads the counters of the thread that makes it; the files stay open.
+    """Reads the counters of the thread that creates it; the files stay open.
 
     Args:
         core: The core whose steal is read.
 
     Attributes:
-        knows_run_delay: Whether the kernel tells how long the thread waited for a core; without
-            it the run delay reads 0.
+        knows_run_delay: The kernel reports how long the thread waited for a core; otherwise the run
+            delay reads 0.
     """
 
     def __init__(self, core: int) -> None:
@@ -72,14 +72,14 @@ class CounterReader:
         self.knows_run_delay = self._schedstat is not None
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         for descriptor in (self._schedstat, self._stat):
             if descriptor is not None:
                 os.close(descriptor)
         self._schedstat = self._stat = None
 
     def read(self) -> Counters:
-        """The thread's counters now."""
+        """Return the thread's counters now."""
         usage = resource.getrusage(resource.RUSAGE_THREAD)
         if self._schedstat is None:
             on_core, waited = time.thread_time_ns(), 0
@@ -96,10 +96,10 @@ class CounterReader:
         )
 
     def steal_ns(self) -> int | None:
-        """Time a host took from the core since it was started [ns], in steps of mostly 10 ms.
+        """Return the time a host took from the core since its start [ns], in steps of mostly 10 ms.
 
         Returns:
-            None where the kernel does not tell.
+            None where the kernel does not report it.
         """
         if self._stat is None:
             return None
@@ -110,7 +110,7 @@ class CounterReader:
 
 
 def _tells(schedstat: int) -> bool:
-    """Whether a thread that has run has run by this file: without the accounting all are zero."""
+    """Whether this file has counted a running thread: without the accounting all are zero."""
     words = os.pread(schedstat, 100, 0).split()
     return len(words) == 3 and words[0] != b"0"
 

@@ -1,9 +1,9 @@
-"""Late ticks of a run: noticed at the cost of one comparison, explained from counters read after.
+"""Finds the late ticks of a run with one comparison each, and explains them from counters.
 
-A tick that was in time costs nothing but the comparison. After a late one, and every 20 ms in the
-slack before a sleep, the thread's counters are read; the difference of two readings, less what is
-usual in that time, says what happened. Memory does not grow: the worst ticks are kept, the others
-are counted by their cause.
+A tick in time costs only the comparison. The thread's counters are read after a late tick, and
+every 20 ms in the idle window before a sleep. The difference of two readings, less the usual
+growth, shows what happened. Memory is bounded: the worst ticks are kept, the others are counted by
+their cause.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from haptic_wall.controller.runtime.lateness.overshoots import Overshoots
 from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader, Counters
 
 LATE_NS = 100_000
-"""A tick that took this much longer than it need not have is late [ns]; ..."""
+"""A tick that took this much longer than necessary is late [ns]; ..."""
 LATE_SHARE = 0.1
-"""... and this share of a period."""
+"""... and at least this fraction of a period."""
 LONG_WAIT_SHARE = 0.7
-"""A wait for the bus of this share of a period is long. A reply is given up 0.8 of one after the
-wake-up, and sending the request takes a part of that: so a tick whose reply is lost counts."""
+"""A bus wait of this fraction of a period is long. A reply is given up 0.8 of one after the
+wake-up, and sending the request takes a part of that: so a tick with a lost reply counts."""
 WORST = 10
-"""How many of the latest ticks are kept"""
+"""Number of late ticks that are kept"""
 REST_NS = 20_000_000
-"""How often the counters are read in the slack [ns]: how precisely a cause is known"""
+"""Period of the readings in the idle window [ns]: the resolution of the causes"""
 STEAL_RESTS = 50
-"""Every how many of these readings the steal is read too, which costs more"""
+"""Number of these readings per reading of the steal, which takes longer"""
 _SLACK = 10
-"""How many times the cost of a reading must be free, as that is measured with warm caches"""
+"""Free time needed for a reading, in multiples of its cost with warm caches"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """One of the latest ticks."""
+    """One of the worst ticks."""
 
     overdue_ns: int
     deadline_ns: int
@@ -57,17 +57,16 @@ class _Kept:
 
 
 class LateTicks:
-    """Notices late ticks of one loop, in the loop's own thread.
+    """Finds late ticks of one loop, in the loop's own thread.
 
     Args:
-        machine: What is known of it.
+        machine: Its known properties.
         reader: Of this thread's counters.
         period_ns: Of the grid [ns].
 
     Attributes:
-        limits: From its deadline to its end, waiting for the bus left out, a tick may take the
-            first [ns]; it may wait for the bus for the second [ns]; ``rest`` is to be called after
-            as many ticks as the third.
+        limits: Three numbers: the longest time of a tick from its deadline to its end without bus
+            waits [ns]; its longest bus wait [ns]; the number of ticks between calls of ``rest``.
     """
 
     def __init__(self, machine: Machine, reader: CounterReader, period_ns: int) -> None:
@@ -92,7 +91,7 @@ class LateTicks:
         self._rests = 0
         self._last = reader.read()
         self._steal_ns = reader.steal_ns()
-        self._usual = Counters(0, 0, 0, 0, 0, 0, 0)  # of all quiet times together
+        self._usual = Counters(0, 0, 0, 0, 0, 0, 0)  # of all quiet times
 
     def __enter__(self) -> LateTicks:
         gc.callbacks.append(self._on_collection)
@@ -106,7 +105,7 @@ class LateTicks:
         """Count from here on.
 
         Args:
-            deadline_ns: The next deadline [ns]; at the first call where the log begins.
+            deadline_ns: The next deadline [ns]; at the first call the beginning of the log.
         """
         if self._first_ns is None:
             self._first_ns = deadline_ns
@@ -120,7 +119,7 @@ class LateTicks:
         self._begun_stops = self._stops
 
     def continued(self) -> None:
-        """The process was told to continue: it may have been stopped. For a signal handler."""
+        """Record a SIGCONT: the process may have been stopped. For a signal handler."""
         self._continued = True
         self._stops += 1
 
@@ -134,18 +133,18 @@ class LateTicks:
         replies_lost: int,
         missed: int,
     ) -> None:
-        """Explain a tick that took longer than ``limits`` allow; one that did not is left out.
+        """Explain a tick that took longer than ``limits`` allow; ignore any other.
 
         Args:
             deadline_ns: Its deadline [ns].
             woke_ns: When the loop woke for it [ns].
             ended_ns: When it was over [ns].
-            waiter: Who waited for the deadline.
-            bus_ns: How long it waited for the bus [ns].
-            replies_lost: In all, from the servo's start on.
+            waiter: The loop's waiter.
+            bus_ns: Its bus wait [ns].
+            replies_lost: Total since the servo's start.
             missed: Whole periods that it made the loop skip.
         """
-        due_ns = max(deadline_ns, self._ended_ns)  # what the tick before cost is not its fault
+        due_ns = max(deadline_ns, self._ended_ns)  # the time of the tick before is not its fault
         self._ended_ns = ended_ns
         held_ns = woke_ns - due_ns
         asleep_ns = max(0, min(waiter.slept_ns - due_ns, held_ns))
@@ -156,8 +155,8 @@ class LateTicks:
         grown = counters.less(self._last)
         self._last = counters
         steal_ns = None
-        # Nor is what this explanation costs the next tick's fault: at high rates one would
-        # else make the next tick late, and that another explanation, for ever.
+        # The cost of this explanation is not the next tick's fault: at high rates it would make the
+        # next tick late, which would need another explanation, and so on.
         self._ended_ns = max(ended_ns, counters.at_ns)
         overdue_ns = ended_ns - due_ns
         if overdue_ns > self._period_ns:
@@ -190,24 +189,24 @@ class LateTicks:
             del self._worst[:-WORST]
 
     def rest(self, deadline_ns: int, waiter: Waiter, free_ns: int, replies_lost: int) -> int:
-        """Read the counters in the slack, so that a later reading has one to compare with.
+        """Read the counters in the idle window, as the reference of a later reading.
 
         Args:
             deadline_ns: The last one [ns].
-            waiter: Who waited for it.
+            waiter: The loop's waiter.
             free_ns: Until the next deadline [ns].
-            replies_lost: In all, from the servo's start on.
+            replies_lost: Total since the servo's start.
 
         Returns:
-            After how many ticks to come again.
+            The number of ticks until the next call.
         """
-        # What happened so long ago made none of the ticks late that are yet to come.
+        # Events this old cannot explain future ticks.
         self._replies_lost = replies_lost
         self._continued = False
         self._collected_ns = 0
         if free_ns < _SLACK * self._cost_ns:
             return self._rest_ticks
-        self._overshoots.add(deadline_ns, waiter, self._rest_ticks)  # it stands for as many
+        self._overshoots.add(deadline_ns, waiter, self._rest_ticks)  # one sample represents as many
         counters = self._reader.read()
         grown = counters.less(self._last)
         self._last = counters
@@ -219,7 +218,7 @@ class LateTicks:
         return self._rest_ticks
 
     def report(self) -> dict[str, Any]:
-        """Late ticks with their causes and counts since ``begin``; JSON can hold it."""
+        """Return late ticks with their causes, and counts since ``begin``, for JSON."""
         grown = self._reader.read().less(self._begun)
         return {
             "limit_us": self.limits[0] / 1e3,
@@ -241,7 +240,7 @@ class LateTicks:
         }
 
     def _told(self, kept: _Kept) -> dict[str, Any]:
-        """One of the worst ticks, as JSON can hold it."""
+        """Return one of the worst ticks, for JSON."""
         assert self._first_ns is not None
         return {
             "time_s": (kept.deadline_ns - self._first_ns) / 1e9,
@@ -275,7 +274,7 @@ def _milli(time_ns: int | None) -> float | None:
 
 
 def _cost_ns(read: Callable[[], object]) -> int:
-    """What a reading costs [ns]: the median of five."""
+    """Return the cost of a reading [ns]: the median of five."""
     times = []
     for _ in range(5):
         began = time.monotonic_ns()

@@ -15,7 +15,7 @@ from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.plant.body import PlantParameters
-from haptic_wall.hw.plant.mechanism import HAND_WAIT_S
+from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096
@@ -432,8 +432,8 @@ def test_the_probe_can_be_skipped() -> None:
 def test_a_hand_that_comes_and_goes_does_not_falsify_the_probe(start_s: float) -> None:
     """The push moves at 0.6 rad/s half of the time."""
     bench = Bench(replace(TRUE, hand="push", position=-0.5))
-    bench.truth.mechanism.let_hand(bench.clock.now_ns())
-    bench.wait(HAND_WAIT_S + start_s)
+    bench.truth.mechanism.engage_operator(bench.clock.now_ns())
+    bench.wait(OPERATOR_WAIT_S + start_s)
     assert bench.servo.start()[-1].ok
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from haptic_wall.hw.plant.hand import LEAD_IN_S, SCRIPTS, hand_of
 from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.plant.operator_model import LEAD_IN_S, SCRIPTS, operator_of
 from haptic_wall.hw.settings import TrueServo
 
 HANDS = ["push", "tap", "lean"]
@@ -16,12 +16,12 @@ def servo(hand, **settings):
 
 
 def test_nobody_touches_it_by_default():
-    assert hand_of(TrueServo(inertia=0.012)) is None
+    assert operator_of(TrueServo(inertia=0.012)) is None
 
 
 @pytest.mark.parametrize("name", HANDS)
 def test_it_starts_where_the_servo_stands_and_never_jumps(name):
-    hand = hand_of(servo(name, position=0.2, hand_origin=0.1))
+    hand = operator_of(servo(name, position=0.2, hand_origin=0.1))
     now = 0
     expected = 0.2
     while now < 10_000 * MS:
@@ -41,7 +41,7 @@ def test_it_starts_where_the_servo_stands_and_never_jumps(name):
 
 @pytest.mark.parametrize("name", HANDS)
 def test_from_turns_away_it_comes_no_faster_than_a_hand_turns_a_horn(name):
-    stretch = hand_of(servo(name, position=18.8)).pull(0)
+    stretch = operator_of(servo(name, position=18.8)).pull(0)
     assert stretch.slope == pytest.approx(-2.0)
     reached = stretch.reference + stretch.slope * stretch.until_ns * 1e-9
     assert reached == pytest.approx(SCRIPTS[name].depths[0])
@@ -49,7 +49,7 @@ def test_from_turns_away_it_comes_no_faster_than_a_hand_turns_a_horn(name):
 
 @pytest.mark.parametrize("name", HANDS)
 def test_it_repeats_after_its_lead_in(name):
-    hand = hand_of(servo(name))
+    hand = operator_of(servo(name))
     period = round(SCRIPTS[name].times_s[-1] * 1e9)
     lead_in = round(LEAD_IN_S * 1e9)
     for since in range(0, period, 37 * MS):
@@ -61,15 +61,15 @@ def test_it_repeats_after_its_lead_in(name):
 
 @pytest.mark.parametrize("name", ["push", "tap"])
 def test_a_wall_on_the_other_side_is_touched_from_the_other_side(name):
-    above = hand_of(servo(name, hand_origin=0.0))
-    below = hand_of(servo(name, hand_origin=0.0, hand_direction=-1))
+    above = operator_of(servo(name, hand_origin=0.0))
+    below = operator_of(servo(name, hand_origin=0.0, hand_direction=-1))
     for now in range(0, 6_000 * MS, 61 * MS):
         assert below.pull(now).reference == pytest.approx(-above.pull(now).reference)
 
 
 def test_leaning_pushes_in_the_positive_direction_whatever_the_side():
     for direction in (1, -1):
-        hand = hand_of(servo("lean", hand_origin=0.3, hand_direction=direction))
+        hand = operator_of(servo("lean", hand_origin=0.3, hand_direction=direction))
         assert hand.pull(2_000 * MS).reference == pytest.approx(0.8)
         assert hand.pull(2_000 * MS).slope == 0.0
 

@@ -1,17 +1,17 @@
-"""Effect of a fault on a servo: its encoder, errors, supply, surroundings, power or cable."""
+"""Applies a fault to a servo: its encoder, errors, supply, ambient, power or cable."""
 
 from __future__ import annotations
 
-from haptic_wall.hw.emulated.injection import Happening
+from haptic_wall.hw.emulated.injection import FaultEvent
 from haptic_wall.hw.emulated.servo import EmulatedServo
 
 SILENCING = ("brown-out", "unplug")
-"""Those that end a reply on its way"""
+"""Faults that truncate a reply on its way"""
 
 
-def befall(happening: Happening, servo: EmulatedServo, now_ns: int) -> None:
-    """Let it happen to ``servo`` at ``now_ns`` [ns], or be over."""
-    fault, begins = happening
+def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
+    """Begin or end the fault on ``servo`` at ``now_ns`` [ns]."""
+    fault, begins = event
     servo.keep_up(now_ns)
     match fault.name:
         case "stuck" if begins:

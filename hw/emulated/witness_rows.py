@@ -1,4 +1,4 @@
-"""Record of a bus for its witness: frames, faults, motion, each with the truth at that instant."""
+"""Writes the events of a bus (frames, faults, motion) to its witness, each with the true state."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Row, Witness
 
 
-class Account:
-    """Tells ``witness`` of what happens on a bus.
+class WitnessRows:
+    """Converts the events of a bus to rows of its witness.
 
     Args:
-        witness: Who is told; None: nobody.
-        servos: Who is on the bus.
+        witness: Receives the rows; None: no record is made.
+        servos: The servos on the bus.
     """
 
     def __init__(self, witness: Witness | None, servos: Sequence[EmulatedServo]) -> None:
@@ -22,7 +22,7 @@ class Account:
         self._servos = servos
 
     def frame(self, now_ns: int, event: str, frame: Frame, ids: Sequence[int] | None) -> None:
-        """A frame, with the state of the first servo it concerns; ``ids`` None: all."""
+        """Record a frame, with the state of the first servo it concerns; ``ids`` None: all."""
         if self._witness is not None:
             state = self._concerned(ids[0] if ids else None).state(now_ns)
             self._witness.add(
@@ -30,14 +30,14 @@ class Account:
             )
 
     def fault(self, now_ns: int, name: str, id_: int | None, instruction: int | None) -> None:
-        """A fault; ``id_`` None: it is nobody's."""
+        """Record a fault; ``id_`` None: it concerns no servo."""
         if self._witness is not None:
             state = self._concerned(id_).state(now_ns)
             shown = BROADCAST if id_ is None else id_
             self._witness.add(Row(now_ns, "fault", shown, instruction, state, None, b"", name))
 
     def states(self, now_ns: int) -> None:
-        """Where every servo is."""
+        """Record the state of every servo."""
         if self._witness is not None:
             for servo in self._servos:
                 state = servo.state(now_ns)

@@ -1,12 +1,11 @@
-"""The tick's rehearsal: nothing comes of it, and it has its time or is left out."""
+"""The cache warm-up: it has no effect, and it has its time or is left out."""
 
 import pytest
 
-from haptic_wall.controller.runtime import deadlines, rehearsal
-from haptic_wall.controller.runtime.assembly import guard_schedule, most_injected
-from haptic_wall.controller.runtime.assembly import rehearsal as rehearsal_of
+from haptic_wall.controller.runtime import cache_warm_up, deadlines
+from haptic_wall.controller.runtime.assembly import cache_warm_up_of, guard_schedule, most_injected
+from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.deadlines import SpinWaiter, waiter_for
-from haptic_wall.controller.runtime.rehearsal import Rehearsal, StandInClock
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
@@ -37,30 +36,30 @@ RUNS = {
 
 
 class Rehearsed:
-    """A servo before whose every request the tick is rehearsed: in the midst of a real tick."""
+    """A servo before whose every request the caches are warmed up: in the midst of a real tick."""
 
-    def __init__(self, servo, rehearse):
-        self._servo, self._rehearse = servo, rehearse
+    def __init__(self, servo, warm_up):
+        self._servo, self._warm_up = servo, warm_up
 
     def __getattr__(self, name):
         return getattr(self._servo, name)
 
     def request(self):
-        self._rehearse(PERIOD_NS)
-        assert not self._rehearse.fault
+        self._warm_up(PERIOD_NS)
+        assert not self._warm_up.fault
         self._servo.request()
 
 
-def rows_of(preset, *sets, rehearsed):
+def rows_of(preset, *sets, warmed_up):
     config = load_config(preset, ("loop.clock=simulated", *sets)).config
     ran = []
 
     def opener(settings, clock, port):
         servo = open_servo(settings, clock, port)
-        if not rehearsed:
+        if not warmed_up:
             return servo
         schedule = guard_schedule(config, servo, True)
-        made = rehearsal_of(config, servo, schedule, most_injected(config, servo, schedule), ())
+        made = cache_warm_up_of(config, servo, schedule, most_injected(config, servo, schedule), ())
         tick = made._run
         made._run = lambda *deadline: ran.append(tick(*deadline))
         made.need_ns = made._most_ns = 0  # whatever time it takes: nobody waits for it
@@ -70,13 +69,13 @@ def rows_of(preset, *sets, rehearsed):
     result = run_session(
         config, SimulatedClock(), telemetry, 1.0, surroundings=Surroundings(open_servo=opener)
     )
-    assert len(ran) >= 1000 * rehearsed, "it did take place"
+    assert len(ran) >= 1000 * warmed_up, "it did take place"
     return telemetry.read(0)[0].tobytes(), result.stop_reason, result.oscillation, result.bus
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS.keys())
-def test_a_run_with_rehearsals_is_the_same_to_the_bit(run):
-    assert rows_of(*run, rehearsed=True) == rows_of(*run, rehearsed=False)
+def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(run):
+    assert rows_of(*run, warmed_up=True) == rows_of(*run, warmed_up=False)
 
 
 class Machine:
@@ -99,25 +98,25 @@ class Machine:
 def machine(monkeypatch):
     machine = Machine()
     monkeypatch.setattr(deadlines, "time", machine)
-    monkeypatch.setattr(rehearsal, "time", machine)
+    monkeypatch.setattr(cache_warm_up, "time", machine)
     return machine
 
 
 def made(machine, cost_ns, began):
-    """A rehearsal of a tick that takes ``cost_ns``, or what ``cost_ns()`` says."""
+    """A cache warm-up with a tick that takes ``cost_ns``, or what ``cost_ns()`` says."""
 
     def tick(deadline_ns, woke_ns, missed):  # noqa: ARG001
         began.append(machine.now)
         machine.now += cost_ns() if callable(cost_ns) else cost_ns
 
-    return Rehearsal(tick, StandInClock(), PERIOD_NS, lambda: None)
+    return CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
 
 
 def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine):
     began = []
-    rehearse = made(machine, 60_000, began)
-    assert rehearse.practise(500_000)
-    waiter = SpinWaiter(50_000, rehearse)
+    warm_up = made(machine, 60_000, began)
+    assert warm_up.practise(500_000)
+    waiter = SpinWaiter(50_000, warm_up)
     begun = deadline = machine.now
     for _ in range(200):
         deadline += PERIOD_NS
@@ -132,16 +131,16 @@ def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine):
 
 def test_without_the_time_it_needs_there_is_none(machine):
     began = []
-    rehearse = made(machine, 60_000, began)
-    assert rehearse.practise(500_000)
-    need_ns = rehearse.need_ns
+    warm_up = made(machine, 60_000, began)
+    assert warm_up.practise(500_000)
+    need_ns = warm_up.need_ns
     assert need_ns >= 60_000
     began.clear()
-    rehearse(need_ns - 1)
+    warm_up(need_ns - 1)
     assert began == []
-    rehearse(need_ns)
+    warm_up(need_ns)
     assert len(began) == 1
-    waiter = SpinWaiter(50_000, rehearse)
+    waiter = SpinWaiter(50_000, warm_up)
     began.clear()
     assert waiter.wait(machine.now + 40_000), "too near to sleep"
     machine.oversleeps_ns = PERIOD_NS
@@ -151,28 +150,28 @@ def test_without_the_time_it_needs_there_is_none(machine):
 
 def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine):
     costs = [40_000]
-    rehearse = made(machine, lambda: costs[0], [])
-    assert rehearse.practise(200_000)
+    warm_up = made(machine, lambda: costs[0], [])
+    assert warm_up.practise(200_000)
     for cost, least, most in ((120_000, 120_000, 145_000), (40_000, 40_000, 55_000)):
         costs[0] = cost
         for _ in range(2500):
-            rehearse(PERIOD_NS)
-        assert least <= rehearse.need_ns <= most
+            warm_up(PERIOD_NS)
+        assert least <= warm_up.need_ns <= most
     costs[0] = 900_000
     for _ in range(600):
-        rehearse(PERIOD_NS)
-    assert rehearse.need_ns <= 200_000
+        warm_up(PERIOD_NS)
+    assert warm_up.need_ns <= 200_000
 
 
 def test_a_single_long_one_does_not_end_them(machine):
     costs = [40_000]
     began = []
-    rehearse = made(machine, lambda: costs[0], began)
-    assert rehearse.practise(200_000)
-    before = rehearse.need_ns
+    warm_up = made(machine, lambda: costs[0], began)
+    assert warm_up.practise(200_000)
+    before = warm_up.need_ns
     costs[0] = 5_000_000
-    rehearse(PERIOD_NS)
-    assert rehearse.need_ns < 1.2 * before + 2000
+    warm_up(PERIOD_NS)
+    assert warm_up.need_ns < 1.2 * before + 2000
 
 
 def test_short_periods_and_waits_without_spinning_have_none(machine):
@@ -189,14 +188,14 @@ def test_short_periods_and_waits_without_spinning_have_none(machine):
         assert bool(began) == wanted
 
 
-def test_an_error_ends_the_rehearsals_and_nothing_else(machine):
+def test_an_error_ends_the_warm_ups_and_nothing_else(machine):
     def tick(*_):
         raise ZeroDivisionError("by design")
 
-    rehearse = Rehearsal(tick, StandInClock(), PERIOD_NS, lambda: None)
-    assert not rehearse.practise(500_000)
-    assert rehearse.fault == "ZeroDivisionError: by design"
-    waiter = SpinWaiter(50_000, rehearse)
+    warm_up = CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
+    assert not warm_up.practise(500_000)
+    assert warm_up.fault == "ZeroDivisionError: by design"
+    waiter = SpinWaiter(50_000, warm_up)
     deadline = machine.now + PERIOD_NS
     assert 0 <= waiter.wait(deadline) - deadline < 500
     assert machine.naps[-1] > 900_000, "nothing is set aside for it any more"
@@ -220,7 +219,7 @@ class Mute:
         self._servo.request()
 
 
-def test_a_run_whose_rehearsal_fails_says_so_and_goes_on():
+def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on():
     said = []
     config = load_config("simulated", ("loop.warm_up_s=0.01", "realtime.spin_us=50")).config
     result = run_session(

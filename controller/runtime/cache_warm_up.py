@@ -1,10 +1,11 @@
-"""Runs a tick on stand-ins just before a deadline, so that the processor knows it when it counts.
+"""Warms the processor's caches: executes a dry-run tick just before each deadline.
 
-A tick is some thousand lines of interpreter and program that are used for a few microseconds once a
-period. In between the processor sleeps, and its caches and branch predictors forget: the same tick
-takes two to three times as long as in a loop without pause. The waiter wakes some time before each
-deadline anyway, and would only look at the clock. Instead it lets a second tick run, with a wall, a
-detector and a servo of its own: the same code, and nobody's torque.
+A tick is some thousand lines of interpreter and program code, used for a few microseconds once a
+period. The processor sleeps in between, and its caches and branch predictors lose that code: the
+same tick takes two to three times as long as in a loop without pause. The waiter wakes some time
+before each deadline anyway, and would only read the clock. It executes a second tick instead, which
+has a
+wall, a detector and a servo of its own: the same code without any effect.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ import time
 from collections.abc import Callable
 
 _LOOK_NS = 5000
-"""How much later the stand-in's clock is each time it is looked at [ns]"""
+"""Advance of the dry run's clock per reading [ns]"""
 _UP, _DOWN = 3, 10
-"""Powers of two by which the time needed grows and falls: some 99 of 100 rehearsals take less"""
+"""Powers of two by which the needed time grows and falls: about 99 of 100 warm-ups take less"""
 _LEAST_NS = 1000
-"""By which it grows at least [ns]"""
+"""Least growth of the needed time [ns]"""
 
 
 class StandInClock:
-    """Time as a rehearsal has it: it passes by being looked at, and nobody waits for it."""
+    """Clock of the dry-run tick: advances with each reading, and waiting returns at once."""
 
     __slots__ = ("_now",)
 
@@ -29,31 +30,31 @@ class StandInClock:
         self._now = 0
 
     def now_ns(self) -> int:
-        """See ``Clock``."""
+        """Return the time; see ``Clock``."""
         self._now += _LOOK_NS
         return self._now
 
     def boot_ns(self) -> int:
-        """See ``Clock``."""
+        """Return the time; see ``Clock``."""
         return self._now
 
     def wait_until(self, instant_ns: int) -> None:
-        """See ``Clock``."""
+        """Return at once; see ``Clock``."""
         self._now = max(self._now, instant_ns)
 
 
-class Rehearsal:
-    """A tick that may be run at any time, as often as wanted, because nothing comes of it.
+class CacheWarmUp:
+    """Executes a dry-run tick, at any time and as often as wanted, without any effect.
 
     Args:
-        run: Of a ``Tick`` made of stand-ins, not of anything that the loop uses.
-        clock: The one that it runs on.
+        run: Of a ``Tick`` made of stand-ins, which shares nothing with the loop.
+        clock: The stand-ins' clock.
         period_ns: Of the loop [ns].
-        idle: What the servo itself can do beforehand.
+        idle: Preparations of the servo itself.
 
     Attributes:
-        need_ns: How much time to have for it, by what it took [ns].
-        fault: Why there are no more rehearsals; empty: there are.
+        need_ns: Time to allow for it, estimated from its duration [ns].
+        fault: Why there are no more warm-ups; empty: there are.
     """
 
     __slots__ = (
@@ -84,7 +85,9 @@ class Rehearsal:
         self.fault = ""
 
     def __call__(self, left_ns: int) -> None:
-        """Rehearse, if there is time. Never raises: an error ends the rehearsals, not the run.
+        """Execute a dry-run tick if there is time; never raises.
+
+        An error ends the warm-ups, not the run.
 
         Args:
             left_ns: Until the deadline [ns].
@@ -108,12 +111,12 @@ class Rehearsal:
             self.need_ns = need_ns - (need_ns >> _DOWN)
 
     def practise(self, most_ns: int, naps: int = 100, nap_ns: int = 300_000) -> bool:
-        """Rehearse after some naps, to know what it needs; whether that is little enough.
+        """Measure the needed time in dry runs after sleeps; return whether it is short enough.
 
         Args:
-            most_ns: What there is for it, now and later [ns].
-            naps: How many.
-            nap_ns: How long each is [ns].
+            most_ns: Available time [ns].
+            naps: Number of dry runs.
+            nap_ns: Duration of each sleep [ns].
         """
         for _ in range(naps):
             time.sleep(nap_ns * 1e-9)

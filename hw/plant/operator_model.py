@@ -1,8 +1,8 @@
-"""Scripted hands: a soft spring and damper toward a reference that is piecewise linear in time.
+"""Scripted operator models: a soft spring and damper toward a piecewise linear reference.
 
-A hand does not know what it touches; its script is given relative to the wall (depth: positive
-inside). It first leads from where the servo stands to the first depth of its script, so that the
-start is no blow, and then repeats the script for ever.
+An operator does not sense what it touches; its script is relative to the wall (depth: positive
+inside). It first leads from the servo's position to the first depth of its script, so that the
+start is no impact, and then repeats the script for ever.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from typing import NamedTuple
 from haptic_wall.hw.settings import HandName, TrueServo
 
 STIFFNESS = 4.0
-"""[N·m/rad] A relaxed wrist; softer than any wall worth feeling. With a reference 0.5 rad inside
-a wall of 15 N·m/rad and a Coulomb friction of 0.1 N·m the servo rests 0.1 rad inside, at a
-torque of 1.5 N·m: clear of the friction and of a servo's saturation (4.1 N·m)."""
+"""[N·m/rad] A relaxed wrist, softer than any useful wall. With a reference 0.5 rad inside a wall of
+15 N·m/rad and a Coulomb friction of 0.1 N·m the servo rests 0.1 rad inside, at a torque of 1.5 N·m:
+well above the friction and below a servo's saturation (4.1 N·m)."""
 
 DAMPING = 0.2
-"""[N·m·s/rad] Damping ratio of about 0.5 with a free inertia of 0.01 kg·m²: a wrist does not
-ring."""
+"""[N·m·s/rad] Damping ratio of about 0.5 with a free inertia of 0.01 kg·m²: a wrist does not ring.
+"""
 
 LEAD_IN_S = 0.5
-"""From where the servo stands to the first depth of the script [s], or longer where that is far."""
+"""Duration of the lead-in to the first depth of the script [s]; longer for long distances."""
 
 LEAD_IN_SPEED = 2.0
-"""[rad/s] No faster is the servo led there; in ``LEAD_IN_S`` that is 1 rad."""
+"""[rad/s] Largest speed of the lead-in; in ``LEAD_IN_S`` that is 1 rad."""
 
 
 class Stretch(NamedTuple):
-    """The reference while it moves linearly."""
+    """A linear stretch of the reference."""
 
     reference: float
-    """At the instant asked for [rad]"""
+    """At the requested instant [rad]"""
     slope: float
     """[rad/s]"""
     until_ns: int
-    """When the slope changes next [ns since the start]"""
+    """Time of the next change of the slope [ns since the start]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ SCRIPTS: dict[HandName, Script] = {
 }
 
 
-class ScriptedHand:
-    """A hand's reference over time."""
+class ScriptedOperator:
+    """The reference of an operator over time."""
 
     __slots__ = (
         "_knots_ns",
@@ -73,12 +73,12 @@ class ScriptedHand:
     )
 
     def __init__(self, script: Script, position: float, origin: float, direction: int) -> None:
-        """Lay the script out at the wall.
+        """Place the script at the wall.
 
         Args:
-            script: What the hand does.
-            position: Where the servo stands at the start [rad].
-            origin: Where the wall stands [rad].
+            script: Depths over time.
+            position: Of the servo at the start [rad].
+            origin: Of the wall [rad].
             direction: +1: depths count upward; -1: downward.
         """
         self._knots_ns = [round(time * 1e9) for time in script.times_s]
@@ -101,7 +101,7 @@ class ScriptedHand:
         ]
 
     def pull(self, elapsed_ns: int) -> Stretch:
-        """The reference and its slope at ``elapsed_ns`` [ns since the start], and for how long."""
+        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
         since_ns = elapsed_ns - self._lead_in_ns
         if since_ns < 0:
             slope = self._lead_in_slope
@@ -116,8 +116,8 @@ class ScriptedHand:
         )
 
 
-def hand_of(true: TrueServo) -> ScriptedHand | None:
-    """The hand on this servo; None where nobody touches it.
+def operator_of(true: TrueServo) -> ScriptedOperator | None:
+    """Return the operator of this servo; None: it has none.
 
     ``push`` and ``tap`` act on the wall, whatever its side; ``lean`` pushes in the positive
     direction whatever the wall's side.
@@ -125,4 +125,4 @@ def hand_of(true: TrueServo) -> ScriptedHand | None:
     if true.hand == "none":
         return None
     direction = 1 if true.hand == "lean" else true.hand_direction
-    return ScriptedHand(SCRIPTS[true.hand], true.position, true.hand_origin, direction)
+    return ScriptedOperator(SCRIPTS[true.hand], true.position, true.hand_origin, direction)
