@@ -2,8 +2,7 @@
 
 No check enables torque. Without consent nothing is written to the servo: registers are read and the
 shaft does not move. A servo whose torque is on is not read in a loop either, because reading may
-keep
-its Bus Watchdog from tripping, and so the torque on.
+keep its Bus Watchdog from tripping, and so the torque on.
 """
 
 from __future__ import annotations

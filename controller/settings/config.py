@@ -99,8 +99,7 @@ class Config(Sections):
         """Return the speed of which an experiment plans at most a fraction of 0.4 [rad/s].
 
         Where the limit comes from the model it is 0.8 of ``driven_speed``: the plan is not exceeded
-        within
-        the bounds of the belief.
+        within the bounds of the belief.
         """
         if self.safety.max_speed is None and self._no_load_speed:
             return 2.0 * self.driven_speed

@@ -81,8 +81,7 @@ _EMULATED: tuple[Kind, ...] = ("emulated",)
 
 
 class Servo(Section):
-    """The servo: true parameters if simulated or emulated, connection if real.
-    """
+    """The servo: true parameters if simulated or emulated, connection if real."""
 
     backend: Annotated[str, AfterValidator(_backend)] = Field(
         "simulated", description="In this process, on a Dynamixel bus, or of an installed plugin"
