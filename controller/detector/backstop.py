@@ -455,7 +455,8 @@ class Backstop:
         return self._step >= _STEPS or self._gives_way(self._step)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
-        return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude)
+        pull = min(self._motion.pull, self._motion.pull_2, self._motion.pull_3)
+        return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude, pull)
 
     def _held_off(self, seen: Sighting) -> bool:
         """Whether a hand was found to make a motion like this one not long ago."""

@@ -23,6 +23,9 @@ such a motion lengthens while it grows"""
 _FASTER_THAN_HANDS_HZ, _SHARPER_THAN_HANDS = 15.0, 700.0
 """No hand moves a shaft to and fro by a degree as fast as this, nor turns it around with such an
 acceleration [rad/s²]: 0.5 rad to either side at 6 Hz, 0.1 rad at 13 Hz"""
+_POWERFUL_HZ, _POWERFUL = 7.0, 6.0
+"""Nor does one give the wall so much power above this frequency [W]: muscles follow a command up to
+two or three times a second, and reach a fraction of their strength beyond"""
 _FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
 """The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
 longer than this; relative to the half-cycles before"""
@@ -129,16 +132,19 @@ def is_limit_cycle(motion: Repeated, limit: float) -> bool:
     )
 
 
-def beyond_hands(cycle: float, amplitude: float) -> bool:
+def beyond_hands(cycle: float, amplitude: float, pull: float) -> bool:
     """Whether no hand moves a shaft like this.
 
     Args:
         cycle: Period [s].
         amplitude: At least a degree or so [rad].
+        pull: Torque toward the middle, as that of half-cycles [N·m].
     """
+    speed = amplitude * math.tau / cycle
     return (
         cycle * _FASTER_THAN_HANDS_HZ < 1.0
-        or amplitude * (math.tau / cycle) ** 2 > _SHARPER_THAN_HANDS
+        or speed * math.tau / cycle > _SHARPER_THAN_HANDS
+        or (cycle * _POWERFUL_HZ < 1.0 and pull * speed > _POWERFUL)
     )
 
 
