@@ -223,6 +223,23 @@ def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls():
     assert stop.probes == 2
 
 
+def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_found():
+    truth = Truth(
+        0.00976,
+        0.0158,
+        0.0452,
+        torque_gain=0.7,
+        delay=0.00352,
+        backlash=0.003,
+        back_emf="none",
+        stall_torque=0.7 * BENCH.stall_torque,
+        no_load_speed=BENCH.no_load_speed,
+    )
+    trial = run(truth.with_mode(22.3, 0.0104, 0.302), 0.2, kick=0.0379, duration_s=3.0)
+    assert own_oscillation(trial, BENCH.belief).largest > math.radians(4.0)
+    assert ended_or_died(trial)
+
+
 def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_motion():
     seen = motion()
     stop = backstop(seen)
