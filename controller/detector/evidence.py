@@ -23,9 +23,10 @@ such a motion lengthens while it grows"""
 _FASTER_THAN_HANDS_HZ, _SHARPER_THAN_HANDS = 15.0, 700.0
 """No hand moves a shaft to and fro by a degree as fast as this, nor turns it around with such an
 acceleration [rad/s²]: 0.5 rad to either side at 6 Hz, 0.1 rad at 13 Hz"""
-_POWERFUL_HZ, _POWERFUL = 7.0, 6.0
-"""Nor does one give the wall so much power above this frequency [W]: muscles follow a command up to
-two or three times a second, and reach a fraction of their strength beyond"""
+_POWERFUL = 14.0 * 7.0**3
+"""Nor does a hand give the wall more power than this over the cube of the frequency [W·Hz³]: 14 W
+at 7 Hz, 5 W at 10 Hz. The alternating torque of a muscle, and the way that the mass of a hand then
+goes, both fall with the frequency. The operators of the tables give at most half of it."""
 _FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
 """The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
 longer than this; relative to the half-cycles before"""
@@ -144,7 +145,7 @@ def beyond_hands(cycle: float, amplitude: float, pull: float) -> bool:
     return (
         cycle * _FASTER_THAN_HANDS_HZ < 1.0
         or speed * math.tau / cycle > _SHARPER_THAN_HANDS
-        or (cycle * _POWERFUL_HZ < 1.0 and pull * speed > _POWERFUL)
+        or pull * speed > _POWERFUL * cycle**3
     )
 
 

@@ -103,16 +103,25 @@ class Case:
             natural_hz=self.stiffness_hz,
         )
 
-    def run(self, answer: str = "reduce", operator: Operator | None = None) -> Trial:
+    def run(
+        self,
+        answer: str = "reduce",
+        operator: Operator | None = None,
+        *,
+        speed_limits: bool = False,
+    ) -> Trial:
         """Run it.
 
         Args:
             answer: To an oscillation: ``report``, ``reduce`` or ``trip``.
             operator: Who moves the output; None: as the case says.
+            speed_limits: The run may trip at the servo's speed, as it does by default; else
+                nothing but the detector ends it.
         """
+        limits = ("safety.max_speed=null",) if speed_limits else ()
         return run_trial(
             self.truth,
-            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}"),
+            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}", *limits),
             self.wall,
             self.moved_by() if operator is None else operator,
             duration_s=self.duration_s,

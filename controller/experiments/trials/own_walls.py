@@ -90,12 +90,13 @@ def told(cells: list[Cell]) -> Made:
         " believed bounds by their upper bound. A wall oscillates by itself if, with `report`, its"
         " half-cycles stay above 1 degree or 10 counts to the end of 8 s. The deadline is six"
         " cycles of the slowest frequency that K allows, at most 5 s. `unseen`: at the end, with"
-        " `reduce`, the motion sustains itself above four counts and is called quiet or decaying.",
+        " `reduce`, the motion sustains itself above four counts and is called quiet or decaying."
+        " The trip by speed is off; the walls that are late are tried again with it.",
     ]
     head = [
         "| servo | lag | walls | oscillate | with `reduce` decays or ends in time | late, by at"
-        " most | never | of all, a trip | unseen |",
-        "|---|---|---|---|---|---|---|---|---|",
+        " most | of these, with the trip by speed | never | of all, a trip | unseen |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for preset in PRESETS:
         here = [one for one in cells if one.preset == preset]
@@ -124,6 +125,7 @@ def _line(name: str, lags: str, cells: list[Cell]) -> str:
     return (
         f"| {name} | {lags} | {sum(one.walls for one in cells)} | {n} |"
         f" {most(sum(one.in_time for one in found), n)} | {late_text} |"
+        f" {sum(one.late_at_any_speed for one in found)} |"
         f" {sum(one.never for one in found)} |"
         f" {sum(one.trip is not None for one in found)} |"
         f" {few(sum(one.unseen for one in found), n)} |"

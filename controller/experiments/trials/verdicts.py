@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -95,6 +95,8 @@ class Answered:
     """It decays, or the run has ended, before the deadline"""
     late_s: float
     """After the deadline until it decays, or the run ends [s]; 0: in time"""
+    late_at_any_speed: bool
+    """It is late with the trip by speed too"""
     never: bool
     """It goes on until the end of the trial"""
     trip: str | None
@@ -120,21 +122,19 @@ def answered(case: Case) -> Answered:
     trial = case.run()
     own = _judged(case, trial)
     if not own.judged or not own.in_time:
-        trial = Case(
-            case.preset,
-            case.truth,
-            case.wall,
-            case.duration_s + _LONGER_S,
-            case.position,
-            case.push,
-        ).run()
+        longer = replace(case, duration_s=case.duration_s + _LONGER_S)
+        trial = longer.run()
         own = _judged(case, trial)
+    late = not own.in_time
+    if late:
+        late = not _judged(case, longer.run(speed_limits=True)).in_time
     over = own.ended_s if own.tripped else own.decays_s
     at_alarm, after = at_alarm_and_after(trial)
     return Answered(
         case=case,
         in_time=own.in_time,
         late_s=0.0 if own.in_time else over - own.deadline_s,
+        late_at_any_speed=late,
         never=not own.tripped and own.decays_s > own.ended_s - WINDOW_S,
         trip=trial.trip,
         gave_up=trial.gave_up,
