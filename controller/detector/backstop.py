@@ -67,7 +67,7 @@ _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
 _AS_LARGE = 0.4
-"""Amplitude over that before the alarm from which the periods may be compared: where the torque
+"""Amplitude over that before the alarm from which a hand may make the motion: where the torque
 saturated before, what the softer wall keeps up has the same period when it is much smaller."""
 _OWN = 1.3, 2.0, 3.0
 """Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
@@ -541,7 +541,9 @@ class Backstop:
         elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = not settings.bounces or motion.gain > 0.0
         elif self._softest:
-            if self._count >= _GOES_ON and not (self.small_cycle or self._beyond_hands(seen)):
+            as_large = seen.amplitude > _AS_LARGE * self._probe.before.amplitude
+            hand = as_large and not (self.small_cycle or self._beyond_hands(seen))
+            if hand and self._count >= _GOES_ON:
                 self._was_wrong()
         else:
             self.damping_scale = PROBE**self._step

@@ -88,7 +88,8 @@ class OwnOscillation:
     """Oscillation that the wall makes by itself."""
 
     onset_s: float
-    """End of the first half-cycle above the threshold [s]; NaN: there was none"""
+    """End of the first half-cycle above the threshold that the next one on the same side has not
+    lost a part of: a kick that dies is no oscillation yet [s]; NaN: there was none"""
     decays_s: float
     """End of the last half-cycle above the threshold that did not decay [s], ``onset_s`` at least;
     NaN: there was no onset"""
@@ -139,9 +140,12 @@ def own_oscillation(
     ended = trial.output.size * trial.period
     above = cycles.amplitude > threshold
     final = cycles.amplitude[cycles.begin_s > 0.75 * ended]
+    kept_on = np.zeros_like(above)
+    kept_on[:-2] = cycles.sustained[2:]
+    begins = above & kept_on
     onset = decays = deadline = stiffness = math.nan
-    if above.any():
-        onset = decays = float(cycles.end_s[above][0])
+    if begins.any():
+        onset = decays = float(cycles.end_s[begins][0])
         kept = above & cycles.sustained & np.isfinite(cycles.last)
         if kept.any():
             decays = max(onset, float(cycles.end_s[kept][-1]))

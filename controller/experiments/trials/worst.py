@@ -90,10 +90,12 @@ def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S
 def lateness(preset: str, point: Mapping[str, float]) -> float:
     """Time until an oscillation decays or the run ends, by the time that it may take [1].
 
-    Above 1 it is late. What never ends counts 4 more at least, and the more, the larger it is.
+    Above 1 it is late. What never ends counts 4 more at least, and the more, the larger it is. The
+    run may trip at the servo's speed, as it does by default: the truth may have no back-EMF, and
+    would go on faster than the servo can turn.
     """
     case = case_of(preset, point)
-    trial = case.run()
+    trial = case.run(speed_limits=True)
     own = own_oscillation(trial, bench_of(preset).belief)
     if math.isnan(own.onset_s):
         return 0.01 * min(own.largest / large(case.truth.counts_per_rev), 1.0)
@@ -179,8 +181,8 @@ def told(results: list[Searched]) -> Made:
         f" bounds), lag (to {LAG_FACTOR:g} times its upper bound), B, kick, kind of back-EMF,"
         " backlash, and a transmission's frequency, damping and load, with the guard's own K,"
         " two-sided, and `reduce`. `lateness`: the time until the motion decays or the run ends, by"
-        " the time it may take; what goes on to the end of"
-        f" {_LONG_S:g} s counts {_NEVER:g} more. `growth`: the largest distance from the surface"
+        " the time it may take, with the trip by speed on as by default; what goes on to the end"
+        f" of {_LONG_S:g} s counts {_NEVER:g} more. `growth`: the largest distance from the surface"
         " after the alarm by the largest until then. `unseen`: the longest time for which a"
         " motion above four counts did not die, and was called quiet or decaying, by"
         f" {LONGEST_S:g} s.",

@@ -131,6 +131,16 @@ def test_an_oscillation_that_goes_on_is_not_in_time() -> None:
     assert not verdict.in_time
 
 
+def test_a_kick_that_dies_is_no_oscillation_until_it_goes_on() -> None:
+    time = np.arange(8000) * 1e-3
+    size = np.maximum(0.4 * np.exp(-2.0 * time), 0.05)
+    dies = made_up(0.4 * np.exp(-2.0 * time) * np.cos(math.tau * 5.0 * time))
+    assert math.isnan(own_oscillation(dies, BENCH.belief).onset_s)
+    settles = own_oscillation(made_up(size * np.cos(math.tau * 5.0 * time)), BENCH.belief)
+    assert settles.onset_s == pytest.approx(0.5 * math.log(8.0), abs=0.2)
+    assert not settles.in_time
+
+
 def test_one_that_begins_to_decay_before_the_deadline_is_in_time() -> None:
     time = np.arange(8000) * 1e-3
     size = 0.1 * np.exp(np.where(time < 1.0, 0.5 * time, 0.5 - 0.3 * (time - 1.0)))
