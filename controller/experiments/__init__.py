@@ -1,1 +1,1 @@
-"""Experiments on walls: simulated many at once, or run one after the other."""
+"""Experiments on walls: many simulated at once, or one servo measured run after run."""

@@ -1,8 +1,8 @@
-"""The loop's delay, from the sample a torque was computed with to the motion that it causes.
+"""Measures the loop's delay, from the sample of a torque to the motion that the torque causes.
 
-The torque is stepped, and the instant at which the shaft's acceleration changes is found from the
-motion on both sides, far finer than a sampling period. The same with periods inserted on purpose
-must find that much more: what the measurement is worth shows in what it recovers.
+The torque is stepped. The instant at which the shaft's acceleration changes follows from the motion
+before and after it, with far finer resolution than a sampling period. Runs with inserted periods
+must find exactly that much more, which proves the measurement.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from haptic_wall.controller.settings.config import Config
 
 BURSTS = 8
 BURST_S = 2.6
-"""Duration of a burst and its return in real time, about [s]"""
+"""Approximate duration of a burst and its return in real time [s]"""
 CHECK_STEPS = 5
-"""Periods inserted beside the configured ones, to be recovered."""
+"""Periods inserted in addition to the configured ones, to be recovered."""
 GUARD_SHARE = 2.0
-"""The bounds to believe in are so many standard errors from the value."""
+"""Standard errors between the value and its bounds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Measured:
     stderr: float
 
     def report(self) -> dict[str, float]:
-        """For JSON."""
+        """Return both for JSON."""
         return {"value": self.value, "stderr": self.stderr}
 
 
@@ -51,11 +51,12 @@ class DelayPoint:
     total: Measured
     """From the sample to the motion [s]: t_d of the theory"""
     device: Measured
-    """From the sending to the motion [s]"""
+    """From sending to motion [s]"""
     age: Measured
     """Of a sample when a torque is sent in the same period, mean over the steps [s]"""
     recovered: Measured | None
-    """Of the inserted delay, against the run with the fewest [s]; None: that is this one"""
+    """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
+    run"""
     shaken: Shaken
     commanded: StepFit
     """The fit with the lag counted from the sample"""
@@ -63,29 +64,29 @@ class DelayPoint:
 
 @dataclass(frozen=True, slots=True)
 class LoopDelay:
-    """Delay of the loop, and the parts it is made of."""
+    """The delay of the loop, and its parts."""
 
     total: Measured
     """At the configured inserted delay [s]"""
     device: Measured
-    """By all runs [s]"""
+    """From all runs [s]"""
     age_median: float
     age_high: float
-    """Percentile that the guard counts with [s]"""
+    """Percentile that the guard uses [s]"""
     points: tuple[DelayPoint, ...]
     configured: int
     """Periods inserted by the configuration"""
 
     @property
     def notes(self) -> list[str]:
-        """Remarks for a person."""
+        """Return remarks for a person."""
         return [p.shaken.note for p in self.points if p.shaken.note]
 
 
 def planned(
     config: Config, delay_steps: Sequence[int], bursts: int, seed: int
 ) -> tuple[list[Shaking], str]:
-    """The runs that will be made, and what they will do, for a person.
+    """Return the planned runs, and their description for a person.
 
     Raises:
         UserError: The torque limit is unknown, or too small against friction.
@@ -114,16 +115,16 @@ def measure_delay(
     """Measure the loop's delay on the servo of a configuration.
 
     Args:
-        config: The servo, and what it runs on; a scripted hand is kept off.
-        folder: Where the logs go.
-        delay_steps: Periods to be inserted and recovered, beside the configured ones.
+        config: The servo and its settings; a scripted operator is switched off.
+        folder: For the logs.
+        delay_steps: Periods to be inserted and recovered, in addition to the configured ones.
         bursts: Of torque steps, for each run.
         seed: Of the random lengths and amplitudes of the steps.
-        tell: Called with what a person should know meanwhile.
+        tell: Called with messages for a person.
 
     Raises:
         UserError: The torque limit is unknown, or too small against friction.
-        ExperimentFailedError: The servo did not move, or not as asked.
+        ExperimentFailedError: The servo did not respond, or not as expected.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
@@ -149,12 +150,12 @@ def measure_delay(
 
 
 def delay_report(found: LoopDelay, period: float, believed: float) -> dict[str, Any]:
-    """As JSON-ready values.
+    """Return the result as JSON-ready values.
 
     Args:
         found: The result.
         period: [s].
-        believed: The longest lag of the device that is believed [s].
+        believed: The longest believed lag of the device [s].
     """
     low = found.device.value - GUARD_SHARE * found.device.stderr
     high = found.device.value + GUARD_SHARE * found.device.stderr
@@ -206,7 +207,7 @@ def _point(
 
 
 def _together(fits: Sequence[StepFit]) -> Measured:
-    """The mean lag, each weighted with what it knows; what all have in common stays."""
+    """Return the mean lag weighted by information; common errors stay."""
     weights = np.array([fit.stderr**-2 for fit in fits])
     values = np.array([fit.lag for fit in fits])
     common = max(fit.systematic for fit in fits)

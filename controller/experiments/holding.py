@@ -1,7 +1,7 @@
-"""A spring that holds a servo steady whatever it is within what is believed of it.
+"""Computes a spring that holds any servo within the belief steadily.
 
-Experiments bring the shaft back with it, and move it about. It must be stable at the longest delay
-and gentle on a coarse encoder; how stiff it is matters little.
+Experiments use it to bring the shaft back and to move it. It must be stable at the longest delay
+and gentle on a coarse encoder; its exact stiffness matters little.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 _MARGIN = 0.4
-"""Share of the critical stiffness."""
+"""Fraction of the critical stiffness."""
 _CEILING = 0.5
-"""Share of the highest damping that any stiffness is stable with."""
+"""Fraction of the damping ceiling."""
 _STEP_SHARE = 0.02
-"""Share of the torque limit that one encoder count may command, by spring and by damper each."""
+"""Fraction of the torque limit that one encoder count may command, by spring and by damper each."""
 _DAMPINGS = 40
 _SPEED = 0.5
-"""Of the centre on its way [rad/s]"""
+"""Speed of the moving centre [rad/s]"""
 _COUNTS = 2.5
-"""Motion within so many encoder counts is none"""
+"""Motion within this many encoder counts is rest"""
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A spring and a damper that are stable for all that is believed."""
+    """A spring and a damper that are stable for the whole belief."""
 
     stiffness: float
     """[N·m/rad]"""
@@ -39,7 +39,7 @@ class Hold:
     position_step: float
     """One encoder count [rad]; 0: none"""
     stays_off: float
-    """How far friction may hold the shaft off the centre [rad]"""
+    """Distance from the centre at which friction may hold the shaft [rad]"""
 
     def phase(
         self,
@@ -48,13 +48,13 @@ class Hold:
         speed: float = _SPEED,
         still_s: float | None = None,
     ) -> Phase:
-        """A phase that moves the centre to a place and holds the shaft there.
+        """Return a phase that moves the centre to a place and holds the shaft there.
 
         Args:
-            seconds: At most [s].
-            center: Where to [rad].
+            seconds: Longest duration [s].
+            center: Goal [rad].
             speed: Of the centre [rad/s].
-            still_s: It ends when the shaft has kept still for so long [s].
+            still_s: The phase ends when the shaft has rested for this time [s].
         """
         return Phase(
             seconds,
@@ -68,7 +68,7 @@ class Hold:
 
 
 def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
-    """The stiffest such spring with a damper that suits it.
+    """Return the stiffest such spring with a suitable damper.
 
     Args:
         config: The effective configuration.
@@ -100,7 +100,7 @@ def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
 
 
 def sample_age(config: Config) -> float:
-    """The age of a sample to be reckoned with before one was measured [s]."""
+    """Return the age of a sample to assume before a measurement [s]."""
     if config.servo.kind == "simulated":
         expected = 0.0 if config.loop.clock == "simulated" else 0.5
     else:
@@ -109,7 +109,7 @@ def sample_age(config: Config) -> float:
 
 
 def without_hand(config: Config) -> Config:
-    """The same with no scripted hand on the shaft: an experiment has it for itself."""
+    """Return the configuration without a scripted operator, which would disturb an experiment."""
     if config.servo.hand == "none" or config.servo.kind == "hardware":
         return config
     raw = config.model_dump(mode="json")
@@ -118,7 +118,7 @@ def without_hand(config: Config) -> Config:
 
 
 def torque_limit_of(config: Config) -> float:
-    """The torque limit that an experiment is planned with [N·m].
+    """Return the torque limit for planning an experiment [N·m].
 
     Raises:
         UserError: A real servo's is not configured.

@@ -1,4 +1,4 @@
-"""A folder that results are kept in: known by their settings, never half written."""
+"""A folder of stored results: identified by their settings, never partially written."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 
 MOST_BYTES = 2**24
-"""No table, report or picture that is kept is longer"""
+"""Largest size of a stored table, report or picture"""
 
 
 def fingerprint(described: Mapping[str, Any]) -> str:
-    """Differs when anything does that is described, the program's version too.
+    """Return a text that differs when any description differs, or the program's version.
 
     Args:
-        described: Everything the results depend on, as JSON can hold it.
+        described: Everything that the results depend on, as JSON can hold it.
     """
     text = json.dumps({"program": __version__, **described}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -52,11 +52,12 @@ def made(folder: Path, logs: str) -> None:
 def kept_bytes(path: Path, again: str) -> bytes:
     """Read a file of the folder.
 
-    The folder may come from anybody: a link could lead to any file, a device or a pipe never ends.
+    The folder may come from another user: a link could lead to any file; a device or a pipe never
+    ends.
 
     Args:
-        path: Of the file; nothing that it leads to is followed.
-        again: What to do where it cannot be used, for the message.
+        path: Of the file; links are not followed.
+        again: Advice for an unusable file, for the message.
 
     Raises:
         UserError: It is no plain file of up to ``MOST_BYTES``, or cannot be read.
@@ -84,19 +85,19 @@ def kept_bytes(path: Path, again: str) -> bytes:
 
 
 def _plainly(path: str, flags: int) -> int:
-    """Open no link, and wait for nobody at the other end of a pipe."""
+    """Open a file without following links or waiting for a pipe."""
     return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def first_wrong(error: ValidationError) -> str:
-    """The first of what is wrong with a file: which field, and why."""
+    """Describe the first error of a file: field and reason."""
     wrong = error.errors(include_url=False, include_input=False)[0]
     where = ".".join(map(str, wrong["loc"]))
     return f"{where}: {wrong['msg']}" if where else wrong["msg"]
 
 
 def without_link(path: Path) -> Path:
-    """The same place, free of a link: what it leads to, outside of the folder, is not ours.
+    """Return the same path after removing a link there, whose target is not ours.
 
     Raises:
         OSError: It cannot be removed.
@@ -108,7 +109,7 @@ def without_link(path: Path) -> Path:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[IO[str]]:
-    """Write a file anew: who reads it finds the old one or the new one, never half of one.
+    """Rewrite a file; readers find the old or the new content, never a part.
 
     Raises:
         OSError: It cannot be written; the old one stays.

@@ -1,4 +1,4 @@
-"""Processes of our own to compute in: they end with their parent, and at once when it gives up."""
+"""A pool of worker processes that end with their parent, and at once when it gives up."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from haptic_wall.controller.system.signals import held_back, interrupting
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -25,10 +25,10 @@ def cores() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """An executor of that many processes.
+    """Yield an executor with so many processes.
 
-    When the block is left with an exception (Ctrl-C is one), they are ended in the midst of what
-    they do: a task may take minutes, and nobody waits for it any more.
+    When the block is left with an exception (Ctrl-C is one), they are ended immediately: a task may
+    take minutes, and its result is no longer needed.
 
     Args:
         count: >= 1.
@@ -36,7 +36,7 @@ def processes(count: int) -> Iterator[Executor]:
     Raises:
         PlatformError: One of them was ended from outside.
     """
-    # It tidies up after this process, and must not end with the terminal before it.
+    # The resource tracker cleans up after this process, and must outlive it.
     with held_back((signal.SIGHUP,)):
         resource_tracker.ensure_running()
     # Spawned, not forked: the caller may have threads.
@@ -61,7 +61,7 @@ def processes(count: int) -> Iterator[Executor]:
 
 
 def _end_with_parent(stopped: Connection) -> None:
-    """In a process of the pool: do not outlive a parent that was killed, or that gave up."""
+    """Start a thread in a pool process that ends it with its parent, or on request."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -74,12 +74,12 @@ def _end_with_parent(stopped: Connection) -> None:
 
 @contextmanager
 def not_from_the_terminal() -> Iterator[None]:
-    """While processes are started: what the terminal sends is left to this one, afterwards.
+    """Block the terminal's signals while processes are started, and deliver them afterwards.
 
     Raises:
-        KeyboardInterrupt: At the end: one that is half started would complain.
+        KeyboardInterrupt: At the end: a half-started process would complain.
     """
-    # Started meanwhile, it would let Ctrl-C through again.
+    # A process started meanwhile would unblock Ctrl-C.
     resource_tracker.ensure_running()
     with interrupting(at_once=False), held_back((signal.SIGINT, signal.SIGHUP)):
         yield

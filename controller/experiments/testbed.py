@@ -1,7 +1,7 @@
-"""A servo to experiment on, whatever it is: plays a program in a run of its own, returns its rows.
+"""A servo for experiments, of any backend: runs a program as a run of its own, returns its rows.
 
-Simulated, emulated and real servos are run as the wall itself is run: the same start-up, safety
-checks, supervisor and log. Every run's log is kept.
+Simulated, emulated and real servos run as the wall itself does: the same start-up, safety checks,
+supervisor and log. Every run's log is kept.
 """
 
 from __future__ import annotations
@@ -41,16 +41,15 @@ _OF_MOTION = frozenset((Trip.OVERSPEED, Trip.OSCILLATION))
 
 
 class ExperimentInterruptedError(Exception):
-    """A person ended the run; what was recorded until then is in its log."""
+    """A person ended the run; its log has the rows until then."""
 
 
 class ExperimentTrippedError(Exception):
-    """A trip ended the run; the message says which, and what to do.
+    """A trip ended the run; the message names it, and the remedy.
 
     Attributes:
         stop_reason: A ``Trip``, or ``End.REFUSED``
-        fault: Why nothing may be measured from what was recorded until then; empty: no row is
-            missing.
+        fault: Why the rows until then cannot be used; empty: none is missing.
     """
 
     def __init__(self, stop_reason: StopReason, message: str, fault: str = "") -> None:
@@ -60,22 +59,22 @@ class ExperimentTrippedError(Exception):
 
     @property
     def gone(self) -> bool:
-        """Whether the servo must be looked at before it may move again."""
+        """Whether the servo must be examined before it may move again."""
         return self.stop_reason in _GONE
 
     @property
     def of_motion(self) -> bool:
-        """Whether a wall that is too stiff can be the cause; else it says nothing of stiffness."""
+        """Whether a too stiff wall can be the cause."""
         return self.stop_reason in _OF_MOTION
 
     def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[StopReason, str, str]]:
-        """It comes whole out of a process of its own."""
+        """Return the parts for pickling, so that the error survives a process boundary."""
         return type(self), (self.stop_reason, str(self), self.fault)
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """Result of a program that was played."""
+    """The result of a program's run."""
 
     rows: NDArray[np.void]
     """Shape (n,), dtype ``telemetry.ROW``; without the warm-up"""
@@ -84,24 +83,24 @@ class Played:
     log: Path
 
     def phase(self, number: int) -> NDArray[np.void]:
-        """The rows of one phase, from the first torque that it decided."""
+        """Return the rows of one phase, from the first torque that it decided."""
         rows: NDArray[np.void] = self.rows[self.rows["phase"] == number]
         return rows
 
 
 class Testbed:
-    """Plays programs on the servo of a configuration, and keeps the logs.
+    """Runs programs on the servo of a configuration, and keeps the logs.
 
-    The wall of the configuration is not rendered and its guard takes no part: a program brings its
-    own stiffness. Safety limits, inserted delay, schedule and real-time settings are those of the
-    configuration. Positions of a program count from where the shaft is when it begins.
+    The wall and the guard of the configuration are not used: a program has its own stiffness.
+    Safety limits, inserted delay, schedule and real-time settings are those of the configuration.
+    Positions of a program count from the shaft's position at its start.
 
     Args:
-        config: The servo, and what it runs on.
-        folder: Where the logs go; made if need be.
-        tell: Called with what a person should know meanwhile.
+        config: The servo and its settings.
+        folder: For the logs; made if necessary.
+        tell: Called with messages for a person.
         witness: The emulated bus keeps its record of each run beside the log.
-        option: Which names the folder, for the message where it cannot be made.
+        option: Command-line option of the folder, for error messages.
 
     Attributes:
         config: As it is run.
@@ -112,7 +111,7 @@ class Testbed:
         UserError: The folder cannot be made.
     """
 
-    __test__ = False  # not a test case, whatever its name begins with
+    __test__ = False  # not a test case, despite its name
 
     def __init__(
         self,
@@ -141,10 +140,10 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
-        One that lost readings or missed periods have ended is run once more.
+        A run that lost readings or missed periods have ended is repeated once.
 
         Args:
-            name: Of its log; one that is there is replaced as soon as there are rows.
+            name: Of its log; an existing one is replaced as soon as there are rows.
             phases: At least one.
             delay_steps: Periods inserted in place of the configuration's.
 
@@ -152,7 +151,8 @@ class Testbed:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
             ExperimentTrippedError: A trip has ended it.
-            UserError: The log could not be kept whole, or a file that is no log is in its place.
+            UserError: The log could not be written completely, or a file that is no log is in its
+                place.
         """
         try:
             return self._played(name, phases, delay_steps)
@@ -205,7 +205,7 @@ class Testbed:
         return Played(rows, tuple(phases), ended, log)
 
     def _tell_new(self, text: str) -> None:
-        """Pass on what is told, but what the machine grants only once: the same at each start."""
+        """Pass messages on, but the machine's granted settings only once."""
         if text.startswith(START):
             if text == self._start_told:
                 return
@@ -214,7 +214,7 @@ class Testbed:
 
 
 def recorded(log: Path) -> NDArray[np.void]:
-    """The rows of a log without the warm-up, shape (n,); where there is no log, none."""
+    """Return the rows of a log without the warm-up, shape (n,); none without a log."""
     rows = read_log(log)[1] if log.exists() else np.empty(0, np.dtype([]))
     if rows.size == 0:
         return rows
@@ -223,9 +223,9 @@ def recorded(log: Path) -> NDArray[np.void]:
 
 
 def _fault(log: Path, ended: Ended) -> str:
-    """Why a log does not hold all rows of its run; empty: it does.
+    """Return why a log lacks rows of its run; empty: it does not.
 
-    Half a motion would be fitted as if it were the whole.
+    A partial motion would be fitted as if it were complete.
     """
     if ended.lacking == 0 and ended.logged:
         return ""

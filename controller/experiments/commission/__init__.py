@@ -1,1 +1,1 @@
-"""Commissioning a testbed: examine, identify, measure, and say how stiff it can be and why."""
+"""Commissions a testbed: examines, identifies and measures it, and says how stiff it can be."""

@@ -1,4 +1,4 @@
-"""Whether theory and measurement say the same: the delay twice, the boundary, its straight line."""
+"""Compares theory with measurement: the delay by two methods, the boundary, its straight line."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ from haptic_wall.controller.theory import critical_point
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ERRORS = 2.0
-"""Standard errors within which two answers are the same"""
+"""Standard errors within which two answers agree"""
 _TURNS = 40
-"""Of the search for the friction that an oscillation meets"""
+"""Iterations of the search for the friction that an oscillation meets"""
 _PERCENT = 0.05
-"""Of the stiffness that theory is trusted to at best: friction is not quite Coulomb's"""
+"""Smallest uncertainty of the predicted stiffness, as a fraction: friction is not exactly Coulomb's
+"""
 
 
 def delays(
     identify: Mapping[str, Any], delay: Mapping[str, Any], period: float
 ) -> dict[str, dict[str, Any]]:
-    """The device's own delay, from the identification's motions and from torque steps.
+    """Compare the device's own delay from the identification with that from torque steps.
 
     Args:
-        identify: What that step found.
-        delay: What that one found.
+        identify: Result of the identification step.
+        delay: Result of the delay step.
         period: Sampling period [s].
     """
     one = Estimated(**identify["delay"])
@@ -64,7 +65,7 @@ def delays(
 
 
 def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Each measured point beside what the model expects there, friction and kick counted.
+    """Return each measured point with the model's prediction, including friction and kick.
 
     Args:
         config: With the model.
@@ -100,7 +101,7 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
 
 
 def _ends(config: Config, points: Sequence[Mapping[str, Any]]) -> list[list[float]]:
-    """For each point the stiffness expected of the model, of its softest corner, its stiffest."""
+    """Return each point's predicted stiffness: of the model, its softest and stiffest corner."""
     belief, device = config.belief(), Device.of(config)
     gain = belief.torque_gain.value
     corners = (
@@ -126,7 +127,7 @@ def with_friction(
     loop: tuple[FloatArray, float, FloatArray, int],
     kick: FloatArray,
 ) -> FloatArray:
-    """Stiffness at which motion of an amplitude neither grows nor dies; all broadcast.
+    """Return the stiffness at which motion of an amplitude neither grows nor decays; all broadcast.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -145,7 +146,8 @@ def with_friction(
     extra = np.zeros(np.broadcast_shapes(inertia.shape, rate.shape))
     for _ in range(_TURNS):
         at = critical_point(inertia, damping + extra, *loop)
-        # More friction, a quicker oscillation, less of it: the geometric mean settles.
+        # More friction damping makes a faster oscillation, which has less of it: the geometric mean
+        # converges.
         rate = 2.0 * np.pi * np.maximum(np.asarray(at.frequency), 1e-9)
         again = 4.0 * coulomb / (np.pi * kick * rate)
         extra = np.where(extra > 0.0, np.sqrt(extra * again), again)
@@ -153,18 +155,18 @@ def with_friction(
 
 
 def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, Any]:
-    """Damping and delay from the measured boundary, compared with those of the motion.
+    """Compare damping and delay from the measured boundary with those from the motion.
 
     Args:
         config: With the identified model.
-        identify: What that step found.
+        identify: Result of the identification step.
         sweep: The sweep's JSON file.
 
     Returns:
         ``reason`` alone where there are too few points.
     """
     gain = identify["torque_gain"]["value"]
-    # The boundary is measured in torque commanded.
+    # The boundary is measured in commanded torque.
     damping = Estimated(*(identify["damping"][key] / gain for key in ("value", "stderr")))
     loop = Loop(
         inertia=identify["inertia"]["value"] / gain,
@@ -175,7 +177,7 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
     )
     try:
         fit = fit_boundary(read_points(sweep)[0], loop)
-    except ValueError as error:  # too few of them, or figures that no sweep has measured
+    except ValueError as error:  # too few points, or impossible figures
         return {"reason": str(error)}
     motion = damping, Estimated(**identify["delay"])
     return {

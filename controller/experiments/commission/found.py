@@ -1,6 +1,6 @@
-"""What each step finds, as its JSON file holds it: checked when it is written, and read again.
+"""Defines and checks the result of each step in its JSON file, on writing and on reading.
 
-A folder may come from anybody, and its files may have been edited.
+A folder may come from another user, and its files may have been edited.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from haptic_wall.controller.experiments.kept_folder import first_wrong
 from haptic_wall.controller.experiments.sweep.result import PointResult
 
 _HUGE = 1e9
-"""No quantity of a servo is larger, in SI units"""
+"""Largest plausible quantity of a servo, in SI units"""
 Number = Annotated[float, Field(ge=-_HUGE, le=_HUGE)]
 Positive = Annotated[float, Field(gt=0.0, le=_HUGE)]
 NotNegative = Annotated[float, Field(ge=0.0, le=_HUGE)]
 
 
 class _Found(BaseModel):
-    """What the report uses; more may be there, and is handed on as it is."""
+    """The fields that the report uses; further fields are passed on unchanged."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
@@ -120,15 +120,15 @@ _OUTCOME = TypeAdapter(Outcome)
 
 
 def read_outcome(text: str | bytes, step: Step) -> Outcome:
-    """A step's outcome from the text of its JSON file.
+    """Return a step's outcome from the text of its JSON file.
 
     Args:
         text: One JSON object in UTF-8.
-        step: Whose file it is.
+        step: The step.
 
     Raises:
-        ValueError: It is no JSON, or not what the step writes; the message names the first field
-            that is wrong.
+        ValueError: It is no JSON, or not a result of the step; the message names the first invalid
+            field.
     """
     try:
         outcome = _OUTCOME.validate_json(text, strict=True)
@@ -136,7 +136,7 @@ def read_outcome(text: str | bytes, step: Step) -> Outcome:
             raise ValueError(f"step: found {outcome.step}, wanted {step}")
         if outcome.picture not in (None, picture_name(step)):
             raise ValueError(f"picture: found another name than {picture_name(step)}")
-        # Of a step that has failed only a doctor keeps what it has found.
+        # Of the failed steps only the doctor keeps its result.
         if outcome.state == "done" or outcome.data:
             text = json.dumps(outcome.data, allow_nan=False)
             data = _DATA[step].model_validate_json(text).model_dump(mode="json")
@@ -147,10 +147,10 @@ def read_outcome(text: str | bytes, step: Step) -> Outcome:
 
 
 def file_name(step: Step) -> str:
-    """The name of a step's JSON file in the folder."""
+    """Return the name of a step's JSON file in the folder."""
     return f"{step}.json"
 
 
 def picture_name(step: Step) -> str:
-    """The name of a step's picture in the folder."""
+    """Return the name of a step's picture in the folder."""
     return f"{step}.png"

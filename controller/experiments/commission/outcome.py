@@ -1,4 +1,4 @@
-"""What became of one step of a commissioning."""
+"""The outcome of one step of a commissioning."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ State = Literal["done", "failed", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One step, as it is kept in its JSON file."""
+    """The outcome of one step, as its JSON file stores it."""
 
     step: Step
     state: State
     basis: str
-    """Fingerprint of the configuration that the step ran with; another one makes it anew"""
+    """Fingerprint of the step's configuration; with another one the step is repeated"""
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
     exit_status: Annotated[int, Field(ge=0, lt=128)] = 0
-    """Of the command, if this is the first that failed"""
+    """Of the command, if this is the first failed step"""
     ends_all: bool = False
-    """Nothing more can be done with this servo now"""
+    """No further step is possible with this servo now"""
     seconds: Annotated[float, Field(ge=0.0, lt=1e9)] = 0.0
     data: dict[str, Any] = field(default_factory=dict)
     picture: str | None = None
@@ -42,6 +42,6 @@ class Outcome:
 
 
 def done(outcomes: Mapping[Step, Outcome], step: Step) -> dict[str, Any] | None:
-    """What a step found; None where it is not done."""
+    """Return a step's result; None if it is not done."""
     outcome = outcomes.get(step)
     return outcome.data if outcome is not None and outcome.state == "done" else None

@@ -1,4 +1,4 @@
-"""What a commissioning will move, how far, with what torque and for how long; before it does."""
+"""Announces a commissioning's motions before it starts: distance, torque and duration."""
 
 from __future__ import annotations
 
@@ -20,37 +20,38 @@ from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 from haptic_wall.controller.settings.config import Config
 
 DELAY_STEPS = (0, 5)
-"""Periods inserted, beside the configured ones, to be recovered"""
+"""Inserted periods, in addition to the configured ones, that must be recovered"""
 BURSTS = 8
 _DOCTOR_S = 20.0
 _SWEEP_S = 200.0
-"""Where nobody has to stand by, it is not worth planning it twice"""
+"""Approximate duration of the sweep: a simulated servo needs no person beside it, so it is not
+planned exactly [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Announcement:
-    """What will be done, in words."""
+    """The planned steps, in words."""
 
     lines: tuple[str, ...]
     """One for each step"""
     seconds: float
-    """In real time, about"""
+    """In real time, approximately"""
 
 
 def has_doctor(config: Config) -> bool:
-    """Whether there is a bus in real time that could be examined."""
+    """Whether there is a bus in real time that can be examined."""
     return config.servo.kind != "simulated" and config.loop.clock == "monotonic"
 
 
 def announce(config: Config, reach: float) -> Announcement:
-    """What a commissioning will do with the servo of a configuration.
+    """Return the planned motions of a commissioning on the servo of a configuration.
 
     Args:
-        config: As it is before anything is identified.
-        reach: How far the shaft may come while it is identified [rad].
+        config: Before the identification.
+        reach: Largest excursion during the identification [rad].
 
     Raises:
-        UserError: The reach is wrong, or no torque limit is known.
+        UserError: The reach is invalid, or no torque limit is known.
     """
     bounds = bounds_of(config, reach)
     limit = torque_limit_of(config)

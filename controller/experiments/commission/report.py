@@ -1,4 +1,4 @@
-"""All that a commissioning knows: the data of its page, its text and ``--json``."""
+"""Assembles the data of a commissioning's page, its text and ``--json``."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from haptic_wall.controller.experiments.commission.verdict import Question, verd
 from haptic_wall.controller.experiments.sweep.store import JSON
 
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
-"""What ``status`` may be"""
+"""Values of ``status``"""
 _CONFIG_TEXT = "config_text"
 
 
 def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
-    """The report's data; a step that is not done is null.
+    """Return the report's data; a step that is not done is null.
 
     Args:
         ended: The commissioning, as far as it came.
         name: Of the configuration, for people.
-        folder: Where its files are.
+        folder: With its files.
 
     Raises:
-        UserError: A step's file holds what cannot be.
+        UserError: A step's file holds impossible values.
     """
     config, outcomes = ended.config, ended.outcomes
     found = {step: done(outcomes, step) for step in STEPS}
@@ -62,7 +62,7 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
             }
             for step in STEPS
         ],
-        # Of a doctor that found something fatal the checks are what matters.
+        # After a fatal finding of the doctor only its checks matter.
         "doctor": (outcomes["doctor"].data or None) if "doctor" in outcomes else None,
         "identify": _without_text(found["identify"]),
         "delay": found["delay"],
@@ -81,7 +81,7 @@ def _without_text(identify: Mapping[str, Any] | None) -> dict[str, Any] | None:
 def _agreement(
     ended: Ended, found: Mapping[Any, dict[str, Any] | None], folder: Path
 ) -> dict[str, Any]:
-    """What theory says beside what was measured; null where either is missing."""
+    """Return theory beside measurement; null where either is missing."""
     identify, delay, sweep = found["identify"], found["delay"], found["sweep"]
     answer: dict[str, Any] = {"delay": None, "boundary": None, "line": None}
     if identify is None:
@@ -91,7 +91,7 @@ def _agreement(
     if sweep is not None:
         try:
             answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
-        except ValueError as error:  # figures that no sweep has measured
+        except ValueError as error:  # impossible figures
             raise UserError(
                 f"--out {folder}: sweep.json: {error}; {AGAIN.format('sweep')}"
             ) from None

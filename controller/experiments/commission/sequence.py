@@ -1,4 +1,4 @@
-"""The steps in order: each is kept as it ends, what is known is not measured again."""
+"""Executes the steps of a commissioning in order; stores each, and skips known ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from haptic_wall.hw.errors import ServoError
 
 HARDWARE, WRONG = 4, 1
 _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
-"""Steps that compare with the identified servo, and are planned by it"""
+"""Steps that compare with the identified servo, and are planned with it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,28 +34,28 @@ class Ended:
     """A commissioning, as far as it came."""
 
     outcomes: Mapping[Step, Outcome]
-    """Of the steps that were come to"""
+    """Of the steps that were reached"""
     config: Config
     """With the identified model, where there is one"""
     interrupted: bool
 
     @property
     def exit_status(self) -> int:
-        """Of the command: 130, or that of the first step that failed."""
+        """Return the command's exit status: 130, or that of the first failed step."""
         if self.interrupted:
             return 130
         return next((o.exit_status for o in self.outcomes.values() if o.exit_status), 0)
 
 
 def run_steps(bench: Bench) -> Ended:
-    """Take every step that is not done yet.
+    """Execute every step that is not done yet.
 
     Args:
         bench: The servo and the folder; steps that are done there are kept.
 
     Raises:
         OSError: Results could not be written.
-        UserError: A file of an earlier commissioning is not what was written.
+        UserError: A file of an earlier commissioning was changed.
     """
     outcomes: dict[Step, Outcome] = {}
     config = bench.config
@@ -78,7 +78,7 @@ def run_steps(bench: Bench) -> Ended:
                     )
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
-                interrupted = True  # what was measured before stays in the report
+                interrupted = True  # earlier measurements stay in the report
                 continue
             outcome = bench.store.keep(outcome)
             outcomes[step] = outcome
@@ -101,14 +101,14 @@ def run_steps(bench: Bench) -> Ended:
 
 
 def _is_kept(outcome: Outcome, bench: Bench) -> bool:
-    """Whether a step that was taken before need not be taken again."""
-    if outcome.step == "doctor":  # whoever moves a servo again looks at it again
+    """Whether an earlier step need not be repeated."""
+    if outcome.step == "doctor":  # the testbed is examined again before new motions
         return bench.store.complete
     return outcome.state == "done"
 
 
 def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> str | None:
-    """Why a step is not taken; None: it is."""
+    """Return why a step cannot be executed; None: it can."""
     for earlier in outcomes.values():
         if earlier.ends_all:
             return f"{earlier.step} has ended it"
@@ -124,7 +124,7 @@ def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> s
 
 
 def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ...]]:
-    """Take a step; whatever ends it short is in what is returned, and what its plot shows.
+    """Execute a step; return its outcome, errors included, and the data of its plot.
 
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
@@ -154,7 +154,7 @@ def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ..
 
 
 def _drawn(outcome: Outcome, shown: tuple[Any, ...], bench: Bench) -> Outcome:
-    """The step, which is kept, with its picture if that can be drawn."""
+    """Draw the picture of a stored step, if possible; return the outcome."""
     picture = bench.picture(outcome.step)
     try:
         with whole(without_link(picture), PICTURE, force=True) as part:

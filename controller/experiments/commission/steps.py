@@ -1,6 +1,6 @@
-"""The steps themselves: each runs one experiment and says what it found, as plain data.
+"""The steps of a commissioning: each runs one experiment and returns its result as plain data.
 
-Its picture is drawn by whoever has kept the data: a drawing that fails must not cost them.
+The pictures are drawn after the data are stored, so that a failing picture cannot lose them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from haptic_wall.controller.settings.config import Config
 
 Tell = Callable[[str], None]
 Plot = Callable[..., None]
-"""Draws what a step hands it, then the configuration's name as the title, as PNG to a path"""
+"""Draws a step's data, with the configuration's name as the title, as PNG to a path"""
 
 _HARMLESS = frozenset(
     {
@@ -54,50 +54,50 @@ _HARMLESS = frozenset(
         "shutdown",
     }
 )
-"""What may be wrong in a testbed that is commissioned: it costs stiffness, or a start-up mends it.
-With anything else a run would be refused, or could not be trusted."""
+"""Findings that do not prevent a commissioning: they only cost stiffness, or the start-up repairs
+them. With any other one a run would be refused, or could not be trusted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What every step works with."""
+    """Configuration, folder and settings that every step uses."""
 
     config: Config
     name: str
     """Of the configuration, for people"""
     reach: float
-    """How far the shaft may come while it is identified [rad]"""
+    """Largest excursion during the identification [rad]"""
     store: CommissionStore
     tell: Tell
     plots: Mapping[Step, Plot] = field(default_factory=dict)
-    """What draws each step's picture; a step that is missing has none"""
+    """Draws each step's picture; a step without one has no picture"""
 
     @property
     def logs(self) -> Path:
-        """Where logs go."""
+        """Return the folder of the logs."""
         return self.store.folder / LOGS
 
     def picture(self, step: Step) -> Path:
-        """Where a step's picture goes."""
+        """Return the path of a step's picture."""
         return self.store.folder / picture_name(step)
 
 
 class Measured(NamedTuple):
-    """What a step has found."""
+    """The result of a step."""
 
     data: dict[str, Any]
     shown: tuple[Any, ...] = ()
-    """What its plot is handed; empty: nothing is drawn"""
+    """Data for its plot; empty: no picture"""
 
 
 def run_doctor(bench: Bench) -> Measured:
-    """Examine the testbed; ``fatal`` names what must be mended before anything moves.
+    """Examine the testbed; ``fatal`` names the findings to repair before any motion.
 
     Raises:
         ServoError: The emulated bus did not start.
     """
     from haptic_wall.controller.doctor.checkup import (
-        examine,  # only who has a bus loads what speaks to it
+        examine,  # loaded only where there is a bus
     )
 
     report = examine(bench.config, bench.tell, None, change_baud=False)
@@ -113,7 +113,7 @@ def run_doctor(bench: Bench) -> Measured:
 
 
 def run_identify(bench: Bench) -> Measured:
-    """Identify the servo; the configuration with what was found is written at once."""
+    """Identify the servo; write the configuration with the result at once."""
     found = identify(bench.config, bench.logs, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
     bench.store.keep_config(text)
@@ -121,15 +121,15 @@ def run_identify(bench: Bench) -> Measured:
 
 
 def identified(text: str, config: Config) -> Config:
-    """The configuration that ``run_identify`` has written.
+    """Return the configuration that ``run_identify`` has written.
 
     Args:
-        text: As it was kept.
-        config: Which it was made from: all but its model must be the same, or a folder from
-            somewhere could raise a torque limit.
+        text: The stored text.
+        config: Its original: all but the model must be equal, or a foreign folder could raise a
+            torque limit.
 
     Raises:
-        UserError: It is another one, or none.
+        UserError: It differs, or is invalid.
     """
     where = "identify.json: its configuration"
     try:
@@ -155,16 +155,16 @@ def run_delay(bench: Bench) -> Measured:
 
 
 def run_rendered(bench: Bench) -> Measured:
-    """Measure what is rendered of the configured wall."""
+    """Measure the rendered wall."""
     found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
     return Measured(rendering_report(found), (found,))
 
 
 def run_sweep(bench: Bench) -> Measured:
-    """Measure the critical stiffness at a few points; those of an interrupted sweep are kept.
+    """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
     Raises:
-        ExperimentInterruptedError: A person has ended it; points that are done are kept.
+        ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
     config = experiment_config(bench.config)
     settings = short_sweep(config)
@@ -172,7 +172,7 @@ def run_sweep(bench: Bench) -> Measured:
     folder = bench.store.folder / SWEEP
     try:
         store = SweepStore(folder, asked, fresh=False)
-    except UserError:  # of a model that has been identified anew since
+    except UserError:  # of an older model
         store = SweepStore(folder, asked, fresh=True)
 
     def progress(setting: Setting, point: PointResult) -> None:
@@ -196,4 +196,4 @@ RUN: dict[Step, Callable[[Bench], Measured]] = {
     "rendered": run_rendered,
     "sweep": run_sweep,
 }
-"""What takes each step"""
+"""The function of each step"""

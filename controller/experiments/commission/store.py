@@ -1,4 +1,4 @@
-"""A commissioning's folder: each step as soon as it is known; only the same settings may go on."""
+"""A commissioning's folder: stores each step at once; only the same settings may continue it."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from haptic_wall.controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
 ALLOWED = "allowed.png"
-"""The picture of the verdict"""
+"""File name of the verdict's picture"""
 SWEEP = "sweep"
 """Folder of the sweep"""
 _WRITTEN = (CONFIG, PAGE, ALLOWED, SWEEP, *map(file_name, STEPS), *map(picture_name, STEPS))
 _FORMAT: Final = "haptic-wall commission 1"
 AGAIN = "delete {0}.json to take that step again, or give --fresh"
-"""What to do where a step's file cannot be used"""
+"""Advice for a step's unusable file"""
 
 Encode = Callable[[Mapping[str, Any]], str]
-"""One JSON object as text; what is not finite is null"""
+"""Returns one JSON object as text; values that are not finite become null"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """What the folder is, in its main file."""
+    """The head of the folder's main file."""
 
     format: Literal["haptic-wall commission 1"]
     program: str
@@ -52,32 +52,32 @@ _HEAD = TypeAdapter(_Head)
 
 
 def settings_of(config: Config, reach: float) -> str:
-    """Fingerprint of everything that the figures depend on.
+    """Return a fingerprint of all settings that affect the results.
 
     Args:
         config: The effective configuration.
-        reach: How far the shaft may come while it is identified [rad].
+        reach: Largest excursion during the identification [rad].
     """
     return fingerprint({"config": config.model_dump(mode="json"), "reach": reach})
 
 
 class CommissionStore:
-    """Keeps what is known, after each step.
+    """Stores the results after each step.
 
     Args:
-        folder: Made if need be.
-        asked: ``settings_of`` what is asked for.
+        folder: Made if necessary.
+        asked: ``settings_of`` the request.
         name: Of the configuration, for people.
         encode: Turns results into JSON.
-        fresh: Forget what an earlier commissioning left here.
-        only_look: Change nothing, make nothing; nothing can be kept.
+        fresh: Discard the results of an earlier commissioning.
+        only_look: Change and create nothing; storing is not possible.
 
     Attributes:
         folder: See above.
-        outcomes: What is known of each step.
+        outcomes: Known outcome of each step.
 
     Raises:
-        UserError: The folder holds something else, or cannot be used.
+        UserError: The folder holds foreign files, or cannot be used.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class CommissionStore:
         self._replace(MAIN, self._encode(asdict(_Head(_FORMAT, __version__, asked, name))))
 
     def _refuse_what_is_not_ours(self, ours: bool) -> None:
-        """Nothing that somebody else has put here is lost, nor anything that a link leads to."""
+        """Refuse foreign files and links, so that nothing of another user is lost."""
         for name in () if ours else _WRITTEN:
             if os.path.lexists(self.folder / name):
                 raise UserError(
@@ -122,7 +122,7 @@ class CommissionStore:
                 )
 
     def _ours(self, asked: str, fresh: bool) -> bool:
-        """Whether an earlier commissioning was here; of other settings it is refused."""
+        """Whether the folder has an earlier commissioning; raise if its settings differ."""
         path = self.folder / MAIN
         if not os.path.lexists(path):
             return False
@@ -142,7 +142,7 @@ class CommissionStore:
         return True
 
     def _forget(self) -> None:
-        """Remove what an earlier commissioning left: now there is something to replace it with."""
+        """Remove an earlier commissioning; call when a new result is ready to replace it."""
         self._outdated = False
         for name in (CONFIG, PAGE, *map(file_name, STEPS)):
             (self.folder / name).unlink(missing_ok=True)
@@ -163,7 +163,7 @@ class CommissionStore:
 
     @property
     def done(self) -> list[Step]:
-        """The steps that are not taken again: a doctor's only when there is nothing left to do."""
+        """Return the steps that are not repeated: the doctor only when nothing else is left."""
         return [
             step
             for step, outcome in self.outcomes.items()
@@ -172,7 +172,7 @@ class CommissionStore:
 
     @property
     def complete(self) -> bool:
-        """Whether there is nothing left to measure."""
+        """Whether no measurement is left."""
         return all(step in self.outcomes for step in STEPS) and all(
             o.state == "done" or (o.step == "doctor" and o.state == "skipped")
             for o in self.outcomes.values()
@@ -180,7 +180,7 @@ class CommissionStore:
 
     @property
     def empty(self) -> bool:
-        """Whether this commissioning has measured nothing, and has no log that tells why."""
+        """Whether this commissioning has no result, and no log that explains why."""
         measured = any(
             outcome.data
             if step == "doctor" and outcome.state == "failed"
@@ -191,10 +191,10 @@ class CommissionStore:
         return not measured and not (failed and any((self.folder / LOGS).glob("*")))
 
     def discard(self, keep_folder: bool) -> None:
-        """Remove what a new commissioning has made; what was there before stays.
+        """Remove the files of a new commissioning; older files stay.
 
         Args:
-            keep_folder: The folder was there before.
+            keep_folder: The folder existed before.
 
         Raises:
             OSError: It cannot be removed.
@@ -208,11 +208,11 @@ class CommissionStore:
         if self._logs_are_new:
             shutil.rmtree(self.folder / LOGS, ignore_errors=True)
         if not keep_folder:
-            with suppress(OSError):  # somebody has put something there
+            with suppress(OSError):  # it has foreign files
                 self.folder.rmdir()
 
     def keep(self, outcome: Outcome) -> Outcome:
-        """Keep one step; what is on disk is never half of it.
+        """Store one step; the file on disk is never partial.
 
         Returns:
             The outcome as it will be read again: plain values only.
@@ -224,7 +224,7 @@ class CommissionStore:
             self._forget()
         text = self._encode(asdict(outcome))
         kept = read_outcome(text, outcome.step)
-        if outcome.step == "identify":  # what comes after it was measured of another model
+        if outcome.step == "identify":  # later steps belong to the old model
             for later in STEPS[STEPS.index("identify") + 1 :]:
                 if self.outcomes.pop(later, None) is not None:
                     (self.folder / file_name(later)).unlink(missing_ok=True)
@@ -241,22 +241,22 @@ class CommissionStore:
         self._replace(CONFIG, text)
 
     def restore_config(self, text: str) -> bool:
-        """Write the configuration of an earlier call where it is gone.
+        """Write the configuration of an earlier call if it is missing.
 
         Returns:
-            Whether another one is there: somebody has edited it, so that it stays as it is.
+            Whether another one is there: an edited file stays as it is.
 
         Raises:
             OSError: It cannot be written.
         """
         try:
             return kept_bytes(self.folder / CONFIG, "") != _ended(text).encode()
-        except UserError:  # there is none, or a link
+        except UserError:  # none, or a link
             self.keep_config(text)
             return False
 
     def keep_page(self, text: str) -> Path:
-        """Write the report; its path.
+        """Write the report; return its path.
 
         Raises:
             OSError: It cannot be written.

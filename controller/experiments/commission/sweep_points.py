@@ -1,4 +1,4 @@
-"""Which few points a short sweep measures: where the servo's torque leaves room for a kick."""
+"""Chooses the few points of a short sweep, where the torque limit allows a kick."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ from haptic_wall.controller.settings.config import Config
 
 OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)
 _MORE = 3
-"""Periods inserted beside the configured ones: a second delay, which the boundary's line needs"""
+"""Periods inserted in addition to the configured ones: the fit of the boundary's line needs a
+second delay"""
 _SHARES = (0.0, 1.0 / 3.0, 2.0 / 3.0)
-"""Of the virtual damping that makes sense"""
+"""Fractions of the useful virtual damping"""
 _CEILING = 0.5
-"""Share of the ceiling over which no one wants to go: beyond it stiffness falls again"""
+"""Largest useful fraction of the ceiling: beyond it stiffness falls again"""
 _ROOM = 0.9
-"""Share of the stiffest wall with room below the torque limit at which a point is planned"""
+"""Fraction of the stiffest wall within the torque limit at which a point is planned"""
 _HALVINGS = 3
 
 
 def short_sweep(config: Config) -> tuple[Setting, ...]:
-    """No virtual damping, a third and two thirds of what makes sense, at two delays.
+    """Return points at zero, a third and two thirds of the useful virtual damping, at two delays.
 
-    What makes sense ends at half the ceiling, at the damping at which one encoder count commands
+    The useful damping ends at half the ceiling, at the damping at which one encoder count commands
     ``guard.quantisation_share`` of the torque limit, and where the kick that shows an oscillation
-    would need more torque than there is.
+    would exceed the torque limit.
 
     Args:
-        config: The servo, with the best model there is of it.
+        config: The servo, with its best known model.
     """
     device = Device.of(config)
     found = []
@@ -38,14 +39,14 @@ def short_sweep(config: Config) -> tuple[Setting, ...]:
 
 
 def _sensible(config: Config, device: Device, steps: int) -> float:
-    # A sample may be younger than what is reckoned with, and the limit then higher.
+    # A sample may be younger than assumed, and the limit then higher.
     delay = steps * device.period + device.lag
     top = _CEILING * device.ceiling(delay + sample_age(config))
     if device.position_step:
         share = config.guard.quantisation_share * device.torque_limit
         top = min(top, share * device.velocity_samples * device.period / device.position_step)
     if _has_room(device, top, steps, delay) or not _has_room(device, 0.0, steps, delay):
-        return top  # in the second case nothing helps, and the sweep will say so
+        return top  # in the second case no damping helps, and the sweep reports it
     low = 0.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + top)
@@ -54,7 +55,7 @@ def _sensible(config: Config, device: Device, steps: int) -> float:
 
 
 def _has_room(device: Device, damping: float, steps: int, delay: float) -> bool:
-    # The greatest share of it that is measured is what must be within reach.
+    # The largest of the measured fractions must be possible.
     setting = Setting(_SHARES[-1] * damping, steps)
     if device.exact(setting.virtual_damping, delay) <= 0.0:
         return False

@@ -1,4 +1,4 @@
-"""How stiff a servo may be made to feel, and which limit says so: the guard's own answer."""
+"""Asks the guard how stiff a servo may be made to feel, and which limit binds."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
 ASKED = 1e6
-"""As stiff as one likes, to hear what the guard allows [N·m/rad]"""
+"""A request above every limit [N·m/rad]"""
 _POINTS, _ROUNDS = 65, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The guard's question, with the age of the samples as it was measured."""
+    """The request to the guard, with the measured age of the samples."""
 
     config: Config
     age: float
-    """Of a sample when its torque is sent, as the guard counts it [s]"""
+    """Of a sample when its torque is sent, as the guard uses it [s]"""
     situation: Situation
     settings: GuardSettings
 
     @classmethod
     def of(cls, config: Config, delay: Mapping[str, Any] | None) -> Question:
-        """From the model, and from the measured delay where there is one.
+        """Return the question for a model, and a measured delay where there is one.
 
         Args:
-            config: With the best model there is.
-            delay: What the step ``delay`` found; None: the age is what is expected of the bus.
+            config: With the best known model.
+            delay: Result of the step ``delay``; None: the age is an estimate for the bus.
         """
         step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
         age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
         if config.servo.kind != "simulated" or config.loop.clock != "simulated":
-            # A run counts with the next age of its gain schedule.
+            # A run uses the next larger age of its gain schedule.
             bins = age_bins_ns(config.period_ns)
             age = bins[min(bisect_left(bins, age * 1e9), len(bins) - 1)] * 1e-9
         situation = Situation(
@@ -63,21 +63,21 @@ class Question:
 
     @property
     def inserted(self) -> float:
-        """Delay inserted on purpose [s]."""
+        """Return the inserted delay [s]."""
         return self.config.delay.steps * self.situation.period
 
     def decide(self, stiffness: float, damping: float) -> Decision:
-        """What the guard commands of a wall."""
+        """Return the guard's decision on a wall."""
         asked = replace(self.config.request(), stiffness=stiffness, damping=damping)
         delays = [self.inserted + self.age]
         return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
 
     def limits(self, damping: FloatArray, capped: bool = True) -> Found:
-        """The limits over the virtual damping.
+        """Return the limits over the virtual damping.
 
         Args:
             damping: [N·m·s/rad]
-            capped: By ``guard.damping_cap``, as it is commanded.
+            capped: By ``guard.damping_cap``, as commanded.
         """
         settings = self.settings if capped else replace(self.settings, mode="off")
         plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
@@ -85,7 +85,7 @@ class Question:
         return evaluate_box(request, settings, self.situation, plants, LOOKED_UP, asked=damping)
 
     def best_damping(self) -> float:
-        """The virtual damping, not negative, with which the guard allows most [N·m·s/rad]."""
+        """Return the virtual damping >= 0 with the highest allowed stiffness [N·m·s/rad]."""
         low, high = 0.0, float(self.limits(np.array([1e12])).damping[0])
         best = 0.0
         for _ in range(_ROUNDS):
@@ -96,14 +96,14 @@ class Question:
         return best
 
     def parts(self) -> DelayParts:
-        """What the delay is made of, the device's own at its longest."""
+        """Return the parts of the delay, with the device's own longest lag."""
         device = self.situation.belief.delay.high
         named = {SAMPLE_AGE: self.age, "inserted": self.inserted, "device": device}
         return DelayParts(self.situation.period, named)
 
 
 def verdict(question: Question, identified: bool) -> dict[str, Any]:
-    """How stiff, with which damping, which limit binds, what would raise it.
+    """Return the possible stiffness, its damping, the binding limit and its improvements.
 
     Args:
         question: The servo in its loop.
@@ -111,7 +111,7 @@ def verdict(question: Question, identified: bool) -> dict[str, Any]:
     """
     config, belief = question.config, question.situation.belief
     wall, parts = config.wall, question.parts()
-    # Two digits are as many as anyone sets; rounded down, so that the guard still allows it.
+    # Two digits suffice in practice; rounded down, so that the guard still allows it.
     best = _rounded_down(question.best_damping())
     return {
         "basis": "identified" if identified else "believed",

@@ -1,4 +1,4 @@
-"""A servo on the bench: moved by stronger and stronger pulses, then by programs, and fitted."""
+"""Moves a servo for its identification: stronger and stronger pulses, then programs, and a fit."""
 
 from __future__ import annotations
 
@@ -25,40 +25,42 @@ from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.laws.program import Phase
 
 _STRONGER = 1.5
-"""Each pulse that did not move the shaft is followed by one stronger by this"""
+"""Factor between a pulse that did not move the shaft and the next one"""
 _MOVED = 6
 """Counts by which a pulse must move the shaft"""
 _MOVED_RAD = 0.005
-"""The same where nothing is counted [rad]"""
+"""The same without an encoder step [rad]"""
 _FRICTION_SHARE = 0.4
-"""Of the torque limit that friction may take: the rest is for the motion"""
+"""Largest fraction of the torque limit that friction may take"""
 _TRIES = 3
 _SOFTER = 0.6
-"""By this a program that went too far is repeated smaller"""
+"""Factor on the size of a program that went too far"""
 _ONE_WAY = 3
-"""Pulses, each stronger, of which both may turn the shaft the same way: a weight does that"""
+"""Number of growing pulses of both signs that may turn the shaft the same way, as a weight makes
+them do"""
 _ROUNDING = 1.0 / math.sqrt(12.0)
 """Root mean square of rounding [counts]"""
 _UNQUANTISED = 1e-5
-"""Residual of a servo without an encoder's counts that is still taken for none [rad]"""
+"""Largest negligible residual of a servo without an encoder step [rad]"""
 _LOADED, _BETTER = 1.2, 0.9
-"""Residual, in shares of what rounding leaves, from which loads are fitted; the share of it that
-they must leave at most"""
+"""Residual, as a multiple of the rounding's, from which loads are fitted; and the largest fraction
+of it that they may leave"""
 SPOILT = 3.0
-"""Residual in those shares from which a motion is repeated: something has touched the shaft"""
+"""Residual, as a multiple of the rounding's, from which a motion is repeated: the shaft was
+disturbed"""
 
 
 def rounding_of(bounds: Bounds) -> float:
-    """Root mean square residual that rounding alone leaves of a motion [rad]."""
+    """Return the root mean square residual of rounding alone [rad]."""
     return _ROUNDING * bounds.step or _UNQUANTISED
 
 
 class UnidentifiableError(HapticWallError):
-    """The servo is not what the model can describe, or does not move as it must."""
+    """The servo does not fit the model, or does not move as it must."""
 
 
 class Bench:
-    """Plays the motions, again and smaller where they went too far; keeps the names of the logs."""
+    """Executes the motions, repeats them smaller where necessary, and keeps the logs' names."""
 
     def __init__(self, testbed: Testbed, bounds: Bounds, tell: Callable[[str], None]) -> None:
         self._testbed = testbed
@@ -66,11 +68,11 @@ class Bench:
         self._tell = tell
         self._age = 0.0
         self._loaded: Fit | None = None
-        """Of the motion before, where loads were found"""
+        """Fit of the last motion, where loads were found"""
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
-        """Stronger pulses until the shaft moves, each way with the torque; the friction it has."""
+        """Find the friction with growing pulses, until the shaft follows the torque both ways."""
         bounds = self._bounds
         least = max(_MOVED * bounds.step, _MOVED_RAD)
         torque = first_pulse(guess, bounds)
@@ -99,7 +101,7 @@ class Bench:
             torque = min(_STRONGER * torque, bounds.torque)
         _check_sign(moved, torque)
         way = 0.5 * sum(abs(_moved(played, pulse, coast=True)) for pulse in (0, 2))
-        # Driven for PULSE_S, then slowed by friction alone: u (u - c) / c = 2 m x / t².
+        # Driven for PULSE_S, then decelerated by friction alone: u (u - c) / c = 2 m x / t².
         friction = torque**2 / (torque + 2.0 * guess.inertia * way / PULSE_S**2)
         if friction > _FRICTION_SHARE * bounds.torque:
             raise UnidentifiableError(
@@ -110,14 +112,14 @@ class Bench:
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
 
     def fitted(self, name: str, guess: Guess, amplitude: float) -> tuple[Played, Fit]:
-        """A program and the model fitted to it, on data that stayed within the reach.
+        """Execute a program within the reach, and fit the model to its motion.
 
-        A motion that is spoilt is repeated: too far, too little, or not to be explained.
+        A motion is repeated if it was too large, too small, or does not fit.
 
         Args:
             name: Of the log.
-            guess: What the motions are scaled to.
-            amplitude: How far the shaft should come to each side [rad].
+            guess: Parameters for scaling the motions.
+            amplitude: Wanted excursion to each side [rad].
 
         Raises:
             UnidentifiableError: It stays too large, or cannot be fitted.
@@ -157,12 +159,12 @@ class Bench:
         )
 
     def _explained(self, motion: Motion) -> Fit:
-        """The model's fit; with loads where it leaves much, and they explain it."""
+        """Return the model's fit; with loads where the residual is large and they reduce it."""
         step = self._bounds.step
         before, enough = self._loaded, _LOADED * rounding_of(self._bounds)
         plain: Fit | None = None
         if before is None:
-            with suppress(NoFitError):  # a weight may hide that the torque moves it
+            with suppress(NoFitError):  # a weight may hide the torque's effect
                 plain = fit_motion(motion, step)
         if plain is not None and plain.residual <= enough:
             return plain
@@ -173,10 +175,10 @@ class Bench:
         return fit
 
     def corrected(self, fit: Fit) -> Guess:
-        """Parameters that the next motions are scaled to."""
+        """Return the parameters for scaling the next motions."""
         least = (
             0.1 * fit.inertia
-        )  # a spring must be stable even if there is no friction to speak of
+        )  # stable even without friction
         return Guess(
             fit.inertia, max(fit.damping, least), fit.coulomb, max(fit.delay, 0.0) + self._age
         )
@@ -188,13 +190,13 @@ class Bench:
 
 
 def _furthest(played: Played) -> float:
-    """How far the shaft came from where it was at the beginning [rad]."""
+    """Return the largest distance of the shaft from its start [rad]."""
     position = played.rows["position"]
     return float(np.max(np.abs(position - position[0])))
 
 
 def _moved(played: Played, pulse: int, *, coast: bool = False) -> float:
-    """How far the shaft came during a pulse [rad], or to the end of the coasting that follows."""
+    """Return the shaft's travel during a pulse [rad], or to the end of the coasting after it."""
     phase = played.rows["phase"]
     of_it = (phase == pulse) | (coast & (phase == pulse + 1))
     position = played.rows["position"][of_it]

@@ -1,8 +1,8 @@
-"""Delay and damping from a measured stability boundary: critical stiffness over virtual damping.
+"""Fits delay and damping to a measured stability boundary: critical stiffness over virtual damping.
 
-Where it is straight the boundary is ``K = (b + B)/(T/2 + t_d)``: its slope gives the delay, where
-it meets the axis the damping. All points, straight or not, are fitted with the exact boundary of a
-given inertia. Coulomb friction counts as the damping that it is at the amplitude of each point.
+Where it is straight the boundary is ``K = (b + B)/(T/2 + t_d)``: its slope gives the delay, its
+intercept the damping. The exact boundary of a given inertia is fitted to all points. Coulomb
+friction counts as its equivalent damping at the amplitude of each point.
 
 Source: J. J. Gil et al., ICRA 2007, eqs. (8) and (16); friction by its describing function,
 4 c/(pi A w).
@@ -26,13 +26,14 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 
 _STRAIGHT = 0.01
-"""A point is on the straight part where the exact boundary is nearer to the line than this share"""
+"""A point belongs to the straight part where the exact boundary differs from the line by less than
+this fraction"""
 _LEAST = 3e-3
-"""No critical stiffness is trusted to be better than this share, whatever uncertainty it has"""
+"""Least relative uncertainty of a critical stiffness, whatever its own"""
 _HUGE = 1e9
-"""No quantity of a servo is larger, in SI units"""
+"""Largest plausible quantity of a servo, in SI units"""
 _UNKNOWN = 0.02
-"""Share it is uncertain by where the sweep says nothing"""
+"""Relative uncertainty where the sweep gives none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +51,12 @@ class BoundaryPoints:
     frequency: FloatArray
     """Of the oscillation [Hz]; NaN: not known"""
     kick: FloatArray
-    """Amplitude at which it neither grows nor dies [rad]; NaN: not known"""
+    """Amplitude at which it neither grows nor decays [rad]; NaN: not known"""
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Known parameters that the boundary is computed with."""
+    """The known parameters of the loop."""
 
     inertia: float
     """[kg·m²]"""
@@ -65,7 +66,7 @@ class Loop:
     """[s]"""
     velocity_samples: int
     lag: float
-    """The device's own delay that the points' delay counts with [s]"""
+    """The device's own delay that is included in the points' delay [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +78,16 @@ class BoundaryFit:
     delay: Estimated
     """The device's own [s]"""
     line_damping: Estimated | None
-    """From the straight part alone; None: too few points lie on it"""
+    """From the straight part alone; None: it has too few points"""
     line_delay: Estimated | None
     used: int
-    """Points with a measured stiffness"""
+    """Number of points with a measured stiffness"""
     straight: int
-    """Those of them on the straight part"""
+    """Number of them on the straight part"""
 
 
 def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
-    """The points of a ``sweep.json``, and the configuration that they were measured with.
+    """Read the points of a ``sweep.json``, and the configuration of the measurement.
 
     Args:
         path: With ``points [{virtual_damping, delay_s, measured, uncertainty, frequency_hz,
@@ -144,7 +145,7 @@ def _column(listed: list[dict[str, Any]], name: str, needed: bool) -> FloatArray
 
 
 def fit_boundary(points: BoundaryPoints, loop: Loop) -> BoundaryFit:
-    """Damping and delay that make the exact boundary go through the points.
+    """Fit damping and delay of the exact boundary to the points.
 
     Args:
         points: At least three, at two virtual dampings or more.
@@ -190,7 +191,7 @@ def fit_boundary(points: BoundaryPoints, loop: Loop) -> BoundaryFit:
 
 
 def _friction(points: BoundaryPoints, coulomb: float) -> FloatArray:
-    """Damping that friction is at each point's amplitude and frequency [N·m·s/rad]."""
+    """Return friction's equivalent damping at each point's amplitude and frequency [N·m·s/rad]."""
     speed = math.tau * points.frequency * points.kick
     known = np.isfinite(speed) & (speed > 0.0)
     return np.where(known, 4.0 * coulomb / (math.pi * np.where(known, speed, 1.0)), 0.0)
@@ -216,7 +217,7 @@ def _line(
     period: float,
     which: NDArray[np.bool_],
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Damping and delay beyond the believed one, from the straight line; their standard errors.
+    """Fit damping and additional delay of the straight line; return also their standard errors.
 
     ``K (T/2 + t_d + late) = b + B`` is linear in both: ``b - K late = K (T/2 + t_d) - B``.
     """
@@ -232,7 +233,7 @@ def _line(
 
 
 def _errors(jacobian: FloatArray, left: FloatArray) -> tuple[float, float]:
-    """Standard errors; where the points lie further apart than they say, by what they do."""
+    """Return standard errors; larger where the points scatter more than their uncertainties."""
     spread = float(left @ left) / max(1, left.size - 2)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(1.0, spread)
     damping, delay = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()

@@ -1,9 +1,9 @@
-"""The motions that a servo is identified from: bounded, both ways, scaled to what is believed.
+"""Plans the motions for an identification: bounded, both ways, scaled to the belief.
 
-First pulses, each way, that rise until the shaft moves: they prove the torque's sign and find the
-torque that overcomes friction. Then the program: a shaking from quick and small to slow and large
-about a soft spring, torque steps to and fro, and free swings about a spring after travelling to
-each side.
+Pulses in both directions grow until the shaft moves: they verify the torque's sign and find the
+torque that overcomes friction. The program follows: a frequency sweep from fast and small to slow
+and large about a soft spring, torque steps to and fro, and free oscillations about a spring after
+travelling to each side.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 PULSE_S = 0.06
 """Length of a pulse [s]"""
 PULSE = 0.02
-"""How far one pulse should move the shaft while it lasts [rad]"""
+"""Wanted travel during one pulse [rad]"""
 COAST_S = 0.3
-"""How long the shaft may coast after a pulse [s]"""
+"""Time for coasting after a pulse [s]"""
 SHAKE_S = 4.0
-"""Length of the shaking [s]"""
+"""Length of the frequency sweep [s]"""
 QUICKER = 6.0
-"""How much quicker than at its end the shaking begins"""
+"""Ratio of the sweep's first frequency to its last"""
 STEP_S = 0.1
 """Half the length of a torque step [s]"""
 SWING_S = 1.2
-"""How long a swing is left alone [s]"""
+"""Duration of a free oscillation [s]"""
 _LOST = 2.0
-"""So many times the reach away the shaft is let go. Once the reach it is still brought back from:
-there a motion that threw it too far has ended, and a smaller one is to begin where it did."""
+"""Excursion at which the shaft is released, as a multiple of the reach. From one reach it is still
+brought back: a motion that was too large ends there, and a smaller one begins."""
 
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Parameters that the motions are scaled to."""
+    """Parameters for scaling the motions."""
 
     inertia: float
     """[kg·m²]"""
@@ -44,19 +44,19 @@ class Guess:
     coulomb: float
     """[N·m]"""
     delay: float
-    """From a sample to its torque acting, in all [s]"""
+    """From a sample until its torque acts, in total [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits that the motions keep to."""
+    """Limits of the motions."""
 
     reach: float
-    """Furthest from where the shaft is at the beginning [rad]"""
+    """Largest distance from the shaft's start [rad]"""
     torque: float
     """Largest torque [N·m]"""
     speed: float
-    """Largest speed that is aimed at [rad/s]"""
+    """Largest planned speed [rad/s]"""
     step: float
     """One count of the encoder [rad]"""
     period: float
@@ -64,13 +64,13 @@ class Bounds:
 
 
 def first_pulse(guess: Guess, bounds: Bounds) -> float:
-    """Torque [N·m] of a pulse that moves such a servo by about ``PULSE``."""
+    """Return the torque [N·m] of a pulse that moves such a servo by about ``PULSE``."""
     speed = min(2.0 * PULSE / PULSE_S, bounds.speed)
     return min(guess.coulomb + guess.inertia * speed / PULSE_S, bounds.torque)
 
 
 def pulses(torque: float, bounds: Bounds) -> list[Phase]:
-    """A pulse each way, coasting after each.
+    """Return a pulse each way, with coasting after each.
 
     Args:
         torque: [N·m]
@@ -86,12 +86,12 @@ def pulses(torque: float, bounds: Bounds) -> list[Phase]:
 
 
 def motions(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
-    """The program that the model is fitted to.
+    """Return the program for the fit of the model.
 
     Args:
-        guess: What it is scaled to.
-        bounds: What it keeps to.
-        amplitude: How far the shaft should come to each side [rad].
+        guess: Parameters for scaling.
+        bounds: Limits.
+        amplitude: Wanted excursion to each side [rad].
     """
     return [
         *_shaking(guess, bounds, amplitude),
@@ -101,7 +101,7 @@ def motions(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
 
 
 def _shaking(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
-    """From quick to slow: so the beginning, which throws the shaft to one side, does so little."""
+    """Return a sweep from fast to slow, so that its start throws the shaft aside only a little."""
     slow = min(2.0, bounds.speed / (math.tau * amplitude))
     torque, slow = _shaken(guess, amplitude, slow, 0.7 * bounds.torque)
     spring = _spring(guess, bounds, math.tau * 0.35 * slow)
@@ -118,7 +118,7 @@ def _shaking(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
 
 
 def _shaken(guess: Guess, amplitude: float, hertz: float, limit: float) -> tuple[float, float]:
-    """Torque and frequency of a sine that moves the shaft so far; slower where torque lacks."""
+    """Return torque and frequency of a sine with this amplitude; slower where torque is lacking."""
     while True:
         w = math.tau * hertz
         friction = guess.damping * w * amplitude + 4.0 * guess.coulomb / math.pi
@@ -129,7 +129,7 @@ def _shaken(guess: Guess, amplitude: float, hertz: float, limit: float) -> tuple
 
 
 def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
-    """There, back past the beginning, and there again: the torque turns four times."""
+    """Return a motion there, back past the start, and there again, with four torque reversals."""
     torque = guess.coulomb + guess.inertia * amplitude / STEP_S**2
     torque = min(torque, 0.7 * bounds.torque, guess.coulomb + guess.inertia * bounds.speed / STEP_S)
     reach = bounds.reach
@@ -143,7 +143,7 @@ def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
 
 
 def _swings(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
-    """To each side slowly, which shows friction alone, and let go at a spring."""
+    """Return slow travel to each side, which shows friction alone, and a release at a spring."""
     width = min(12.0, bounds.speed / amplitude)
     spring = _spring(guess, bounds, width, friction_at=amplitude)
     phases = []
@@ -160,12 +160,12 @@ def _home(guess: Guess, bounds: Bounds) -> list[Phase]:
 
 
 def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
-    """Take the shaft somewhere at an even speed, and wait until it is still."""
+    """Move the shaft somewhere at constant speed, and wait until it rests."""
     width = 25.0
     loop = (guess.inertia, guess.damping)
     ceiling = float(max_virtual_damping(*loop, bounds.period, guess.delay))
     damping = min(1.4 * guess.inertia * width, 0.25 * ceiling)
-    if bounds.step > 0.0:  # a count of the encoder is a jump of the torque
+    if bounds.step > 0.0:  # one encoder count makes a step of the torque
         damping = min(damping, 0.03 * bounds.torque * bounds.period / bounds.step)
     most = float(critical_stiffness(*loop, damping, bounds.period, guess.delay))
     return [
@@ -183,13 +183,13 @@ def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
 
 
 def _spring(guess: Guess, bounds: Bounds, width: float, friction_at: float = 0.0) -> float:
-    """Stiffness [N·m/rad] for a swing of that angular frequency, or what is stable.
+    """Return the stiffness [N·m/rad] for that angular frequency, or the largest stable one.
 
     Args:
         guess: Of the servo.
         bounds: For the period.
         width: [rad/s]
-        friction_at: Friction may help as much as it does at this amplitude [rad]; 0: not at all.
+        friction_at: Amplitude whose friction damping may be used for stability [rad]; 0: none.
     """
     damping = guess.damping
     if friction_at > 0.0:

@@ -1,8 +1,8 @@
-"""A servo's inertia, friction and delay from its motion: output error, with honest standard errors.
+"""Fits a servo's inertia, friction and delay to its motion: output error, with standard errors.
 
-The motion is cut at moments of speed into pieces, each with a beginning of its own, so that nothing
-that the model does not know adds up for longer than a piece. The least squares start from a
-regression on smoothed data, which takes nothing on trust but the model's form.
+The motion is divided at moments of high speed into pieces with their own initial states, so that
+unmodelled effects do not accumulate beyond a piece. The least squares start from a regression on
+smoothed data, which assumes only the form of the model.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from haptic_wall.controller.experiments.identify.standard_errors import standard
 from haptic_wall.controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
-"""Length of a piece, about [s]: long beside the servo's oscillations, short beside its drift"""
+"""Approximate length of a piece [s]: long compared with the servo's oscillations, short compared
+with its drift"""
 _STALL = 4.5
-"""Periods without a sample at which a piece ends [1]; fewer are lost replies"""
+"""Periods without a sample that end a piece [1]; shorter gaps are lost replies"""
 _SMOOTH_S = 0.021
 """Window of the smoothing for the start [s]"""
 _LATEST_S = 0.03
-"""The longest delay that the start is searched to [s]"""
+"""Longest delay in the search for the start [s]"""
 _VISIBLE = 4.0
-"""Standard errors of its own that play must be above zero to count"""
+"""Least ratio of a visible backlash to its standard error"""
 _LEAST_PLAY = 1e-6
-"""[rad]"""
+"""Smallest backlash [rad]"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
-"""No value is known better than by this share: rounding is in what the spring answers to as well"""
+"""Least relative uncertainty of each value: the spring's reaction contains rounding too"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "play")
 
 
 class NoFitError(Exception):
-    """The motion does not hold what the model needs; the message says what is missing."""
+    """The motion does not show what the model needs; the message says what is missing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A model and how well it is known; torques in the unit in which they were sent."""
+    """A fitted model with its standard errors; torques in commanded units."""
 
     inertia: float
     """[kg·m²]"""
@@ -51,13 +52,13 @@ class Fit:
     coulomb: float
     """[N·m]"""
     delay: float
-    """From a torque's sending to its action [s]"""
+    """From sending a torque until it acts [s]"""
     play: float
-    """[rad]; 0 where none was fitted"""
+    """Backlash [rad]; 0 where none was fitted"""
     stderr: tuple[float, ...]
-    """Of the five, in order; 0 of a play that was not fitted"""
+    """Of the five, in order; 0 for a backlash that was not fitted"""
     residual: float
-    """Root mean square of measured less fitted position [rad]"""
+    """Root mean square of measured minus fitted position [rad]"""
     pieces: Pieces
     fitted: FloatArray
     """Positions of the model [rad], shape as the pieces'"""
@@ -66,14 +67,14 @@ class Fit:
 
 
 def fit_motion(motion: Motion, step: float) -> Fit:
-    """Fit the model; with play between shaft and encoder only where the motion shows it.
+    """Fit the model; with backlash between shaft and encoder only where the motion shows it.
 
     Args:
         motion: At least two seconds in which the shaft moves.
         step: One count of the encoder [rad]; 0: not quantised.
 
     Raises:
-        NoFitError: The motion cannot tell.
+        NoFitError: The motion is not sufficient.
     """
     speed, acceleration = smoothed(motion)
     cuts = cuts_of(motion, speed, max(step, 1e-6))
@@ -81,12 +82,12 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
     without, speeds = fitted(pieces, start, speeds, with_play=False)
-    # Play not counted with passes for delay: half a count of it for a third of a millisecond.
+    # Neglected backlash looks like delay: half a count like a third of a millisecond.
     return visible_play(without, speeds) or without
 
 
 def visible_play(without: Fit, speeds: FloatArray) -> Fit | None:
-    """The fit with play; None: it is not to be seen.
+    """Return the fit with backlash; None: no backlash is visible.
 
     Args:
         without: The fit without.
@@ -98,13 +99,13 @@ def visible_play(without: Fit, speeds: FloatArray) -> Fit | None:
 
 
 def window_of(motion: Motion) -> int:
-    """Samples of the smoothing's window."""
+    """Return the number of samples in the smoothing's window."""
     period = float(np.median(np.diff(motion.sampled)))
     return max(5, 2 * round(0.5 * _SMOOTH_S / period) + 1)
 
 
 def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Speed [rad/s] and acceleration [rad/s²] at each sample, over a window of some samples.
+    """Return speed [rad/s] and acceleration [rad/s²] at each sample, over a window of samples.
 
     Raises:
         NoFitError: There is hardly any motion.
@@ -113,7 +114,7 @@ def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
         raise NoFitError(f"only {motion.sampled.size} samples were recorded, wanted at least 500")
     period = float(np.median(np.diff(motion.sampled)))
     window = window_of(motion)
-    # On an even grid: losses and missed periods are bridged by a line.
+    # On an even grid: losses and missed periods are interpolated.
     even = np.arange(motion.sampled[0], motion.sampled[-1], period)
     position = np.interp(even, motion.sampled, motion.position)
     smooth = [savgol_filter(position, window, 3, deriv=n, delta=period) for n in (1, 2)]
@@ -122,7 +123,7 @@ def smoothed(motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, int]]:
-    """Pieces from one moment of high speed to another; those in which little moves are left out."""
+    """Return pieces from one moment of high speed to another, without those of little motion."""
     begins: list[int] = []
     sampled, fast = motion.sampled, np.abs(speed)
     end = float(sampled[-1])
@@ -132,7 +133,7 @@ def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, i
         if high > low:
             begins.append(int(low + np.argmax(fast[low:high])))
         at += PIECE_S
-    # What a stall has left unrecorded may have reached the servo at other times than it was sent.
+    # Around a stall torques may have reached the servo at other times than recorded.
     gaps = np.diff(sampled)
     stalls = np.flatnonzero(gaps > _STALL * np.median(gaps)) + 1
     edges = np.unique([*begins, *stalls.tolist(), sampled.size]).tolist()
@@ -150,7 +151,7 @@ def cuts_of(motion: Motion, speed: FloatArray, step: float) -> list[tuple[int, i
 
 
 def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
-    """The torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
+    """Return the torque at each sample for each delay [s], smoothed as the motion is [N·m]."""
     grid = np.linspace(motion.sent[0], motion.sent[-1], 4 * motion.sent.size)
     held = motion.torque[np.searchsorted(motion.sent, grid, side="right") - 1]
     window = 2 * round(0.5 * _SMOOTH_S / float(grid[1] - grid[0])) + 1
@@ -159,7 +160,7 @@ def torque_on(motion: Motion, delays: list[float]) -> list[FloatArray]:
 
 
 def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
-    """Where the fit begins: the torques, smoothed alike, against the motion, for each delay."""
+    """Return the start of the fit: a regression of smoothed torques, for each delay."""
     moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
     signs = np.sign(speed[moving])
     columns = np.column_stack([acceleration[moving], speed[moving], signs])
@@ -177,7 +178,7 @@ def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit
         raise NoFitError("the shaft does not speed up with the torque that was sent")
     empty = np.zeros((1, 1))
     nothing = Pieces(motion, empty, empty, empty > 0)
-    # What cannot be told apart at the start begins near nothing, not below it.
+    # Values that cannot be distinguished at the start begin just above zero.
     least = 0.05 * inertia
     return Fit(
         inertia, max(damping, least), max(coulomb, least), best[1], 0.0, (), 0.0, nothing, empty
@@ -187,14 +188,14 @@ def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit
 def fitted(
     pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool, thorough: bool = True
 ) -> tuple[Fit, FloatArray]:
-    """The fit that begins at another, and the speeds at the beginnings of the pieces.
+    """Return the fit that starts at another one, and the initial speeds of the pieces.
 
     Args:
-        pieces: What was recorded.
+        pieces: The recorded motion.
         start: Its loads are fitted too, where it has any.
-        speeds: Of each piece, to begin with [rad/s].
-        with_play: Fit the play.
-        thorough: To the end; else as near as another round brings little.
+        speeds: Initial guess for each piece [rad/s].
+        with_play: Fit the backlash.
+        thorough: Iterate to convergence; else until an iteration brings little.
     """
     count = 5 if with_play else 4
     begin = np.array([getattr(start, name) for name in NAMES[:count]])

@@ -1,10 +1,10 @@
-"""Identification: a servo's inertia, friction and delay from motions of its own.
+"""Identifies a servo's inertia, friction and delay from motions of its own.
 
-Pulses find the torque that moves the shaft, and prove its sign; a gentle program corrects what was
-believed; the program at full size is what the model is fitted to. From positions alone torque is
-known only in the unit in which it was commanded: what is found are inertia and friction per torque
-commanded, which is what decides on stability. Where the servo measures its current, all of them are
-given in the unit of that measurement.
+Pulses find the torque that moves the shaft, and verify its sign; a gentle program corrects the
+belief; the model is fitted to the program at full size. Positions alone give the torque only in
+commanded
+units: the results are inertia and friction per commanded torque, which decide on stability. Where
+the servo measures its current, all results are in the unit of that measurement.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.settings.config import Config
 
 REACH = 0.6
-"""How far from its beginning the shaft may come unless told otherwise [rad]"""
+"""Default of the largest excursion from the start [rad]"""
 SECONDS = 60.0
-"""Duration of all motions in real time, about [s]"""
+"""Approximate duration of all motions in real time [s]"""
 FULL, GENTLE = 0.5, 0.2
-"""Share of the reach that the motions aim at"""
+"""Fractions of the reach for which the motions are planned"""
 _SPEED = 0.4
-"""Share of ``safety.max_speed`` that is aimed at"""
+"""Fraction of ``safety.max_speed`` for which they are planned"""
 _ERRORS = 2.0
-"""Standard errors within which an inertia of zero is no inertia"""
+"""Standard errors within which an inertia counts as zero"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """Identified parameters, and the data they were found from."""
+    """Identified parameters, and the data of their fit."""
 
     inertia: Estimated
     """[kg·m²]"""
@@ -59,17 +59,17 @@ class Identified:
     coulomb: Estimated
     """[N·m]"""
     delay: Estimated
-    """From a torque's sending to its action [s]"""
+    """From sending a torque until it acts [s]"""
     torque_gain: Estimated
-    """Measured torque per torque commanded; where none is measured 1, by the unit of the others"""
+    """Measured torque per commanded torque; 1 without a measurement, by the unit of the others"""
     gain_measured: bool
     """Whether the servo measures its current"""
     backlash: Estimated | None
-    """Between shaft and encoder, full width [rad]; None: not to be seen"""
+    """Between shaft and encoder, full width [rad]; None: not visible"""
     residual: float
-    """Root mean square of measured less fitted position [rad]"""
+    """Root mean square of measured minus fitted position [rad]"""
     rounding: float
-    """Part of it that rounding alone would leave [rad]"""
+    """Part of it that comes from rounding [rad]"""
     warnings: tuple[str, ...]
     fit: Fit
     played: Played
@@ -77,7 +77,7 @@ class Identified:
 
 
 def bounds_of(config: Config, reach: float) -> Bounds:
-    """Limits of the motions on the servo of a configuration.
+    """Return the limits of the motions on the servo of a configuration.
 
     Raises:
         UserError: The reach is too small, or no torque limit is known.
@@ -105,7 +105,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
 
 
 def announcement(bounds: Bounds) -> str:
-    """Announce which motions will be made, and how far; for whoever stands near."""
+    """Announce the motions and their size, for a person nearby."""
     return (
         f"the shaft will move by itself for about a minute: up to {FULL * bounds.reach:.2g} rad"
         f" ({math.degrees(FULL * bounds.reach):.0f}°) to each side of where it is now; one that"
@@ -120,24 +120,24 @@ def identify(
     reach: float = REACH,
     tell: Callable[[str], None] = lambda _text: None,
 ) -> Identified:
-    """Move the servo, and fit the model to how it moved.
+    """Move the servo, and fit the model to its motion.
 
     Args:
-        config: The servo. Its wall, guard and inserted delay take no part, and no hand is scripted.
-        folder: Where the logs of all runs go.
-        reach: How far the shaft may come from where it is [rad].
-        tell: Called with what a person should know meanwhile.
+        config: The servo. Its wall, guard, inserted delay and scripted operator are not used.
+        folder: For the logs of all runs.
+        reach: Largest excursion from the start [rad].
+        tell: Called with messages for a person.
 
     Raises:
-        UnidentifiableError: It does not move, moves too far, or by something else than its torque.
+        UnidentifiableError: It does not move, moves too far, or not by its torque.
         ServoError: The servo could not be started.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
-        UserError: The reach, the torque limit or the folder is wrong.
+        UserError: The reach, the torque limit or the folder is invalid.
     """
     bounds = bounds_of(config, reach)
     raw = config.model_dump(mode="json")
-    raw["wall"]["velocity_samples"] = 1  # no wall is rendered, and the springs are planned for it
+    raw["wall"]["velocity_samples"] = 1  # no wall is rendered; the springs are planned for 1
     if config.servo.kind != "hardware":
         raw["servo"]["hand"] = "none"
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
@@ -149,7 +149,7 @@ def identify(
 
 
 def _believed(config: Config) -> Guess:
-    """The careful corner of the belief, in torque commanded."""
+    """Return the cautious corner of the belief, in commanded torque."""
     belief = config.belief()
     age = config.guard.sample_age
     if config.servo.kind != "simulated":
@@ -194,5 +194,5 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
 
 
 def whole_motion(identified: Identified) -> Motion:
-    """The motion that the model was fitted to."""
+    """Return the motion of the model's fit."""
     return motion_of(identified.played.rows)

@@ -1,4 +1,4 @@
-"""A configuration with its belief replaced by what was identified, as YAML with its reasons."""
+"""Writes a configuration with the identified values as its belief, as commented YAML."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from haptic_wall.controller.experiments.identify.identification import Estimated
 from haptic_wall.controller.settings.config import Config
 
 _ERRORS = 2.0
-"""Standard errors to each side that the truth is believed to lie within"""
+"""Standard errors between a value and its bounds"""
 FLOORS = {"inertia": 0.02, "damping": 0.05, "coulomb": 0.05}
-"""Share of a value that its bounds lie away at least: servos warm up and wear between runs"""
+"""Least relative distance of a value's bounds: servos warm up and wear between runs"""
 _LEAST = 0.05
-"""Of the inertia, which the guard wants above zero"""
+"""Lower bound of the inertia as a fraction, which the guard needs above zero"""
 DELAY_FLOOR = 0.05
-"""The same of the delay, in periods"""
+"""The same for the delay, in periods"""
 
 
 def identified_config(config: Config, identified: Identified, source: str) -> str:
-    """YAML text of ``config`` with its ``model`` section replaced.
+    """Return YAML text of ``config`` with its ``model`` section replaced.
 
     Args:
         config: The effective configuration.
-        identified: What was found of its servo.
-        source: What ``config`` came from, for people.
+        identified: Result for its servo.
+        source: Origin of ``config``, for people.
     """
     data = config.model_dump(mode="json", exclude_none=True)
     data["model"] = identified_model(identified, config.period_s)
@@ -46,10 +46,10 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
 
 
 def identified_model(identified: Identified, period: float) -> dict[str, dict[str, float]]:
-    """Value and bounds of each quantity of the model section.
+    """Return value and bounds of each quantity of the model section.
 
     Args:
-        identified: What was found.
+        identified: The result.
         period: Sampling period [s].
     """
     gain = identified.torque_gain.value
@@ -59,7 +59,7 @@ def identified_model(identified: Identified, period: float) -> dict[str, dict[st
     }
     model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * period)
-    # The others are in its unit: what is not certain of their ratio to it is in their bounds.
+    # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
     return model
 

@@ -1,8 +1,8 @@
-"""The fit of an ordinary servo: what stands against its shaft is fitted with the model.
+"""Fits an ordinary servo: external loads on its shaft are fitted together with the model.
 
-A weight first; then the cogging that explains most of what is left; then the friction at rest that
-leaves least. None of it is in the model that the guard works with: fitted along, it does not pass
-for inertia, friction or delay.
+It adds a weight first; then the cogging that reduces the residual most; then the friction at rest
+that leaves the smallest residual. The guard's model has none of them: fitted separately, they
+cannot be mistaken for inertia, friction or delay.
 """
 
 from __future__ import annotations
@@ -35,40 +35,40 @@ from haptic_wall.controller.experiments.identify.output_error import OutputError
 from haptic_wall.controller.theory.checks import FloatArray
 
 MOST_PERIODS = 200
-"""Of cogging in a turn that are looked for"""
+"""Largest number of cogging periods in a turn"""
 _RATIOS = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 4.05, 0.1)])
-"""Friction at rest over that in motion that is tried"""
+"""Tried ratios of friction at rest to friction in motion"""
 _FADINGS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Speeds over which that excess fades that are tried [rad/s]"""
+"""Tried speeds over which that excess fades [rad/s]"""
 _FADES = 0.97
-"""Share of the squares that must be left for it to fade in motion"""
+"""Largest fraction of the squares that fading must leave to be accepted"""
 _LOWER = 0.7
-"""Share of the friction found that remains at high speed, to begin with"""
+"""Initial fraction of the friction that remains at high speed"""
 _LEFT, _UNQUANTISED = 1.1, 1e-5
-"""Residual from which fading is looked for: in shares of what rounding leaves; at least [rad]"""
+"""Least residual for a search of fading: as a multiple of the rounding's; and in [rad]"""
 _SURE_OF_STICTION = 0.95
-"""Share of the squares that more friction at rest must leave to be told"""
+"""Largest fraction of the squares that more friction at rest must leave to be reported"""
 _KNOWN = 1.2
-"""Share of that up to which what was known before explains the motion"""
+"""Largest multiple of the residual at which earlier loads still explain the motion"""
 _TRIMS, _OUTLIER = 3, 3.0
-"""How often pieces are left out, and how many medians of the residuals make one"""
+"""Number of times that pieces are omitted, and the outlier limit in medians of the residuals"""
 _ROUNDS = 5
 _BETTER = 0.98
-"""Share of the squares that must be left for another round, or a cogging, to be worth it"""
+"""Largest fraction of the squares that another round, or a cogging, must leave"""
 _NEAR = 3.0
-"""Periods in a turn within which one cogging passes for another"""
+"""Distance in periods per turn within which two coggings cannot be distinguished"""
 
 
 def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
-    """Fit the model with the loads of an ordinary servo besides.
+    """Fit the model together with the loads of an ordinary servo.
 
     Args:
         motion: At least two seconds in which the shaft moves.
         step: One count of the encoder [rad]; 0: not quantised.
-        before: Of another motion of the same servo: its loads are tried first.
+        before: Fit of another motion of the same servo: its loads are tried first.
 
     Raises:
-        NoFitError: The motion cannot tell.
+        NoFitError: The motion is not sufficient.
     """
     speed, acceleration = smoothed(motion)
     cuts = cuts_of(motion, speed, max(step, 1e-6))
@@ -92,7 +92,7 @@ def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
 
 
 def _without_doubtful_stiction(fit: Fit, speeds: FloatArray) -> Fit:
-    """The fit with as much friction at rest as in motion, where more explains nothing."""
+    """Return the fit without excess friction at rest, where that improves nothing."""
     assert fit.loads is not None
     model = OutputError(fit.pieces, np.array([getattr(fit, n) for n in NAMES[:4]]), fit.loads)
     tried = np.tile(model.begin, (2, 1))
@@ -104,12 +104,12 @@ def _without_doubtful_stiction(fit: Fit, speeds: FloatArray) -> Fit:
 
 
 def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, FloatArray]:
-    """The fit without pieces that went another way: a shaft that nearly sticks may do either.
+    """Return the fit without outlier pieces: a shaft that nearly sticks may move or not.
 
     Args:
         fit: Of all pieces.
         speeds: Of each.
-        explained: Residual at which there is nothing to leave out [rad].
+        explained: Residual at which no piece is omitted [rad].
     """
     for _ in range(_TRIMS):
         pieces = fit.pieces
@@ -124,13 +124,13 @@ def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, Float
 
 
 def _restarted(fit: Fit) -> Fit:
-    """The fit to begin with again, what it said of the cogging's periods followed."""
+    """Return the fit as a new start, with the cogging's period corrected."""
     assert fit.loads is not None
     return replace(fit, loads=fit.loads.settled())
 
 
 def _searched(start: Fit, pieces: Pieces, speeds: FloatArray) -> tuple[Fit, FloatArray]:
-    """The fit with friction at rest and cogging, and the speeds of its pieces."""
+    """Return the fit with friction at rest and cogging, and the speeds of its pieces."""
     fit, speeds = fitted(pieces, start, speeds, with_play=False, thorough=False)
     for _ in range(_ROUNDS):
         before = fit.residual
@@ -146,7 +146,7 @@ def _searched(start: Fit, pieces: Pieces, speeds: FloatArray) -> tuple[Fit, Floa
 
 
 def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
-    """The fit whose friction at rest fades over a range of speeds, where that leaves less."""
+    """Return the fit with friction that fades over a range of speeds, where that is better."""
     assert fit.loads is not None
     best = fit, speeds
     for fading in _FADINGS[1::2]:
@@ -159,7 +159,7 @@ def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
 
 
 def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
-    """As ``start_of``, with a weight."""
+    """Return the start of the fit as ``start_of``, with a weight."""
     plain = start_of(motion, speed, acceleration)
     moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
     middle = 0.5 * float(np.min(motion.position) + np.max(motion.position))
@@ -175,10 +175,10 @@ def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) 
 
 
 def _with_cogging(fit: Fit) -> Fit:
-    """The fit with that cogging which would explain most, or with its own settled.
+    """Return the fit with the cogging that improves it most, or with its own one refined.
 
-    To small torques the body answers as one without Coulomb friction, from the beginning of its
-    piece on; what the beginning itself can have done is not counted.
+    To small torques the body responds as one without Coulomb friction, from the beginning of its
+    piece on; effects of the initial state are not counted.
     """
     pieces, loads = fit.pieces, fit.loads
     assert loads is not None
@@ -218,7 +218,7 @@ def _with_cogging(fit: Fit) -> Fit:
 
 
 def _with_stiction(fit: Fit, speeds: FloatArray) -> Fit:
-    """The fit with the friction at rest, and its fading in motion, that leave least."""
+    """Return the fit with the friction at rest, and its fading, of the smallest residual."""
     loads = fit.loads
     assert loads is not None
     begin = np.array([getattr(fit, name) for name in NAMES[:4]])
@@ -231,7 +231,7 @@ def _with_stiction(fit: Fit, speeds: FloatArray) -> Fit:
         tried = np.tile(model.begin, (ratios.size, 1))
         tried[:, at] = ratios * fit.coulomb
         tried[:, at + 1] = fading
-        if fading and fading != loads.fading:  # what stays at high speed was in the mean
+        if fading and fading != loads.fading:  # the friction at high speed was part of the mean
             tried[:, 2] = fit.coulomb
         costs = model.costs(tried, speeds)
         lowest = int(np.argmin(costs))

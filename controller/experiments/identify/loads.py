@@ -1,7 +1,7 @@
-"""Loads of an ordinary servo: a weight or a spring, cogging, more friction at rest.
+"""The loads of an ordinary servo: a weight or a spring, cogging, excess friction at rest.
 
-The loads depend on the position, which is measured, so they are torques known but for their sizes:
-a weight's go with the sine and cosine of the angle, those of cogging with a multiple of it.
+The loads depend on the measured position, so they are torques of known shape and unknown size: a
+weight's follows the sine and cosine of the angle, cogging those of a multiple of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 _AWAY = 0.3
 """Scale of the positions [rad]"""
 _FURTHEST = 4.0
-"""Periods in a turn by which one step corrects them at most"""
+"""Largest correction of the periods in a turn by one step"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,11 @@ class Loads:
     """Torques against the shaft, and the friction at rest."""
 
     static: float
-    """Friction at rest [N·m]; no more than that in motion: no more friction at rest"""
+    """Friction at rest [N·m]; at most that in motion: no excess"""
     fading: float
-    """Speed at which its excess has fallen to a third [rad/s]; 0: there is none in motion"""
+    """Speed at which the excess has fallen to a third [rad/s]; 0: none in motion"""
     center: float
-    """Where the cogging's phase is given [rad]"""
+    """Position at which the cogging's phase is given [rad]"""
     periods: float = 0.0
     """Of the cogging in a turn; 0: there is none"""
     weights: tuple[float, ...] = (0.0, 0.0)
@@ -38,23 +38,23 @@ class Loads:
 
     @property
     def gravity(self) -> float:
-        """Amplitude of what goes with the angle [N·m]."""
+        """Return the amplitude of the torque with the angle's period [N·m]."""
         return math.hypot(*self.weights[:2])
 
     @property
     def hanging(self) -> float:
-        """Angle at which a weight would hang [rad]."""
+        """Return the angle at which a weight would hang [rad]."""
         return math.atan2(-self.weights[1], self.weights[0])
 
     @property
     def cogging(self) -> float:
-        """Amplitude of the cogging [N·m]."""
+        """Return the amplitude of the cogging [N·m]."""
         return math.hypot(*self.weights[2:4]) if self.periods else 0.0
 
     def waves(self, position: FloatArray) -> FloatArray:
-        """Torques per weight: sine and cosine of the angle, and of the cogging's.
+        """Return torques per weight: sine and cosine of the angle, and of the cogging's.
 
-        With a cogging of some size the last one is what more periods in a turn would add.
+        With a cogging the last one is the derivative with respect to its periods in a turn.
 
         Returns:
             Shape (2, 4 or 5, *position.shape).
@@ -70,7 +70,7 @@ class Loads:
         return np.stack(found)
 
     def settled(self) -> Loads:
-        """The same, what the last of the weights said of the periods in a turn followed."""
+        """Return the loads with the last weight's correction of the periods applied."""
         if len(self.weights) < 5 or self.cogging == 0.0:
             return self
         away = self.weights[4] / (_AWAY * self.cogging)

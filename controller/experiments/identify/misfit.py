@@ -9,20 +9,20 @@ from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.loads import Loads
 
 STRUCTURED = 1.5
-"""Residual, in shares of what rounding leaves, from which it is told"""
+"""Least reported residual, as a multiple of the rounding's"""
 _ERRORS, _SHARE = 4.0, 0.02
-"""Standard errors, and the share of the Coulomb friction, that a load is told from"""
+"""Least reported load: in standard errors, and as a fraction of the Coulomb friction"""
 _STUCK = 1.15
-"""Friction at rest over that in motion from which it is told"""
+"""Least reported ratio of friction at rest to friction in motion"""
 END = "the bounds allow for it, the model does not know it"
 
 
 def misfit(fit: Fit, rounding: float) -> Iterator[str]:
-    """Sentences, without their full stop.
+    """Yield sentences, without their full stop.
 
     Args:
         fit: Of the servo.
-        rounding: Root mean square of what rounding leaves [rad].
+        rounding: Root mean square of the rounding's residual [rad].
     """
     if fit.loads is not None:
         yield from (f"{text}; {END}" for text in _loads(fit.loads, fit.coulomb))

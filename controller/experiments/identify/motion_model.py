@@ -1,13 +1,13 @@
-"""The motion of a servo under recorded torques, for many parameters and pieces of it at once.
+"""Simulates a servo under recorded torques, for many parameters and pieces of motion at once.
 
-The servo is an inertia with viscous and Coulomb friction, on which a torque acts some time after it
-was sent, and an encoder that may follow with play::
+The servo is an inertia with viscous and Coulomb friction and a delayed torque, and an encoder that
+may follow with backlash::
 
     m x'' = u(t - delay) - b x' - c sign(x')
 
-Torques are held, so the motion between the instants at which one begins to act is written down,
-not stepped: also where the velocity comes to zero in between, and whether the body then sticks or
-turns back. Samples and torques stand where they were taken and sent, whatever the grid.
+Torques are held, so the motion between their changes has a closed form, also where the velocity
+reaches zero in between and the body sticks or reverses. Samples and torques have their own
+instants, independent of the grid.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NO_SPEED = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Recorded positions where they were sampled, and torques where they were sent."""
+    """Recorded positions at their sampling instants, and torques at their sending instants."""
 
     sampled: FloatArray
     """Instants of the samples [s], rising, shape (n,)"""
@@ -42,9 +42,9 @@ class Motion:
 
 
 def motion_of(rows: NDArray[np.void]) -> Motion:
-    """The motion in rows of a log.
+    """Return the motion in rows of a log.
 
-    Readings that failed hold no sample; the torques of their rows were sent all the same.
+    Failed readings have no sample; the torques of their rows were still sent.
 
     Args:
         rows: Shape (n,), dtype ``telemetry.ROW``, of one run without gaps.
@@ -62,7 +62,7 @@ def motion_of(rows: NDArray[np.void]) -> Motion:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """Parameters that are fitted, one value for each variant: arrays of shape (v, 1)."""
+    """Fitted parameters, one value for each variant: arrays of shape (v, 1)."""
 
     inertia: FloatArray
     """[kg·m²]"""
@@ -71,32 +71,32 @@ class Parameters:
     coulomb: FloatArray
     """[N·m]"""
     delay: FloatArray
-    """From a torque's sending to its action [s]"""
+    """From sending a torque until it acts [s]"""
     play: FloatArray
-    """Between shaft and encoder, full width [rad]"""
+    """Backlash between shaft and encoder, full width [rad]"""
     static: FloatArray | None = None
     """Friction at rest [N·m]; None: as in motion"""
     fading: FloatArray | None = None
-    """Speed at which its excess has fallen to a third [rad/s]; 0 or None: none in motion"""
+    """Speed at which the excess has fallen to a third [rad/s]; 0 or None: none in motion"""
     load: FloatArray | None = None
     """Torque against the shaft from each sample to the next [N·m], (v, s, n - 1); None: none"""
 
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Parts of a motion, side by side: shape (s, n) each, filled up where one is shorter."""
+    """Pieces of a motion, side by side: shape (s, n) each, padded where one is shorter."""
 
     motion: Motion
     sampled: FloatArray
-    """[s]; a piece that is over stays at its last instant"""
+    """[s]; padding repeats a piece's last instant"""
     position: FloatArray
     """[rad]"""
     held: NDArray[np.bool_]
-    """Whether there is a sample, or filling"""
+    """Whether there is a sample, or padding"""
 
 
 def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
-    """Cut a motion.
+    """Divide a motion into pieces.
 
     Args:
         motion: As recorded.
@@ -111,19 +111,19 @@ def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
 
 
 def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
-    """Some of the pieces, shape (s,)."""
+    """Return some of the pieces, shape (s,)."""
     return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
 def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
-    """Positions that the encoder would have shown, rounding left out [rad].
+    """Return the encoder's positions without rounding [rad].
 
-    Each piece begins at zero, with the play taken up in the direction of its speed.
+    Each piece begins at zero, with the backlash taken up in the direction of its speed.
 
     Args:
-        pieces: What was recorded.
+        pieces: The recorded motion.
         parameters: Of v variants.
-        speeds: At the beginning of each piece in each variant [rad/s], shape (v, s).
+        speeds: Initial speed of each piece in each variant [rad/s], shape (v, s).
 
     Returns:
         Shape (v, s, n).
@@ -181,7 +181,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
 
 
 def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:
-    """Torque on a body at rest that friction does not take [N·m]."""
+    """Return the torque on a body at rest in excess of friction [N·m]."""
     left = np.sign(torque) * np.maximum(np.abs(torque) - coulomb, 0.0)
     return np.where(np.abs(torque) > static, left, 0.0)
 
@@ -189,12 +189,12 @@ def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> F
 def _through_rest(
     speed: FloatArray, push: FloatArray, decay: FloatArray, length: FloatArray, after: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A step in which the body comes to rest, and goes on with the push ``after``, if any.
+    """Compute a step in which the body comes to rest, then continues with the push ``after``.
 
     Returns:
-        Position at rest, position and speed at the end, from where the step began.
+        Position at rest, position and speed at the end, from the start of the step.
     """
-    ratio = speed / push  # below zero: it is braked
+    ratio = speed / push  # below zero: it decelerates
     drag = -decay * ratio
     small = drag < 1e-6
     time = np.where(
@@ -207,7 +207,7 @@ def _through_rest(
 
 
 def _schedule(pieces: Pieces, delay: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The held torques between samples: length [s] and torque of each part, (v, s, n - 1, j)."""
+    """Return the held torques between samples: length [s] and torque, (v, s, n - 1, j)."""
     lengths, torques = [], []
     known: dict[float, tuple[FloatArray, FloatArray]] = {}
     for value in delay[:, 0].tolist():
@@ -232,7 +232,7 @@ def _schedule(pieces: Pieces, delay: FloatArray) -> tuple[FloatArray, FloatArray
 def _parts(pieces: Pieces, delay: float) -> tuple[FloatArray, FloatArray]:
     motion = pieces.motion
     acts = np.append(motion.sent + delay, np.inf)
-    torque = np.concatenate([[0.0], motion.torque])  # none before the first
+    torque = np.concatenate([[0.0], motion.torque])  # zero before the first
     begin, end = pieces.sampled[:, :-1], pieces.sampled[:, 1:]
     first = np.searchsorted(acts, begin, side="right")  # acts before it: torque[first]
     last = np.searchsorted(acts, end, side="right")

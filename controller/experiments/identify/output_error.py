@@ -1,4 +1,4 @@
-"""Least squares of the positions that a model of the motion leaves unexplained."""
+"""Minimises the squared difference between measured and simulated positions."""
 
 from __future__ import annotations
 
@@ -12,29 +12,28 @@ from haptic_wall.controller.experiments.identify.standard_errors import Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
 _RUN = 8
-"""A run of so many equal samples counts in full; a longer one counts no more"""
+"""A run of this many equal samples counts in full; a longer one counts no more"""
 _STATIC_STEP = 0.02
-"""Share of the friction by which that at rest is varied"""
+"""Relative step of the friction at rest for its derivative"""
 _ROUNDS, _FEW_ROUNDS = 40, 8
 _EXACT = 1e-7
-"""Residual that no encoder knows of [rad]"""
+"""Residual below the resolution of any encoder [rad]"""
 _ENOUGH, _ENOUGH_LOADED, _NEARLY = 1e-7, 1e-5, 1e-3
-"""Share of the squares below which another round is not worth its time"""
+"""Relative improvement of the squares below which the iteration ends"""
 
 
 class OutputError:
-    """Residuals and their derivatives over the shared values and each piece's own speed.
+    """Computes residuals, and derivatives by the shared values and each piece's initial speed.
 
     Args:
-        pieces: What was recorded.
-        values: Inertia, damping, Coulomb friction, delay and, where it is fitted, play: to begin
-            with.
-        loads: Fitted besides, from these on; None: there are none.
+        pieces: The recorded motion.
+        values: Initial inertia, damping, Coulomb friction, delay and, if fitted, backlash.
+        loads: Fitted too, starting from these; None: there are none.
 
     Attributes:
         begin: Those values, the friction at rest, its fading, the weights of the loads.
         low: The least of each.
-        loaded: Whether there are loads.
+        loaded: There are loads.
     """
 
     def __init__(self, pieces: Pieces, values: FloatArray, loads: Loads | None = None) -> None:
@@ -46,13 +45,13 @@ class OutputError:
         self.low = np.array([0.05 * inertia, 0.0, 0.0, -0.005, 0.0])[:count]
         self._weights = weights_of(pieces)
         self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
-        # Small beside what matters, large beside rounding.
+        # Small compared with the values, large compared with rounding.
         steps = [1e-5 * inertia, 1e-4 * inertia, 1e-4 * inertia, 1e-7, 1e-5][:count]
         self._waves: FloatArray | None = None
         if loads is not None:
             self.begin = np.array([*values, loads.static, loads.fading, *loads.weights])
             self.low = np.array([*self.low, 0.0, 0.0, *[-np.inf] * len(loads.weights)])
-            # Friction at rest decides where the shaft stays: only a larger step shows it.
+            # Friction at rest decides where the shaft stops: only a larger step has an effect.
             steps += [max(_STATIC_STEP * coulomb, 1e-3 * inertia), 0.01 * loads.fading or 1e-12]
             steps += [1e-4 * inertia] * len(loads.weights)
             self.low[count + 1] = 0.2 * loads.fading
@@ -61,7 +60,7 @@ class OutputError:
         self._steps = np.array([*steps, 1e-5])
 
     def linear(self, values: FloatArray, speeds: FloatArray) -> Linear:
-        """All variants at once: as it is, and with each value a little larger."""
+        """Return residuals and derivatives, from variants with one value increased each."""
         count = values.size
         variants = np.tile(values, (count + 2, 1))
         variants[1 : count + 1] += np.diag(self._steps[:-1])
@@ -72,13 +71,13 @@ class OutputError:
         return Linear(shown[0], slopes[:-1], slopes[-1], self._weights)
 
     def costs(self, variants: FloatArray, speeds: FloatArray) -> FloatArray:
-        """Weighted squares of each variant of the values, shape (v, values)."""
+        """Return the weighted squares of each variant of the values, shape (v, values)."""
         shown = self._left(variants, np.tile(speeds, (variants.shape[0], 1)))
         squares: FloatArray = np.sum(self._weights * shown**2, axis=(1, 2))
         return squares
 
     def _left(self, variants: FloatArray, starts: FloatArray) -> FloatArray:
-        """Fitted less measured for each variant of the values, shape (v, s, n)."""
+        """Return fitted minus measured for each variant of the values, shape (v, s, n)."""
         five = np.pad(variants[:, : self._count], ((0, 0), (0, 5 - self._count)))
         parameters = Parameters(*(five[:, n : n + 1] for n in range(5)))
         if self._waves is not None:
@@ -91,7 +90,7 @@ class OutputError:
 
 
 def weights_of(pieces: Pieces) -> FloatArray:
-    """Weight each sample: one of a long run of equal ones says little that is new.
+    """Weight each sample: one in a long run of equal samples adds little information.
 
     The rounding of a shaft at rest is one error, however often it is read.
     """
@@ -107,14 +106,14 @@ def weights_of(pieces: Pieces) -> FloatArray:
 def least_squares(
     model: OutputError, speeds: FloatArray, thorough: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Values and speeds of the smallest weighted squares; Levenberg's damping, values bounded.
+    """Return values and speeds with the least weighted squares; Levenberg's method, with bounds.
 
-    A piece's own speed touches that piece alone, so it is eliminated piece by piece.
+    A piece's initial speed affects that piece alone, so it is eliminated piece by piece.
 
     Args:
-        model: What is fitted.
-        speeds: At the beginning of each piece [rad/s], shape (s,), to begin with.
-        thorough: To the end; else as near as another round brings little.
+        model: The model.
+        speeds: Initial guess of each piece's initial speed [rad/s], shape (s,).
+        thorough: Iterate to convergence; else until an iteration brings little.
     """
     rounds, enough = (_ROUNDS, _ENOUGH) if thorough else (_FEW_ROUNDS, _NEARLY)
     if model.loaded:

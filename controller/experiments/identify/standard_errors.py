@@ -1,4 +1,4 @@
-"""How well fitted values are known where errors of successive samples belong together."""
+"""Computes standard errors of fitted values when errors of successive samples are correlated."""
 
 from __future__ import annotations
 
@@ -9,48 +9,47 @@ import numpy as np
 from haptic_wall.controller.theory.checks import FloatArray
 
 _CORRELATED_S = 0.05
-"""How long errors of successive samples are taken to belong together [s]"""
+"""Assumed correlation time of errors [s]"""
 _FELT_S = 3e-3
-"""Change of position per speed at the beginning [s] below which that speed is not fitted"""
+"""Change of position per initial speed below which that speed is not fitted [s]"""
 _FEW = 1.25
-"""Standard errors from some twenty pieces, few of which decide, come out too small by about this"""
+"""Correction of standard errors from some twenty pieces, few of which dominate"""
 
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """Residuals about some values, and how they change: arrays of shape (s, n), weights too."""
+    """Residuals and their derivatives at some values: arrays of shape (s, n), with weights."""
 
     left: FloatArray
-    """Fitted less measured [rad]"""
+    """Fitted minus measured [rad]"""
     shared: FloatArray
     """Per unit of each shared value, shape (p, s, n)"""
     own: FloatArray
-    """Per unit of the piece's own speed at its beginning"""
+    """Per unit of the piece's own initial speed"""
     weights: FloatArray
 
     @property
     def cost(self) -> float:
-        """The weighted sum of squares [rad²]."""
+        """Return the weighted sum of squares [rad²]."""
         return float(np.sum(self.weights * self.left**2))
 
     def without_own(self) -> FloatArray:
-        """Effect of the shared values less what a piece's own speed can have; as ``shared``."""
+        """Return the shared values' effect without a piece's own speed; as ``shared``."""
         cross = np.sum(self.weights * self.own * self.shared, axis=2)
         rest: FloatArray = self.shared - (cross / self.own_square())[:, :, None] * self.own
         return rest
 
     def own_square(self) -> FloatArray:
-        """Of each piece's own speed; infinite where a piece begins at rest, and stays there."""
+        """Return the square of each piece's own speed; infinite where a piece stays at rest."""
         square = np.sum(self.weights * self.own**2, axis=1)
         return np.where(square > _FELT_S**2 * np.sum(self.weights, axis=1), square, np.inf)
 
 
 def standard_errors(linear: Linear, period: float) -> list[float]:
-    """Of the shared values, whatever the errors of successive samples have in common.
+    """Return standard errors of the shared values, robust to correlated errors.
 
-    Three estimates of the covariance, of which the largest counts: errors independent; errors
-    correlated over ``_CORRELATED_S`` (Bartlett's weights); errors of a whole piece belonging
-    together.
+    The largest of three estimates of the covariance counts: independent errors; errors correlated
+    over ``_CORRELATED_S`` (Bartlett's weights); errors correlated within a whole piece.
 
     Args:
         linear: About the fitted values.

@@ -1,4 +1,4 @@
-"""An identification in words and as the JSON that outside tools read."""
+"""Formats an identification in words and as JSON for outside tools."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WORDS = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 
 
 def row_text(found: Identified, name: str) -> str:
-    """One value with its standard error: "inertia 0.01195 ± 0.0000063 kg·m²"."""
+    """Format one value with its standard error: "inertia 0.01195 ± 0.0000063 kg·m²"."""
     estimated: Estimated = getattr(found, name)
     word = _WORDS.get(name, name)
     if name == "delay":
@@ -29,7 +29,7 @@ def row_text(found: Identified, name: str) -> str:
 
 
 def report(found: Identified) -> dict[str, Any]:
-    """The contract's keys, and what they were found from."""
+    """Return the contract's keys, and the data of the fit."""
     return {
         **{name: _entry(getattr(found, name)) for name in UNITS},
         "torque_unit": "measured" if found.gain_measured else "commanded",
@@ -42,7 +42,7 @@ def report(found: Identified) -> dict[str, Any]:
 
 
 def boundary_report(fit: BoundaryFit) -> dict[str, Any]:
-    """Figures of a measured boundary, as the report holds them."""
+    """Return the figures of a measured boundary for the report."""
     return {
         "damping": _entry(fit.damping),
         "delay": _entry(fit.delay),
@@ -57,7 +57,7 @@ def boundary_report(fit: BoundaryFit) -> dict[str, Any]:
 def comparison(
     motion: tuple[Estimated, Estimated], boundary: tuple[Estimated, Estimated]
 ) -> dict[str, Any]:
-    """Two answers for damping and delay: their difference, and whether it is within two errors."""
+    """Compare two answers for damping and delay: difference, and agreement within two errors."""
     compared = {}
     for name, one, other in zip(("damping", "delay"), motion, boundary, strict=True):
         error = math.hypot(one.stderr, other.stderr)
@@ -71,7 +71,7 @@ def comparison(
 
 
 def believed(config: Config) -> tuple[Estimated, Estimated]:
-    """Damping and delay of the belief; a quarter of the width of its bounds is the error."""
+    """Return damping and delay of the belief; a quarter of its bounds' width is the error."""
     belief = config.belief()
     damping, delay = (
         Estimated(b.value, 0.25 * (b.high - b.low)) for b in (belief.damping, belief.delay)
@@ -80,7 +80,7 @@ def believed(config: Config) -> tuple[Estimated, Estimated]:
 
 
 def text(answer: dict[str, Any], found: Identified | None) -> str:
-    """The report for people."""
+    """Format the report for people."""
     lines = []
     if found is not None:
         lines += [f"  {row_text(found, name)}" for name in UNITS if name != "torque_gain"]

@@ -1,1 +1,1 @@
-"""Maps of where walls oscillate, by the simulation of many walls at once."""
+"""Maps the region where walls oscillate, by simulating many walls at once."""

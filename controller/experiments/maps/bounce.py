@@ -1,7 +1,9 @@
-"""Whether a wall that never pulls returns a servo faster than it came, told by single contacts.
+"""Computes from single contacts whether a one-sided wall returns a servo faster than it came.
 
-``theory.contact`` asks the same of servos without friction, encoder, play and torque limit. It is
-kept apart: in pure numbers, exact, and the oracle of this one, as this one is of it.
+``theory.contact`` does the same for servos without friction, encoder, backlash and torque limit.
+That
+module stays separate: it is exact and dimensionless, and each of the two is a test oracle of the
+other.
 """
 
 from __future__ import annotations
@@ -14,21 +16,21 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.response import held_response
 
 _PHASES = (17, 9, 9)
-"""Instants of entry tried: over the whole period, then around the worst one"""
+"""Numbers of tried instants of entry: over the whole period, then twice around the worst one"""
 _JUST = 1e-9
-"""The entry that just misses a sample, or is just seen by it [periods]."""
+"""Distance of the last tried entry from the end of the period [periods]."""
 _CONTACTS = 6.0
-"""How many half oscillations (of the undamped spring) a contact is followed at most; a wall that
-lets the servo only creep out returns no speed."""
+"""Longest simulated contact in half oscillations of the undamped spring; a wall from which the
+servo only creeps returns no speed."""
 _LOOK = 32
 
 
 def returned(walls: Walls, kick: FloatArray) -> FloatArray:
-    """Logarithm of exit speed over entry speed at the worst phase; > 0: it returns faster.
+    """Return the logarithm of exit over entry speed at the worst phase; > 0: it returns faster.
 
-    The servo comes freely and enters with the speed that the spring alone would stop after
-    ``kick``. It starts outside, early enough that the velocity estimate knows how it comes. The
-    exit speed is the greatest outside, until no commanded torque acts any more.
+    The servo moves freely and enters with the speed that the spring alone would stop within
+    ``kick``. It starts outside, early enough for the velocity estimate. The exit speed is the
+    greatest one outside, until the last commanded torque has ended.
 
     Args:
         walls: One-sided walls with stiffness > 0.
@@ -36,8 +38,7 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
             would saturate, ``kicks.unsaturated`` replaces it.
 
     Returns:
-        The worst over the instants of entry between two samples; -1 where
-        none returns any speed.
+        The worst over the instants of entry between two samples; -1 where none returns any speed.
     """
     middle, reach = np.full((walls.size, 1), 0.5), 0.5
     worst = np.full(walls.size, -np.inf)
@@ -77,11 +78,11 @@ def _returned(walls: Walls, speed: FloatArray, phase: FloatArray) -> FloatArray:
 
 
 class _Contact:
-    """Watches the speeds outside of the wall.
+    """Records the speeds outside the wall.
 
     Attributes:
-        entered: Which servos have been inside of it.
-        leaving: Greatest outward speed since the wall was left; 0 inside of it.
+        entered: Whether each servo has been inside.
+        leaving: Greatest outward speed since the wall was left; 0 inside.
     """
 
     def __init__(self, loops: Loops, walls: Walls) -> None:
@@ -95,17 +96,17 @@ class _Contact:
         self.leaving = np.zeros(walls.size)
 
     def at_sample(self) -> None:
-        """Look at the end of a period."""
+        """Record the state at the end of a period."""
         self._look(self._walls.rest)
         self._outside_for += 1
         self._outside_for[~self.entered | (self._position > 0.0)] = 0
 
     def at_switch(self) -> None:
-        """Look where the torque changes: under a held torque the speed changes one way only."""
+        """Record the state where the torque changes: in between the speed is monotone."""
         self._look(self._walls.lag)
 
     def _look(self, since: FloatArray) -> None:
-        """Take what the time since the last look [s] has brought, in which a torque was held."""
+        """Process the time since the last record [s], in which a torque was held."""
         x, v = self._loops.bodies.position, self._loops.bodies.velocity
         before, came = self._position, self._velocity
         inside = x > 0.0
@@ -113,9 +114,9 @@ class _Contact:
         out = ~inside & self.entered
         if out.any():
             speed = np.maximum(self.leaving, -v)
-            # Within the step in which it left it may have been faster than at its end. The push
-            # outwards is the balance of momentum; then the balance of energy from the wall on,
-            # what friction takes on that short way by the mean of the speeds at its ends.
+            # In the step in which it left it may have been faster than at the end. The push
+            # outwards follows from momentum, the speed at the wall from energy, with friction at
+            # the mean of the speeds at both ends.
             crossed = out & (before > 0.0)
             push = (came - v + self._decay * (before - x)) / since
             lost = np.where(crossed, -self._decay * x, 0.0)
@@ -128,5 +129,5 @@ class _Contact:
         np.copyto(came, v)
 
     def over(self) -> bool:
-        """Whether every servo has left, and no torque is under way any more."""
+        """Whether every servo has left, and every delayed torque has ended."""
         return bool(np.all(self._outside_for > self._walls.whole + 2))

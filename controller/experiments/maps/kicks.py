@@ -1,4 +1,4 @@
-"""How large a kick can be and still ask whether motion grows, where the torque is limited."""
+"""Limits a kick so that the torque limit does not hide whether motion grows."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from haptic_wall.controller.experiments.maps.many_walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 
 _SHARE = 0.5
-"""Of the torque limit, commanded by the spring alone: its damper needs some too."""
+"""Fraction of the torque limit for the spring alone: its damper needs some too."""
 _COUNTS = 4.0
-"""A smaller motion is not seen by the encoder for what it is."""
+"""Smallest motion that the encoder resolves [counts]."""
 
 
 def unsaturated(walls: Walls, kick: FloatArray) -> FloatArray:
-    """The kick, or where the spring would saturate, the largest at which it does not.
+    """Return the kick, or the largest one at which the spring does not saturate.
 
-    A torque limit makes a wall softer to large motion, so that such motion comes down to where the
-    limit hardly matters; whether it grows from there is the question. Not below four counts of the
-    encoder and the backlash, whatever saturates.
+    A torque limit makes a wall softer to large motion, so that such motion decays to where the
+    limit hardly matters; the question is whether it grows from there. The result is at least four
+    counts of the encoder and the backlash.
 
     Args:
         walls: With stiffness > 0; shape (n,).
-        kick: Asked for, shape (n,) [rad].
+        kick: Requested, shape (n,) [rad].
     """
     counts = walls.counts_per_radian
     seen = _COUNTS * np.where(counts > 0.0, 1.0 / np.where(counts > 0.0, counts, 1.0), 0.0)

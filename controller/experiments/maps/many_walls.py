@@ -1,8 +1,9 @@
-"""The whole loop for many walls at once: encoder, velocity, wall law, delay, torque limit, servo.
+"""Simulates the whole loop for many walls: encoder, velocity, law, delay, torque limit, servo.
 
-Each wall is simulated to the last bit as the program itself would run it alone on the simulated
-clock with the simulated servo (guard, safety and hand left out): the same operations in the same
-order, on blocks of walls that fit into the processor's cache.
+Each wall is simulated to the last bit as the program would run it alone on the simulated clock with
+the
+simulated servo (without guard, safety and operator): the same operations in the same order, on
+blocks of walls that fit into the processor's cache.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
 
 BLOCK = 4096
-"""Walls simulated together: their arrays stay in the processor's second-level cache."""
+"""Walls simulated together: their arrays fit into the processor's second-level cache."""
 _DELAYS = 8
-"""Different delays in one block: each costs a copy a period."""
-_SNAP = 1e-9  # of a period: a delay this near to a whole number of periods is one
+"""Largest number of different delays in one block: each costs a copy per period."""
+_SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Walls:
     counts_per_radian: FloatArray
     """Of the encoder; 0: the position is not quantised"""
     backlash: FloatArray
-    """Play between shaft and encoder, full width, >= 0 [rad]"""
+    """Between shaft and encoder, full width, >= 0 [rad]"""
     torque_limit: FloatArray
     """[N·m], > 0, may be infinite"""
     torque_step: FloatArray
@@ -63,15 +64,15 @@ class Walls:
 
     @property
     def size(self) -> int:
-        """How many there are."""
+        """Return the number of walls."""
         return self.inertia.size
 
     def take(self, index: IntArray | slice) -> Walls:
-        """Those at ``index``."""
+        """Return the walls at ``index``."""
         return Walls(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def with_stiffness(self, stiffness: FloatArray) -> Walls:
-        """The same walls, softer or stiffer; shape (n, ...) gives the walls of each row's."""
+        """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
         copies = stiffness.size // max(self.size, 1)
         many = self.take(np.repeat(np.arange(self.size), copies))
         values = {field.name: getattr(many, field.name) for field in fields(self)}
@@ -79,7 +80,7 @@ class Walls:
 
 
 def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """A delay [s] as whole periods, what it has beyond them, and the rest of that period [s]."""
+    """Split a delay [s] into whole periods, the remainder, and the rest of that period [s]."""
     periods = delay / period
     whole = np.floor(periods + _SNAP)
     lag = np.where(periods - whole > _SNAP, delay - whole * period, 0.0)
@@ -87,9 +88,9 @@ def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatA
 
 
 def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
-    """Indices of walls that can be simulated together: alike in what steers the simulation.
+    """Yield indices of walls that can be simulated together: alike in what controls the simulation.
 
-    Those of one block may differ in the whole periods of their delays, of which there are a few.
+    Walls of one block may have a few different whole periods of delay.
     """
     traits = np.stack(
         [
@@ -114,15 +115,15 @@ def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
 
 
 class Loops:
-    """A block of walls that are alike (see ``blocks``), simulated period by period.
+    """Simulates a block of similar walls (see ``blocks``) period by period.
 
-    The servos start at rest for long, at their positions, without torque, or move freely with a
+    The servos start after a long rest at their positions, without torque, or move freely with a
     velocity; the first velocity estimate is 0, as in the program.
 
     Attributes:
         bodies: The servos.
         k: Periods simulated.
-        hand: Torque of a hand on each servo, held over each period [N·m]; None: nobody touches.
+        hand: Torque of an operator on each servo, held over each period [N·m]; None: no operator.
     """
 
     def __init__(
@@ -151,7 +152,7 @@ class Loops:
         self._held = self.bodies.held(walls.rest)
         self._half = 0.5 * walls.backlash
         self._followed = position.copy()
-        # Measured positions, and commanded torques: a row a period, used again in turn.
+        # Measured positions and commanded torques: ring buffers with a row per period.
         self._measured = np.empty((self._samples + 2, n))
         self._torques = np.zeros((int(walls.whole.max()) + 2, n))
         self._minus_stiffness, self._minus_limit = -walls.stiffness, -walls.torque_limit
@@ -170,7 +171,7 @@ class Loops:
         """Simulate some periods.
 
         Args:
-            periods: How many.
+            periods: Number of periods.
             watch: Called after each.
             at_switch: Called where the torque changes within a period, if it does.
         """
@@ -181,18 +182,18 @@ class Loops:
 
     @property
     def walls(self) -> Walls:
-        """Walls that are simulated."""
+        """Return the simulated walls."""
         return self._walls
 
     @property
     def torque(self) -> FloatArray:
-        """The torque commanded last, after limit and rounding [N·m]."""
+        """Return the last commanded torque, after limit and rounding [N·m]."""
         row: FloatArray = self._torques[(self.k - 1) % self._torques.shape[0]]
         return row
 
     @property
     def measured(self) -> FloatArray:
-        """The position measured last [rad]."""
+        """Return the last measured position [rad]."""
         row: FloatArray = self._measured[(self.k - 1) % self._measured.shape[0]]
         return row
 
@@ -216,7 +217,7 @@ class Loops:
         self.k = k + 1
 
     def _delayed(self, more: int) -> FloatArray:
-        """The torques commanded as many whole periods ago as each wall's delay has, and more."""
+        """Return the torques commanded each wall's whole periods of delay, and ``more``, ago."""
         torques, now = self._torques, self.k - more
         if len(self._delays) == 1:
             row: FloatArray = torques[(now - self._delays[0][0]) % torques.shape[0]]
@@ -226,7 +227,7 @@ class Loops:
         return self._acting
 
     def _command(self, measured: FloatArray, torque: FloatArray) -> None:
-        """The wall's torque, limited and rounded, into ``torque``."""
+        """Store the wall's torque, limited and rounded, in ``torque``."""
         walls, estimate = self._walls, self._estimate
         back = min(self.k, self._samples)
         np.multiply(self._minus_stiffness, measured, torque)

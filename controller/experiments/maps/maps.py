@@ -1,7 +1,7 @@
-"""Maps of the simulated critical stiffness over virtual damping, delay and kick, on many cores.
+"""Maps the simulated critical stiffness over virtual damping, delay and kick, on many cores.
 
-The work is cut into tasks by the settings alone, and each task is computed by itself: the result
-does not depend on who computes what, nor on how many do.
+The settings alone decide how the work is divided into tasks, and each task is independent: the
+result does not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
-"""Relative accuracy of a map unless told otherwise."""
+"""Default relative accuracy of a map."""
 _TASK = 64
-"""Points in one task at most: fewer cost nearly as much time, more would leave cores idle."""
+"""Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
 
 Progress = Callable[[int, int], None]
-"""Called with how many points are done, and how many there are."""
+"""Called with the number of finished points, and the total."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The servo and the loop that a map is made for; travels between processes."""
+    """The servo and the loop of a map; can be sent to other processes."""
 
     servo: TrueServo
-    """The servo; its delay comes on top of the map's, position and hand do not count"""
+    """The servo; its delay adds to the map's, its position and operator are not used"""
     period_ns: int
     """Sampling period [ns]"""
     one_sided: bool
@@ -48,7 +48,7 @@ class Setting:
 
     @classmethod
     def of(cls, config: Config) -> Setting:
-        """That of a configuration, whose simulated or emulated servo is the truth.
+        """Return the setting of a configuration, whose simulated or emulated servo is the truth.
 
         Raises:
             UserError: The servo is real.
@@ -62,28 +62,28 @@ class Setting:
         one_sided = config.wall.side != "both"
         servo = config.true_servo()
         clip = config.wall.torque_clip
-        if clip is not None:  # to a wall it is the same as the servo's own limit
+        if clip is not None:  # for a wall it acts like the servo's own limit
             servo = replace(servo, torque_limit=min(clip, servo.torque_limit))
         return cls(servo, config.period_ns, one_sided, config.wall.velocity_samples)
 
     @property
     def period(self) -> float:
-        """Sampling period [s]."""
+        """Return the sampling period [s]."""
         return self.period_ns * 1e-9
 
     @property
     def kick_matters(self) -> bool:
-        """Whether anything but the torque limit makes the result depend on the kick."""
+        """Whether the result depends on the kick, apart from the torque limit."""
         servo = self.servo
         return servo.coulomb > 0.0 or servo.counts_per_rev > 0 or servo.backlash > 0.0
 
     def delay(self, steps: IntArray) -> FloatArray:
-        """Total delay [s] with this many inserted periods."""
+        """Return the total delay [s] with this many inserted periods."""
         total_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
         return total_ns.astype(np.float64) * 1e-9
 
     def walls(self, virtual_damping: FloatArray, steps: int) -> Walls:
-        """Walls of these virtual dampings, whose delay has that many inserted periods."""
+        """Return walls with these virtual dampings and this many inserted periods."""
         servo, one = self.servo, np.ones_like(virtual_damping)
         delay_ns = round(servo.delay * 1e9)
         whole, lag_ns = steps + delay_ns // self.period_ns, delay_ns % self.period_ns
@@ -108,7 +108,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class CriticalMap:
-    """Critical stiffness that was found, beside the theory, whose arrays are delays × dampings."""
+    """The simulated critical stiffness, with the theory's limits, arrays of delays × dampings."""
 
     setting: Setting
     virtual_damping: FloatArray
@@ -116,12 +116,12 @@ class CriticalMap:
     delay_steps: IntArray
     """Inserted delay in periods"""
     delay: FloatArray
-    """Total delay [s], with the servo's own"""
+    """Total delay [s], the servo's own included"""
     kick: FloatArray
     """[rad]"""
     stiffness: FloatArray
-    """Simulated, delays × dampings × kicks [N·m/rad]: 0 every motion grows, inf none does, NaN
-    not computed"""
+    """Simulated, delays × dampings × kicks [N·m/rad]: 0 every motion grows, inf none does, NaN not
+    computed"""
     linear: FloatArray
     """Limit of the linear condition [N·m/rad]"""
     exact: FloatArray
@@ -141,7 +141,7 @@ class CriticalMap:
 
 
 class MapInterruptedError(KeyboardInterrupt):
-    """Ctrl-C, and what was done until then.
+    """Ctrl-C, with the finished part of the map.
 
     Attributes:
         partial: The map; NaN where nothing was computed.
@@ -163,7 +163,7 @@ def critical_map(
     progress: Progress | None = None,
     tolerance: float = TOLERANCE,
 ) -> CriticalMap:
-    """Critical stiffness by simulation at every combination; what grows, see ``onset``.
+    """Compute the critical stiffness by simulation at every combination; see ``onset``.
 
     Args:
         setting: The servo and the loop.
@@ -172,15 +172,15 @@ def critical_map(
         kicks: > 0 [rad].
         executor: Computes the tasks, which are picklable; it stays open. None: a process for each
             core, started for this call.
-        workers: How many processes instead, where there is no executor.
-        progress: Told how far it is, in this thread.
+        workers: Number of processes, where there is no executor.
+        progress: Called with the progress, in this thread.
         tolerance: Wanted relative accuracy, > 0.
 
     Raises:
         ValueError: A value is outside of its domain.
         MapInterruptedError: Ctrl-C; tasks that had not begun were cancelled.
         PlatformError: A process started for this call was ended from outside.
-        Exception: What a task, or the caller's executor, raised; the other tasks were cancelled.
+        Exception: An error of a task, or of the caller's executor; the other tasks were cancelled.
     """
     damping = np.array(virtual_dampings, dtype=np.float64)
     steps = np.array(delay_steps, dtype=np.int64)
@@ -190,7 +190,7 @@ def critical_map(
     size = max(1, _TASK // kick.size)
     tasks = [
         (i, slice(first, first + size))
-        # The longest delays, which take longest, first: the cores are done together then.
+        # The longest delays, which take longest, come first, so that the cores finish together.
         for i in np.argsort(-steps, kind="stable").tolist()
         for first in range(0, damping.size, size)
     ]
@@ -221,7 +221,7 @@ def critical_map(
 def compute(
     setting: Setting, virtual_damping: FloatArray, steps: int, kick: FloatArray, tolerance: float
 ) -> FloatArray:
-    """One task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
+    """Compute one task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
     walls = setting.walls(np.repeat(virtual_damping, kick.size), steps)
     found = onset(walls, np.tile(kick, virtual_damping.size), tolerance)
     return found.reshape(virtual_damping.size, kick.size)
@@ -240,7 +240,7 @@ def _check(damping: FloatArray, steps: IntArray, kick: FloatArray, tolerance: fl
 def _theory(
     setting: Setting, damping: FloatArray, steps: IntArray, kick: FloatArray
 ) -> CriticalMap:
-    """The map with the theory's limits filled in."""
+    """Return the map with the theory's limits filled in."""
     servo, period, samples = setting.servo, setting.period, setting.velocity_samples
     delay = setting.delay(steps)
     column = delay[:, None]

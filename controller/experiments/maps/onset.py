@@ -1,9 +1,9 @@
-"""Critical stiffness by simulation: the stiffness above which the motion after a kick grows.
+"""Finds the critical stiffness by simulation: above it the motion after a kick grows.
 
-What grows is said where it is measured: a two-sided wall's oscillation (``turning``), or the speed
-that one contact with a one-sided wall returns (``bounce``). All walls are searched at once: several
-stiffnesses of each side by side, and between the stiffest that does not grow and the softest that
-does again, until they are as near as wanted.
+Growth means the amplitude of a two-sided wall's oscillation (``turning``), or the speed that one
+contact with a one-sided wall returns (``bounce``). The search treats all walls at once: it tries
+several stiffnesses of each in parallel, and repeats between the stiffest that does not grow and the
+softest that does, until they are close enough.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from haptic_wall.controller.theory.checks import (
 
 _FIRST = np.geomspace(0.55, 2.1, 10)
 _REACH = 4.0
-"""Factor by which the search goes on where it has found nothing yet."""
+"""Factor between searched ranges while no limit is found."""
 _SPREAD = 5
-"""Stiffnesses tried between two known ones, beside the two at the interpolated limit."""
+"""Number of stiffnesses tried between two known ones, beside two at the interpolated limit."""
 _SOFTEST, _STIFFEST = 1e-4, 20.0
-"""Where the search ends, in units of m/T²: an oscillation of 600 samples, and more than any wall
+"""Ends of the search in units of m/T²: an oscillation of 600 samples, and more than any wall
 without friction can have."""
 _CYCLES_COARSE, _CYCLES = 8.0, 20.0
 _COARSE = 1.05
-"""Ratio of two neighbouring stiffnesses from which on the growth is fitted carefully."""
+"""Ratio of neighbouring stiffnesses below which the growth is fitted precisely."""
 
 
 def simulated_critical_stiffness(
@@ -124,10 +124,10 @@ def simulated_critical_stiffness(
 
 
 def onset(walls: Walls, kick: FloatArray, tolerance: float) -> FloatArray:
-    """``simulated_critical_stiffness`` of walls as they stand; their own stiffness is not used.
+    """Return ``simulated_critical_stiffness`` of the given walls; their own stiffness is not used.
 
     Args:
-        walls: One- and two-sided ones together if need be.
+        walls: One- and two-sided ones may be mixed.
         kick: Shape (n,), > 0 [rad].
         tolerance: Wanted relative accuracy.
     """
@@ -160,7 +160,7 @@ def onset(walls: Walls, kick: FloatArray, tolerance: float) -> FloatArray:
 
 
 class _Brackets:
-    """For each wall the stiffest that does not grow, and the softest above that does."""
+    """For each wall the stiffest that does not grow, and the softest above it that does."""
 
     def __init__(self, low: FloatArray, high: FloatArray) -> None:
         self.low, self.high = low, high
@@ -168,19 +168,19 @@ class _Brackets:
 
     @property
     def ratio(self) -> FloatArray:
-        """How far they are apart."""
+        """Return the ratio of the two."""
         with np.errstate(divide="ignore"):
             return self.high / self.low
 
     @property
     def middle(self) -> FloatArray:
-        """The stiffness at which the growth, interpolated, is zero."""
+        """Return the stiffness with zero interpolated growth."""
         share = -self.low_growth / (self.high_growth - self.low_growth)
         high = np.where(np.isfinite(self.high), self.high, 0.0)
         return self.low + share * (high - self.low)
 
     def between(self, who: NDArray[np.intp], tolerance: float) -> FloatArray:
-        """Stiffnesses to try next: spread between the two, and close around the interpolated."""
+        """Return the next stiffnesses to try, in the bracket and near the interpolated one."""
         low, ratio = self.low[who, None], self.ratio[who, None]
         spread = low * ratio ** (np.arange(1, _SPREAD + 1) / (_SPREAD + 1))
         middle = self.middle[who, None]
@@ -190,7 +190,7 @@ class _Brackets:
         return np.sort(np.concatenate([spread, near], axis=1), axis=1)
 
     def narrow(self, who: NDArray[np.intp], ladder: FloatArray, growths: FloatArray) -> None:
-        """Take ascending stiffnesses and their growths into account."""
+        """Narrow the brackets by rising stiffnesses and their growths."""
         grows = growths > 0.0
         lanes = ladder.shape[1]
         first = np.where(grows.any(axis=1), np.argmax(grows, axis=1), lanes)
@@ -206,7 +206,7 @@ class _Brackets:
 
 
 def _unbounded(bracket: _Brackets, softest: FloatArray, stiffest: FloatArray) -> NDArray[np.intp]:
-    """Walls whose limit may lie beyond what was tried, as far as the search goes."""
+    """Return walls whose limit may lie beyond the tried range, up to the end of the search."""
     below = (bracket.low == 0.0) & (bracket.high > softest)
     above = np.isinf(bracket.high) & (bracket.low < stiffest)
     return np.flatnonzero(below | above)

@@ -1,4 +1,4 @@
-"""Whether a two-sided wall's motion grows after a kick, told by the turning points it makes.
+"""Computes from turning points whether a two-sided wall's motion grows after a kick.
 
 The growth is fitted to the amplitudes of many oscillations, so that its sign is known long before
 the motion has become large or small.
@@ -16,44 +16,46 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 _LEAST_PERIODS = 1000
 _MOST_PERIODS = 200_000
 _SURE = 3.0
-"""Standard errors by which growth must differ from none where counts or backlash make it uneven."""
+"""Standard errors by which growth must differ from zero where counts or backlash make it irregular.
+"""
 _CHANGES = 0.05
-"""Change of an amplitude's logarithm late in a run below which it is steady"""
+"""Largest late change of an amplitude's logarithm in steady motion"""
 _SOON = 2.0
-"""Times in which a motion must come back to its kick, in that late part of a run"""
+"""Number of late parts of a run within which a motion must return to its kick"""
 _SEGMENT = 256
-"""Periods between two looks at what is decided."""
+"""Periods between two checks for decided walls."""
 _DECIDED = 3.0
-"""A motion that has grown by this factor is not followed any longer, nor one with friction that
-has shrunk by it. Without friction another, faster oscillation may still come up."""
+"""Factor of growth after which a motion is no longer simulated, and of decay with friction. Without
+friction another, faster oscillation may still appear."""
 _DEAD = 1e-12
-"""A motion that has shrunk by this factor is dead in any case."""
+"""Factor of decay after which a motion counts as dead."""
 _LATE = 0.4
-"""Share of the time after which the growth without friction is fitted: what dies quickly has died.
-With friction the growth depends on the amplitude, and the kick's own is asked for; with counts or
-backlash the amplitude itself is compared with that at the start."""
+"""Fraction of the time after which the growth without friction is fitted: fast modes have decayed.
+With friction the growth depends on the amplitude, and the kick's own counts; with counts or
+backlash the late amplitude itself is compared with that at the start."""
 _FADING = 0.01
-"""A saturating motion that loses less than this share per oscillation late in its run goes on."""
+"""A saturating motion that loses less than this fraction per oscillation late in its run persists.
+"""
 _SETTLING = 2
-"""Turning points left out at the start: what the release excites beside the oscillation."""
+"""Turning points omitted at the start: the release excites other modes too."""
 
 
 def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
-    """Growth of the motion after a kick, per oscillation; where it is > 0 the motion grows.
+    """Return the growth per oscillation after a kick; > 0: the motion grows.
 
-    The servo is let go at rest, at a distance from the wall at which it was held for long: at a
-    turning point, with no speed in the velocity estimate. Motion that saturates the torque cannot
-    grow from there: it comes down to what the torque limit sustains, if anything. So no kick is
-    larger than ``kicks.unsaturated`` says, and what still saturates late without fading grows.
+    The servo is released at rest after being held for long: at a turning point, with zero estimated
+    velocity. Motion that saturates the torque cannot grow: it decays to what the torque limit
+    sustains, if anything. So no kick exceeds ``kicks.unsaturated``, and motion that still saturates
+    late without fading counts as growing.
 
     Args:
         walls: Two-sided walls with stiffness > 0.
         kick: Displacement at the start, > 0 [rad].
-        cycles: How many oscillations (of the undamped spring) are fitted at least.
+        cycles: Least number of fitted oscillations (of the undamped spring).
 
     Returns:
-        Logarithm of the ratio of amplitudes one oscillation apart; only its sign means anything
-        for motion that ends within a few turning points, or that friction has stopped.
+        Logarithm of the ratio of amplitudes one oscillation apart; only its sign has a meaning for
+        motion that ends within a few turning points, or that friction has stopped.
     """
     result = np.empty(walls.size)
     start = unsaturated(walls, kick)
@@ -79,7 +81,7 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
         up = turnings.greatest > _DECIDED * start
         down = turnings.least < floor
         position = loops.bodies.position
-        # Not moved by a hair since the last look, delay and all: stuck for ever.
+        # No motion since the last check, longer than the delay: stuck for ever.
         stuck = (loops.bodies.velocity == 0.0) & (position == resting) & (loops.k > 2 * _SEGMENT)
         resting = position.copy()
         if np.all(up | down | stuck):
@@ -90,7 +92,7 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     if turnings.saturating is not None:
         sustained = turnings.saturating & ~(slope < -_FADING)
         slope = np.where(sustained, np.maximum(np.abs(slope), _FADING), slope)
-    # Without turning points it creeps: away from the wall, or toward it.
+    # Motion without turning points creeps: away from the wall, or toward it.
     creeps = np.where(np.abs(position) > start, 1.0, -1.0)
     slope = np.where(np.isnan(slope), creeps, slope)
     slope = np.where(up, np.where(slope > 0.0, slope, 1.0), slope)
@@ -98,15 +100,15 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
 
 
 def _uneven(turnings: Turnings, start: FloatArray, cycle: FloatArray, periods: int) -> FloatArray:
-    """Growth per oscillation where counts or backlash can keep a motion up for ever.
+    """Return the growth per oscillation where counts or backlash can sustain a motion.
 
-    Such a motion comes up from a smaller kick, and down from a larger one; either is soon over. So
-    late amplitudes are compared with the kick, unless they are on their way to its other side.
+    Such a motion grows from a smaller kick and decays from a larger one, and soon settles. So late
+    amplitudes are compared with the kick, unless they are on their way to its other side.
     """
     late = turnings.late
     slope, window = late.slope(), (1.0 - _LATE) * periods
     from_kick = late.level() - np.log(start)
-    # Steady motion beats a little: what would not be back soon is not on its way.
+    # Steady motion beats a little: a motion that would not return soon counts as settled.
     back = np.maximum(np.abs(from_kick) / _SOON, _CHANGES) / window
     returning = (from_kick * slope < 0.0) & (np.abs(slope) > back)
     returning &= np.abs(slope) > _SURE * late.slope_error()
@@ -120,24 +122,24 @@ class Line:
         self._sums = np.zeros((6, count))
 
     def add(self, index: IntArray, t: FloatArray, y: FloatArray) -> None:
-        """Take points of the walls at ``index`` into account."""
+        """Add points of the walls at ``index``."""
         for row, value in enumerate((np.ones_like(t), t, t * t, y, t * y, y * y)):
             self._sums[row] += np.bincount(index, value, minlength=self._sums.shape[1])
 
     def level(self) -> FloatArray:
-        """Mean of the logarithms; NaN without points."""
+        """Return the mean of the logarithms; NaN without points."""
         n, _, _, y, _, _ = self._sums
         return np.where(n > 0, y / np.maximum(n, 1.0), np.nan)
 
     def slope(self) -> FloatArray:
-        """Growth of the amplitude's logarithm per period; NaN with fewer than 3 points."""
+        """Return the growth of the logarithm per period; NaN with fewer than 3 points."""
         n, t, tt, y, ty, _ = self._sums
         spread = n * tt - t * t
         usable = (n > 2) & (spread > 0)
         return np.where(usable, (n * ty - t * y) / np.where(usable, spread, 1.0), np.nan)
 
     def slope_error(self) -> FloatArray:
-        """Standard error of ``slope``; 0 where there is none."""
+        """Return the standard error of ``slope``; 0 where there is none."""
         n, t, tt, y, _, yy = self._sums
         spread = n * tt - t * t
         usable = (n > 2) & (spread > 0)
@@ -146,26 +148,27 @@ class Line:
 
 
 class Turnings:
-    """Watches a block of loops; the logarithms of the amplitudes are fitted by straight lines.
+    """Finds the turning points of a block of loops, and fits lines to their amplitudes' logarithms.
 
     The amplitude of a turning point is its distance from the wall, from the velocities before and
-    after it: exact for a light body under one held torque.
+    after
+    it: exact for a light body under one held torque.
 
     Attributes:
-        whole: Fit of all turning points, those left out at the start aside.
-        late: Of those from a given period on.
-        saturating: Whether the torque was limited since the last time they were gathered; None:
-            there is no limit.
-        count: Turning points seen.
-        least, greatest: Amplitudes, those left out at the start aside [rad]; inf and 0 before.
+        whole: Fit of all turning points, without those omitted at the start.
+        late: Fit of those from a given period on.
+        saturating: Whether the torque was limited since the last ``gather``; None: there is no
+            limit.
+        count: Number of turning points.
+        least, greatest: Amplitudes, without those omitted at the start [rad]; inf and 0 before.
     """
 
     def __init__(self, loops: Loops, walls: Walls, late: int) -> None:
-        """Begin to watch.
+        """Start.
 
         Args:
-            loops: What is watched.
-            walls: Theirs.
+            loops: The loops.
+            walls: Their walls.
             late: Period from which a turning point is late.
         """
         n = walls.size
@@ -173,7 +176,7 @@ class Turnings:
         self.whole, self.late = Line(n), Line(n)
         self._loops = loops
         self._period = walls.period
-        self._full = walls.torque_limit - walls.torque_step  # from here on the limit has cut
+        self._full = walls.torque_limit - walls.torque_step  # from here on the limit has acted
         limited = bool(np.isfinite(walls.torque_limit[0]))
         self._limited = np.zeros(n, dtype=np.bool_) if limited else None
         self.saturating: NDArray[np.bool_] | None = None
@@ -188,7 +191,7 @@ class Turnings:
         self.greatest = np.zeros(n)
 
     def watch(self) -> None:
-        """Look at the period that has just passed."""
+        """Process the period that has just passed."""
         loops, before = self._loops, self._before
         position, velocity = loops.bodies.position, loops.bodies.velocity
         np.multiply(before, velocity, self._product)
@@ -201,13 +204,13 @@ class Turnings:
             np.absolute(loops.torque, self._product)
             np.greater_equal(self._product, self._full, self._turned)
             np.logical_or(self._limited, self._turned, self._limited)
-        # A body at rest between two moves keeps the velocity with which it came.
+        # A body at rest between two moves keeps the sign of its last velocity.
         np.not_equal(velocity, 0.0, self._turned)
         np.copyto(before, velocity, where=self._turned)
         np.copyto(self._position, position)
 
     def gather(self) -> None:
-        """Take the turning points seen since the last time into account."""
+        """Process the turning points since the last call."""
         if self._limited is not None:
             self.saturating = self._limited.copy()
             self._limited[:] = False
@@ -219,7 +222,7 @@ class Turnings:
         when = np.repeat(np.array(self._when, float), [seen[0].size for seen in self._seen])
         self._seen.clear()
         self._when.clear()
-        # How often each body had turned before: in order of time among those of one body.
+        # The number of earlier turning points of each body, in order of time.
         order = np.argsort(index, kind="stable")
         index = index[order]
         new = np.bincount(index, minlength=self.count.size)

@@ -1,6 +1,6 @@
-"""Contacts with the rendered wall: how deep, how hard, and how fast the shaft is returned.
+"""Measures contacts with the rendered wall: depth, force, and returned speed.
 
-A constant torque brings the shaft to speed; it coasts into a one-sided wall, and out of it.
+A constant torque accelerates the shaft; it coasts into a one-sided wall, and out of it.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from haptic_wall.controller.theory.checks import FloatArray
 START, REACH = 0.3, 0.5
 """Distance from the wall at the start, and at which a returned shaft is caught [rad]."""
 DEEPEST = 0.25
-"""Planned penetration at most [rad]"""
+"""Largest planned penetration [rad]"""
 _SHARE = 0.5
-"""Of the torque limit that the spring may come to, and of ``max_speed``"""
+"""Largest fraction of the torque limit for the spring, and of ``max_speed``"""
 FASTEST = 2.0
-"""Approach [rad/s]"""
+"""Largest approach speed [rad/s]"""
 _SPEEDS = (0.5, 1.0)
-"""Shares of the fastest approach"""
+"""Fractions of the fastest approach"""
 _REPEATS = 5
 _COAST_S = 0.03
-"""Before the wall, so that the speed of approach can be seen [s]"""
+"""Time of coasting before the wall, in which the approach speed is measured [s]"""
 _WINDOW_S = 0.03
-"""Over which speeds at the wall are taken at most [s]"""
+"""Longest window for the speeds at the wall [s]"""
 _FEWEST = 6
 _CONTACT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """How the shaft is brought against the wall."""
+    """The plan of an approach to the wall."""
 
     speeds: tuple[float, ...]
-    """At the wall, about [rad/s]"""
+    """At the wall, approximately [rad/s]"""
     stiffness: float
     damping: float
     coasting: float
@@ -56,7 +56,7 @@ class Contact:
     entry: float
     """Speed [rad/s]"""
     exit: float
-    """Speed on the way out when no commanded torque acts any more [rad/s]; 0: it crept out"""
+    """Speed on the way out after the last commanded torque has ended [rad/s]; 0: it crept out"""
     penetration: float
     """Greatest [rad]"""
     torque: float
@@ -77,14 +77,14 @@ def plan_approach(
     max_speed: float,
     lag: float,
 ) -> Approach | None:
-    """Speeds at which the wall holds within torque and travel; None where there is no wall.
+    """Return speeds at which wall and torque limit suffice; None where there is no wall.
 
     Args:
         stiffness: Commanded [N·m/rad].
         damping: Commanded [N·m·s/rad].
         inertia: Per unit of commanded torque [kg·m²].
         torque_limit: [N·m].
-        max_speed: That trips [rad/s].
+        max_speed: Speed that trips [rad/s].
         lag: Total delay [s].
     """
     if stiffness <= 0.0:
@@ -106,15 +106,15 @@ def plan_approach(
 def approach_phases(
     approach: Approach, hold: Hold, fit: StepFit, direction: float, lag: float, seed: int
 ) -> list[Phase]:
-    """The program: back to the start, pushed to speed, into the wall; again and again.
+    """Return the program: back to the start, accelerate, into the wall; repeatedly.
 
     Args:
-        approach: What was planned.
+        approach: The plan.
         hold: The spring that brings the shaft back.
-        fit: Says what torque makes what speed.
+        fit: Relates torque and speed.
         direction: 1.0: the wall fills the positions above; -1.0: below.
         lag: Total delay [s].
-        seed: Of small differences, so that the entries fall anywhere between two samples.
+        seed: Of small differences, so that the entries have random phases between two samples.
     """
     random = np.random.default_rng(seed)
     phases: list[Phase] = []
@@ -150,12 +150,12 @@ def contacts(
     direction: float,
     lag: float,
 ) -> list[Contact]:
-    """The contacts of a log.
+    """Return the contacts in a log.
 
     Args:
         rows: Dtype ``telemetry.ROW``.
         phases: Of the program.
-        fit: Says how the shaft coasts.
+        fit: Describes the coasting.
         direction: 1.0: the wall fills the positions above; -1.0: below.
         lag: Total delay [s].
     """
@@ -181,7 +181,7 @@ def _contact(
     time = (rows["sampled_ns"] - rows["sampled_ns"][0]) * 1e-9
     first = int(inside[0])
     outside_again = np.flatnonzero((x <= 0.0) & (np.arange(x.size) > first))
-    # What pushed it acts on for the lag after the phase began.
+    # The accelerating torque acts for one more lag after the phase began.
     before = np.flatnonzero(
         (time > lag) & (time > time[first] - _WINDOW_S) & (np.arange(x.size) < first)
     )
@@ -212,7 +212,7 @@ def _contact(
 def _coasting(
     time: FloatArray, position: FloatArray, fit: StepFit, direction: float
 ) -> tuple[float, float]:
-    """Speed at the wall [rad/s], and when it is met [s], of a shaft that coasts toward it."""
+    """Return the speed at the wall [rad/s] and the time of contact [s] of a coasting shaft."""
     at = float(time[-1])
     start, speed = _line(time - at, position, fit, direction)
     braking = -direction * fit.friction - fit.decay * speed
@@ -222,14 +222,14 @@ def _coasting(
 
 
 def _speed_at(time: FloatArray, position: FloatArray, fit: StepFit, direction: float) -> float:
-    """Speed at the first of the samples [rad/s]."""
+    """Return the speed at the first of the samples [rad/s]."""
     return _line(time - time[0], position, fit, direction)[1]
 
 
 def _line(
     time: FloatArray, position: FloatArray, fit: StepFit, direction: float
 ) -> tuple[float, float]:
-    """Position and velocity at time 0 of a shaft that friction alone slows down."""
+    """Return position and velocity at time 0 of a shaft that only friction decelerates."""
     once, twice = shapes(fit.decay, time)
     columns = np.stack([np.ones_like(once), once], axis=1)
     values = np.linalg.lstsq(columns, position + direction * fit.friction * twice, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Measure the torque that moves a servo without a wall, at several constant speeds."""
+"""Measures the torque that moves a servo without a wall, at several constant speeds."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray
 
 REACH = 0.4
-"""The shaft is moved this far to either side [rad]."""
+"""Travel to either side [rad]."""
 _SPEEDS = (0.5, 1.0, 1.75, 2.5)
 """Wanted speeds [rad/s]"""
 _SPEED_SHARE = 0.3
-"""Of ``safety.max_speed`` that is used at most"""
+"""Largest fraction of ``safety.max_speed``"""
 _REPEATS = (1.0, 0.91, 1.06)
-"""Each time a little slower or faster: the same speed would meet the encoder's counts alike"""
+"""Factors on the speed: repeats at equal speed would have equal errors by the encoder's counts"""
 _MIDDLE = (0.35, 0.95)
-"""Share of each way that counts: the shaft has come to speed, and not yet to its end"""
+"""Part of each way that is used: after the acceleration, before the end"""
 _FEWEST = 20
-"""Samples of a way that counts"""
+"""Least number of samples of a usable way"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class Drag:
     speed: FloatArray
     """Mean of each way, signed [rad/s]"""
     torque: FloatArray
-    """That it took [N·m]"""
+    """Torque that it took [N·m]"""
 
 
 def drag_phases(hold: Hold, max_speed: float) -> list[Phase]:
-    """The program: to and fro at several speeds."""
+    """Return the program: to and fro at several speeds."""
     fastest = _SPEED_SHARE * max_speed
     speeds = [min(speed, fastest * speed / _SPEEDS[-1]) for speed in _SPEEDS]
     phases = [hold.phase(2.0, -REACH, still_s=0.1)]
@@ -60,17 +60,17 @@ def drag_phases(hold: Hold, max_speed: float) -> list[Phase]:
 
 
 def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag | None:
-    """Coulomb and viscous friction from the torque that each way took.
+    """Return Coulomb and viscous friction from the torque of each way.
 
     Args:
         rows: Of the log, dtype ``telemetry.ROW``.
         phases: Of the program.
-        fit: Says how late a torque acts, and how much of it went into speed.
+        fit: Gives the lag of a torque, and its part for acceleration.
 
     Returns:
         None where the shaft did not move both ways at two speeds.
     """
-    # Torques were sent in all periods, also in those whose sample was lost.
+    # Torques were sent in all periods, also in those with a lost sample.
     acts, sent = (rows["sampled_ns"] + rows["age_ns"]) * 1e-9 + fit.lag, rows["torque"]
     rows = good(rows)
     time = rows["sampled_ns"] * 1e-9
@@ -87,7 +87,7 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
             continue
         at, x = time[index] - time[index[0]], rows["position"][index]
         pushed = _twice_integrated(acts - time[index[0]], sent, at)
-        # What did not go into motion: half of it grows with the square of time.
+        # The part without effect on the motion: half of it grows with the square of time.
         curve = np.linalg.lstsq(np.vander(at, 3), pushed - x / fit.acceleration, rcond=None)[0]
         lasts.append(float(at[-1]))
         torques.append(2.0 * float(curve[0]))
@@ -96,7 +96,7 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
     if np.unique(np.round(speed, 1)).size < 4:
         return None
     columns = np.stack([np.sign(speed), speed, np.ones_like(speed)], axis=1)
-    # The encoder's rounding makes a curvature as uncertain as that.
+    # Uncertainty of the curvature by the encoder's rounding.
     weight = np.array(lasts)[:, None] ** 2.5
     columns = columns * weight
     values = np.linalg.lstsq(columns, torque * weight[:, 0], rcond=None)[0]
@@ -109,12 +109,12 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
 
 
 def _twice_integrated(acts: FloatArray, torque: FloatArray, at: FloatArray) -> FloatArray:
-    """Integral of the integral of a held torque [N·m·s²], from the first instant asked for.
+    """Return the double integral of a held torque [N·m·s²], from the first requested instant.
 
     Args:
         acts: When each torque begins to act [s].
         torque: [N·m].
-        at: Instants asked for [s].
+        at: Requested instants [s].
     """
     held = np.diff(acts)
     once = np.concatenate([[0.0], np.cumsum(torque[:-1] * held)])

@@ -1,8 +1,8 @@
-"""Compare the rendered wall with the commanded one: stiffness, drag, and contacts.
+"""Compares the rendered wall with the commanded one: stiffness, drag, and contacts.
 
-A spring is pushed, the free shaft is moved, the wall is struck. All torques that the program knows
-are commanded ones: how much of a commanded torque acts shows only against an inertia that is known,
-so the believed one is the yardstick of what is said in true units.
+A spring is pushed, the free shaft is moved, the wall is hit. The program knows commanded torques
+only; the fraction of a torque that acts shows only with a known inertia. The believed inertia is
+therefore the reference for results in true units.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ from haptic_wall.controller.theory.one_sided import restitution
 
 BURSTS = 8
 SECONDS = 110
-"""About what all of it takes [s]"""
+"""Approximate duration of all measurements [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Rendering:
-    """All that was measured."""
+    """All results."""
 
     stiffness: float
     """Commanded [N·m/rad]"""
@@ -60,18 +60,18 @@ class Rendering:
     """Commanded [N·m·s/rad]"""
     requested: Request
     binding: str | None
-    """The limit of the guard that bound the stiffness; None: none did"""
+    """Name of the limit that bound the stiffness; None: no limit did"""
     rows: tuple[Row, ...]
     static: StaticStiffness | None
     drag: Drag | None
     contacts: tuple[Contact, ...]
     predicted: tuple[Contact, ...]
-    """The same contacts of a simulated servo that is what is believed of this one"""
+    """The same contacts of a simulated servo with the believed values"""
     notes: tuple[str, ...]
 
 
 def announcement(config: Config, speed: float) -> str:
-    """Announce which motions will be made, and how far, for a person.
+    """Announce the motions and their size, for a person.
 
     Args:
         config: The servo.
@@ -90,18 +90,18 @@ def measure_rendering(
     seed: int = 0,
     tell: Callable[[str], None] = lambda _text: None,
 ) -> Rendering:
-    """Measure what the servo of a configuration renders.
+    """Measure the wall that the servo of a configuration renders.
 
     Args:
-        config: The servo, and the wall that is asked for; the guard decides what is commanded, as
-            in a run. A scripted hand is kept off.
-        folder: Where the logs go.
-        seed: Of all that is random.
-        tell: Called with what a person should know meanwhile.
+        config: The servo, and the requested wall; the guard decides the commanded one, as in a run.
+            A scripted operator is switched off.
+        folder: For the logs.
+        seed: Of all random choices.
+        tell: Called with messages for a person.
 
     Raises:
         UserError: The torque limit is unknown, or too small against friction.
-        ExperimentFailedError: The servo did not move, or not as asked.
+        ExperimentFailedError: The servo did not respond, or not as expected.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.
@@ -185,7 +185,7 @@ def measure_rendering(
 
 
 def rendering_report(found: Rendering) -> dict[str, Any]:
-    """As JSON-ready values."""
+    """Return the result as JSON-ready values."""
     return {
         "requested": {"stiffness": found.requested.stiffness, "damping": found.requested.damping},
         "commanded": {"stiffness": found.stiffness, "damping": found.damping},
@@ -219,13 +219,13 @@ def _decision(config: Config, side: Any, limit: float, age: float) -> Decision: 
 
 
 def _believed(config: Config, age: float) -> Config:
-    """A simulated servo that is what is believed of the real one, on the simulated clock."""
+    """Return a simulated servo with the believed values, on the simulated clock."""
     belief = config.belief()
     raw = config.model_dump(mode="json")
     gain = belief.torque_gain.value
     raw["servo"] = {
         "backend": "simulated",
-        # A torque that acts by a share of itself moves a servo as if that were lighter.
+        # A torque gain above 1 moves a servo as if it were lighter.
         "inertia": belief.inertia.value / gain,
         "damping": belief.damping.value / gain,
         "coulomb": belief.coulomb.value / gain,

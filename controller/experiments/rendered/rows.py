@@ -1,4 +1,4 @@
-"""The comparison as lines: commanded or expected, rendered, and how sure that is."""
+"""Formats the comparison as lines: commanded or expected, rendered, and the uncertainty."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """Rendered over commanded; None where there is none."""
+        """Return rendered over commanded; None where undefined."""
         if self.rendered is None or not self.commanded:
             return None
         return self.rendered / self.commanded
 
     def report(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the line for JSON."""
         return {**asdict(self), "ratio": self.ratio}
 
 
@@ -51,13 +51,13 @@ def stiffness_rows(
     static: StaticStiffness | None,
     shaken: Shaken,
 ) -> list[Row]:
-    """The spring in commanded and in true torque, the gain between them, and the play.
+    """Return the spring in commanded and in true torque, the gain between them, and the backlash.
 
     Args:
-        config: What is believed.
+        config: The belief.
         stiffness: Commanded [N·m/rad].
-        push: What it was measured with; None: it could not be.
-        static: What came of it; None: nothing.
+        push: Plan of the measurement; None: it was not possible.
+        static: Its result; None: none.
         shaken: The torque steps.
     """
     fit, inertia = shaken.fit, config.belief().inertia
@@ -104,7 +104,7 @@ def stiffness_rows(
 
 
 def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
-    """The delay, and what the free shaft resists with, against what is believed."""
+    """Return the delay, and the free shaft's resistance, against the belief."""
     belief = config.belief()
     gain = belief.torque_gain.value
     delay = from_command(shaken.fit, config.period_s)
@@ -140,12 +140,12 @@ def contact_rows(
     predicted: Sequence[Contact],
     worst: float,
 ) -> list[Row]:
-    """By speed of approach: what comes of a contact, scaled to the mean speed of entry.
+    """Return the results of contacts by approach speed, scaled to the mean speed of entry.
 
     Args:
-        approach: What was planned; None: there was no wall.
-        struck: Contacts with the servo.
-        predicted: The same with a simulated one.
+        approach: The plan; None: there was no wall.
+        struck: Contacts of the servo.
+        predicted: Contacts of a simulated servo.
         worst: Exit over entry speed that the theory allows without friction.
     """
     if approach is None:
@@ -179,7 +179,7 @@ _VALUES: dict[str, tuple[str, Callable[[Contact, float], float]]] = {
     "exit/entry speed": ("1", lambda contact, _: contact.exit / contact.entry),
     "contact time": ("s", lambda contact, _: contact.seconds),
 }
-"""Quantities of contacts that are compared, scaled to one speed of entry [rad/s]"""
+"""Compared quantities of contacts, scaled to one speed of entry [rad/s]"""
 
 
 def _row(

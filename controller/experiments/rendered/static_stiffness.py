@@ -1,7 +1,7 @@
-"""How stiff a rendered spring is: pushed slowly to and fro with a known torque beside it.
+"""Measures a rendered spring's stiffness: an additional known torque pushes it slowly to and fro.
 
-While the shaft creeps one way, the torque beside the spring is what the spring gives back and
-friction takes. Up and down have the same slope, and lie apart by twice the friction.
+While the shaft creeps one way, the additional torque balances the spring and friction. The ways up
+and down have the same slope and differ by twice the friction.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.theory.checks import FloatArray
 
 FARTHEST = 0.3
-"""The spring is pushed no further [rad]."""
+"""Largest displacement of the spring [rad]."""
 _COUNTS = 60
-"""Encoder counts that the push shall span on either side"""
+"""Wanted displacement to either side [encoder counts]"""
 _FRICTION = 4.0
-"""How many times the friction the push shall be"""
+"""Wanted ratio of the push to friction"""
 _SHARE = 0.5
-"""Of the torque limit that is used at most"""
+"""Largest fraction of the torque limit"""
 _HALF_S = 2.0
-"""From the centre to one end of the push [s]"""
+"""Time from the centre to one end of the push [s]"""
 _RISES = 100
-"""Small torque steps to one end"""
+"""Number of small torque steps to one end"""
 _CYCLES = 2
 _SKIP = 0.3
-"""Share of each way that is left out behind the turn: there friction turns"""
+"""Fraction of each way omitted after the reversal, where friction reverses"""
 _BLOCKS = 6
-"""Parts of each way whose errors are taken to be independent"""
+"""Parts of each way with independent errors"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,22 +55,22 @@ class StaticStiffness:
     """Stiffness that was measured."""
 
     stiffness: float
-    """Torque commanded beside the spring per displacement [N·m/rad]"""
+    """Commanded additional torque per displacement [N·m/rad]"""
     stiffness_stderr: float
     friction: float
-    """Half of what the ways up and down lie apart by [N·m of commanded torque]"""
+    """Half the distance between the ways up and down [N·m of commanded torque]"""
     friction_stderr: float
     position: FloatArray
-    """Of the samples used, from their middle [rad]"""
+    """Of the used samples, from their mean [rad]"""
     torque: FloatArray
-    """Torque beside the spring at these samples [N·m]"""
+    """Additional torque at these samples [N·m]"""
     upward: NDArray[np.bool_]
 
 
 def plan_push(
     stiffness: float, damping: float, coulomb: float, torque_limit: float, step: float
 ) -> Push | None:
-    """A push that shows the spring; None where friction would hide it.
+    """Return a push that shows the spring; None where friction would hide it.
 
     Args:
         stiffness: Commanded [N·m/rad].
@@ -87,7 +87,7 @@ def plan_push(
 
 
 def push_phases(push: Push, hold: Hold, direction: float) -> list[Phase]:
-    """The program: to the centre, then to and fro in small steps of the torque."""
+    """Return the program: to the centre, then to and fro in small torque steps."""
     legs = [(0.0, 1.0), *[(1.0, -1.0), (-1.0, 1.0)] * _CYCLES]
     phases = [hold.phase(2.0, still_s=0.1)]
     for begin, end in legs:
@@ -107,16 +107,16 @@ def push_phases(push: Push, hold: Hold, direction: float) -> list[Phase]:
 def static_stiffness(
     rows: NDArray[np.void], phases: Sequence[Phase], push: Push, step: float
 ) -> StaticStiffness | None:
-    """The spring's stiffness from the displacement over the torque beside it.
+    """Fit the spring's stiffness to displacement and additional torque.
 
     Args:
         rows: Of the log, dtype ``telemetry.ROW``.
         phases: Of the program.
-        push: What was planned.
+        push: The plan.
         step: Encoder step [rad].
 
     Returns:
-        None where the spring did not give way by more than the encoder can tell.
+        None where the displacement was below the encoder's resolution.
     """
     rows = good(rows)
     beside = np.array([phase.torque for phase in phases])[rows["phase"]]
@@ -135,9 +135,10 @@ def static_stiffness(
     stiffness = 1.0 / compliance
     friction = -float(values[1]) * stiffness
     spread = math.sqrt(covariance[1, 1]) * stiffness
-    # Where within a count each way begins and ends is left to chance, the same for all its blocks.
+    # The start and the end of each way within a count are random, the same for all its blocks.
     ends = step / math.sqrt(12.0) / (np.ptp(torque) * compliance) / math.sqrt(len(parts))
-    # On a spring made of counts the shaft stops at their edges: half a count hides in friction.
+    # With a quantised spring the shaft stops at the counts' edges: half a count is hidden by
+    # friction.
     return StaticStiffness(
         stiffness,
         math.hypot(math.sqrt(covariance[0, 0]) * stiffness**2, float(ends) * stiffness),
@@ -157,20 +158,20 @@ class _Leg:
 
 
 def _legs(beside: FloatArray, push: Push) -> list[tuple[int, int]]:
-    """First and last row of each way from one end to the other."""
+    """Return the first and last row of each way from one end to the other."""
     ends = np.flatnonzero(np.abs(beside) > push.torque * (1.0 - 0.5 / _RISES))
     groups = np.split(ends, np.flatnonzero(np.diff(np.sign(beside[ends]))) + 1)
     return [(int(first[-1]), int(second[0])) for first, second in pairwise(groups)]
 
 
 def _leg(ends: tuple[int, int], beside: FloatArray, rows: NDArray[np.void], push: Push) -> _Leg:
-    """The rows of one way behind the turn, which lasts until the shaft creeps again."""
+    """Return the rows of one way after the reversal, which ends when the shaft creeps again."""
     first, last = ends
     up = bool(beside[last] > beside[first])
     sign = 1.0 if up else -1.0
     begin = -push.torque + 2.0 * push.torque * _SKIP
-    # Friction holds the shaft while the torque changes by twice as much: the shaft itself says
-    # when it goes, a tenth of its way behind the turn.
+    # Friction holds the shaft while the torque changes by twice its size: the way starts when the
+    # shaft has moved by a tenth after the reversal.
     ahead = sign * rows["position"][first : last + 1]
     gone = first + int(np.argmax(ahead > ahead[0] + 0.1 * (ahead[-1] - ahead[0])))
     index = np.arange(first, last + 1)
@@ -179,7 +180,7 @@ def _leg(ends: tuple[int, int], beside: FloatArray, rows: NDArray[np.void], push
 
 
 def _clustered(columns: FloatArray, rest: FloatArray, block: NDArray[np.int64]) -> FloatArray:
-    """Covariance of a least-squares fit whose errors hang together within blocks."""
+    """Return the covariance of a least-squares fit with errors correlated within blocks."""
     inverse = np.linalg.pinv(columns.T @ columns)
     meat = np.zeros((columns.shape[1], columns.shape[1]))
     blocks = np.unique(block)

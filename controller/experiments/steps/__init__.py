@@ -1,1 +1,1 @@
-"""Torque steps against the wall, and what the motion after them tells."""
+"""Applies torque steps to a servo, and fits lag, acceleration and friction to its motion."""

@@ -1,4 +1,4 @@
-"""Plays torque steps on a servo and fits them; raises if the servo did not respond."""
+"""Runs torque steps on a servo and fits them; raises if the servo did not respond."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
 _LONGEST_LAG = 0.06
-"""Lags are looked for up to this [s], or up to twice the believed one"""
+"""Longest lag of the search [s], or twice the believed one"""
 _MISSING = 0.2
-"""Share of the samples without which steps cannot be seen"""
+"""Fraction of missing samples above which steps cannot be evaluated"""
 _MOVED = 0.05
-"""Share of the planned travel below which a servo has not moved"""
+"""Fraction of the planned travel below which a servo has not moved"""
 
 
 class ExperimentFailedError(HapticWallError):
@@ -56,13 +56,13 @@ class Shaken:
     """Of all samples when their torque was sent [s]"""
     played: Played
     note: str
-    """Remark for a person; empty: all is well"""
+    """Remark for a person; empty: none"""
 
 
 def plan_shaking(
     config: Config, torque_limit: float, delay_steps: int, bursts: int, seed: int
 ) -> Shaking:
-    """Plan a run within what is believed of the servo.
+    """Plan a run within the belief about the servo.
 
     Raises:
         UserError: The torque limit does not suffice against friction.
@@ -76,7 +76,7 @@ def plan_shaking(
 
 
 def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
-    """Play the steps and fit them; once more where that was spoilt.
+    """Run the steps and fit them; repeat once if disturbed.
 
     Args:
         bed: The servo.
@@ -84,7 +84,7 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         shaking: From ``plan_shaking``.
 
     Raises:
-        ExperimentFailedError: The servo did not move, or not as asked, or not as a rigid one.
+        ExperimentFailedError: The servo did not respond, not as expected, or not as a rigid one.
         ExperimentInterruptedError: A person has ended it.
         ExperimentTrippedError: A trip has ended it.
         ServoError: The servo could not be started.

@@ -1,9 +1,9 @@
-"""Whether a fit of torque steps says anything: what cannot be, and what is no rigid servo's motion.
+"""Checks whether a fit of torque steps is credible: impossible values, and non-rigid motion.
 
-The fitted motion is that of one mass whose torque jumps. A flexible transmission lets the encoder's
-side ring after each step, and the fit answers with a lag that is far off, with a small scatter.
-Two signs tell it: residuals larger than the noise from sample to sample, and residuals that have
-the same course after every step.
+The fitted motion is that of one mass under a torque step. A flexible transmission lets the
+encoder's side ring after each step, and the fit then gives a wrong lag with a small scatter. Two
+signs show it: residuals above the noise from sample to sample, and residuals with the same course
+after every step.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from haptic_wall.controller.experiments.steps.torque_steps import Step
 from haptic_wall.controller.theory.checks import FloatArray
 
 ROUGH = 1.25
-"""Root mean square of the residuals, in that of the noise: up to 1.1 on servos with stiction,
-cogging, gravity, backlash, or a current that takes 10 ms; from 1.3 on with a flexible transmission
-below 50 Hz, on either side of which the encoder may be."""
+"""Largest ratio of residuals to noise (rms): up to 1.1 on servos with stiction, cogging, gravity,
+backlash, or a current that takes 10 ms; from 1.3 on with a flexible transmission below 50 Hz, on
+either side of which the encoder may be."""
 COURSE = 2.0
-"""Size of the residuals' common course, in its standard errors: a rigid servo exceeds it three
-times in a million, one with a mode below 100 Hz nearly always."""
+"""Largest common course of the residuals, in standard errors: a rigid servo exceeds it three times
+in a million, one with a mode below 100 Hz nearly always."""
 _BINS = 12
 _WINDOWS = (0.7, 0.5)
-"""Shares of the samples about a step from which the lag is measured anew"""
+"""Fractions of the samples about a step for repeated fits of the lag"""
 _BELOW = 2e-4
-"""How far below zero a lag may come out [s]: cogging and friction at rest may do that much"""
+"""Most negative plausible lag [s]: cogging and friction at rest may cause that much"""
 _SURE = 3.0
-"""Standard errors from which on a value is taken as impossible"""
+"""Standard errors from which a value is impossible"""
 _UNKNOWN = 0.01
-"""A standard error of the lag from here on says that nothing was found [s]"""
+"""Least standard error of the lag that means that nothing was found [s]"""
 
 
 def fault(fit: StepFit, longest: float) -> str:
-    """Why nothing may be said from a fit; empty: it may.
+    """Return why a fit cannot be used; empty: it can.
 
     Args:
         fit: Of all steps.
-        longest: Longest lag that was looked for [s].
+        longest: Longest lag of the search [s].
     """
     ratio = fit.residual / noise(fit.steps)
     error, lag = fit.stderr, f"the lag would be {1e3 * fit.lag:.3g} ± {1e3 * fit.stderr:.2g} ms"
@@ -68,11 +68,11 @@ def fault(fit: StepFit, longest: float) -> str:
 
 
 def doubted(fit: StepFit) -> StepFit:
-    """The same with an error that holds what the choice of samples changes, where residuals agree.
+    """Return the fit with a larger error that covers the choice of samples, where residuals agree.
 
     A torque that rises slowly, or a stiff transmission, leaves residuals of the same course after
-    every step. The lag then depends on how many samples about the step it is fitted to. No lag is
-    below zero: the error holds what is.
+    every step. The lag then depends on the number of fitted samples. The lag cannot be negative:
+    the error covers its possible range.
     """
     doubts = [max(-fit.lag - 2.0 * fit.stderr, 0.0)]
     if course(fit) > COURSE:
@@ -82,10 +82,10 @@ def doubted(fit: StepFit) -> StepFit:
 
 
 def noise(steps: tuple[Step, ...]) -> float:
-    """Root mean square of what differs from sample to sample [rad]: mostly the encoder's rounding.
+    """Return the root mean square of the noise from sample to sample [rad]: mostly rounding.
 
-    Of each sample against the line through its two neighbours; the acceleration adds its own part,
-    which without an encoder is all.
+    It is the distance of each sample from the line through its two neighbours; the acceleration
+    adds its own part, which without an encoder step is all.
     """
     squares, count = 0.0, 0
     for step in steps:
@@ -98,7 +98,7 @@ def noise(steps: tuple[Step, ...]) -> float:
 
 
 def course(fit: StepFit) -> float:
-    """Size of what the residuals of all steps have in common, in its standard errors.
+    """Return the size of the residuals' common course, in its standard errors.
 
     Each step's residuals, in the direction of its change of torque, are averaged over intervals of
     time since it acted; over the steps these means are about zero where the fit is right. The
@@ -132,7 +132,7 @@ def _common(means: FloatArray) -> float:
 
 
 def _about(fit: StepFit, share: float) -> list[Step]:
-    """The steps with the samples nearest to the change alone."""
+    """Return the steps with only the samples nearest to the change."""
     found = []
     for step in fit.steps:
         time = step.time - fit.lag

@@ -1,4 +1,4 @@
-"""Lag, acceleration and friction from torque steps: one motion of known shape fitted to them all.
+"""Fits lag, acceleration and friction to torque steps: one motion of known shape for all.
 
 While a shaft keeps its direction under a held torque its motion is, per unit inertia, ::
 
@@ -27,17 +27,18 @@ _RESOLUTION = 1e-9
 """Instants are kept in whole nanoseconds [s]."""
 _SMALL = 1e-3
 _USUAL = 0.25
-"""Share of a period by which a step's delay from command to sending may differ from the others'"""
+"""Fraction of a period by which a step's delay from command to sending may differ from the others'
+"""
 _WIDTH = 1e-4
-"""Of the differences that derivatives are taken by, in the values' scales."""
+"""Relative width of the differences for derivatives."""
 _ITERATIONS, _HALVINGS = 30, 12
 _ENOUGH = 1e-9
-"""Share of the squares that a step must take away for another to follow."""
+"""Least relative improvement of the squares for another iteration."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepFit:
-    """Parameters that fit all the steps best."""
+    """Parameters that fit all steps best."""
 
     values: FloatArray
     """Lag [s], gain [1/(kg·m²)], friction [rad/s²], decay [1/s]: shape (4,)"""
@@ -47,36 +48,36 @@ class StepFit:
     residual: float
     """Root of the mean square [rad]"""
     systematic: float = 0.0
-    """Error of the lag beside that by scatter [s]"""
+    """Error of the lag in addition to the scatter [s]"""
 
     @property
     def lag(self) -> float:
-        """From sending a torque to its action [s]."""
+        """Return the time from sending a torque until it acts [s]."""
         return float(self.values[LAG])
 
     @property
     def stderr(self) -> float:
-        """Of the lag [s]."""
+        """Return the standard error of the lag [s]."""
         return math.hypot(math.sqrt(self.covariance[LAG, LAG]), _RESOLUTION, self.systematic)
 
     @property
     def acceleration(self) -> float:
-        """Per torque commanded [rad/s² per N·m]: torque gain over inertia."""
+        """Return the acceleration per commanded torque [rad/s² per N·m]."""
         return float(self.values[GAIN])
 
     @property
     def acceleration_stderr(self) -> float:
-        """Of the acceleration [rad/s² per N·m]."""
+        """Return the standard error of the acceleration [rad/s² per N·m]."""
         return float(np.sqrt(self.covariance[GAIN, GAIN]))
 
     @property
     def friction(self) -> float:
-        """Deceleration by Coulomb friction [rad/s²]."""
+        """Return the deceleration by Coulomb friction [rad/s²]."""
         return float(self.values[FRICTION])
 
     @property
     def decay(self) -> float:
-        """Viscous damping over inertia [1/s]."""
+        """Return viscous damping over inertia [1/s]."""
         return float(self.values[DECAY])
 
 
@@ -85,7 +86,7 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
 
     Args:
         steps: At least ``FEWEST_STEPS``, of both directions.
-        lag: To begin with [s], right to a period or so.
+        lag: Initial guess [s], within about a period.
 
     Raises:
         ValueError: There are too few steps.
@@ -103,10 +104,10 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
 
 
 def from_command(fit: StepFit, period: float) -> StepFit:
-    """The same with the lag counted from the sample that each torque was computed with.
+    """Return the fit with the lag counted from the sample of each torque.
 
-    Steps that a stall of the machine has held up, or brought forward, are left out: what they
-    were late by says nothing of the others.
+    Steps that a stall of the machine has delayed or advanced are omitted: their delay is not that
+    of the others.
 
     Args:
         fit: Of the lag from sending.
@@ -120,7 +121,7 @@ def from_command(fit: StepFit, period: float) -> StepFit:
         for step, kept in zip(fit.steps, usual, strict=True)
         if kept
     ]
-    if np.ptp(commanded) < _RESOLUTION:  # nothing else would come of it
+    if np.ptp(commanded) < _RESOLUTION:  # the result would be the same
         shifted = fit.values.copy()
         shifted[LAG] -= mean
         return replace(fit, values=shifted, steps=tuple(counted))
@@ -128,10 +129,10 @@ def from_command(fit: StepFit, period: float) -> StepFit:
 
 
 def lost_motion(fit: StepFit) -> tuple[float, float] | None:
-    """How far the shaft moves at each turn without the encoder following [rad], and its stderr.
+    """Return the shaft's travel at each reversal that the encoder misses [rad], and its stderr.
 
-    The motions fitted before and behind a turn are each continued to it: with play, or a yielding
-    gear, they miss each other by as much.
+    The motions fitted before and after a reversal are extrapolated to it: with backlash, or a
+    flexible gear, they differ by that much.
 
     Returns:
         None where no two steps follow each other.
@@ -150,7 +151,7 @@ def lost_motion(fit: StepFit) -> tuple[float, float] | None:
 
 
 def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
-    """Effect of each step on the motion, per torque: zero until it acts, then its acceleration's.
+    """Return the effect of each step on the motion, per torque: zero until it acts.
 
     Returns:
         Times since it was sent [s] and distances [rad/(N·m)] of all samples.
@@ -169,7 +170,7 @@ def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
 
 
 def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance per velocity [s] and per acceleration [s²] after a time [s] of either sign."""
+    """Return distance per velocity [s] and per acceleration [s²] at a time [s], any sign."""
     y = decay * time
     small = np.abs(y) < _SMALL
     safe = decay if decay else 1.0
@@ -179,7 +180,7 @@ def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
-    """Residuals of each step with the best start of its own [rad].
+    """Return the residuals of each step with its own best initial state [rad].
 
     Args:
         steps: Any.
@@ -193,7 +194,7 @@ def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
 
 
 def without_start(step: Step, values: FloatArray, motion: FloatArray) -> FloatArray:
-    """Rest of a motion that no position and velocity at the beginning of a step explain.
+    """Return the part of a motion that a step's initial position and velocity cannot explain.
 
     Args:
         step: Its samples.
@@ -210,12 +211,12 @@ def _without_start(once: FloatArray, motion: FloatArray) -> FloatArray:
 
 
 def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) -> FloatArray:
-    """Derivatives of all residuals by the values, shape (samples, 4).
+    """Return derivatives of all residuals with respect to the values, shape (samples, 4).
 
     Args:
         steps: Any.
         values: As in ``StepFit``.
-        scale: About the size of each value, all above 0; ``scale_of`` gives it.
+        scale: Approximate size of each value, all above 0; from ``scale_of``.
     """
     columns = []
     for i, width in enumerate(_WIDTH * scale):
@@ -228,17 +229,17 @@ def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) ->
 
 
 def scale_of(steps: Sequence[Step], gain: float) -> FloatArray:
-    """About the size of each of a fit's values."""
+    """Return the approximate size of each of a fit's values."""
     return np.array([1e-3, gain, gain * abs(steps[0].after), 1.0])
 
 
 def _least_squares(
     steps: Sequence[Step], values: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss and Newton's method, each step halved until it helps; values and their Jacobian.
+    """Minimise by Gauss-Newton with step halving; return values and their Jacobian.
 
-    The lag stays where there are samples on both sides of most steps: from elsewhere the fit runs
-    away to lags of any size, at which a torque has always acted, or never will.
+    The lag stays where most steps have samples on both sides: outside, the fit diverges to lags at
+    which a torque has always acted, or never will.
     """
     earliest = float(np.median([step.time[0] for step in steps]))
     latest = float(np.median([step.time[-1] for step in steps]))
@@ -249,13 +250,13 @@ def _least_squares(
         change = -np.linalg.lstsq(jacobian * scale, rest, rcond=None)[0] * scale
         for _ in range(_HALVINGS):
             if earliest < values[LAG] + change[LAG] < latest:
-                with np.errstate(over="ignore", invalid="ignore"):  # of a decay out of all bounds
+                with np.errstate(over="ignore", invalid="ignore"):  # a very large decay overflows
                     tried = np.concatenate(residuals(steps, values + change))
                     if tried @ tried <= rest @ rest:
                         break
             change /= 2.0
         else:
-            break  # nothing but rounding is left
+            break  # only rounding is left
         gained = 1.0 - (tried @ tried) / (rest @ rest)
         values, rest = values + change, tried
         if gained < _ENOUGH:
@@ -264,7 +265,7 @@ def _least_squares(
 
 
 def _gain_scale(steps: Sequence[Step], lag: float) -> float:
-    """Acceleration per torque from the curvature behind each step, roughly."""
+    """Estimate the acceleration per torque from the curvature after each step."""
     found = []
     for step in steps:
         behind = step.time > lag
@@ -276,7 +277,7 @@ def _gain_scale(steps: Sequence[Step], lag: float) -> float:
 
 
 def _parts(step: Step, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time since the torque acts, distance per initial velocity, distance by torque, friction."""
+    """Return time since the torque acts, distance per velocity, by torque, and by friction."""
     lag, gain, friction, decay = values
     time = step.time - lag
     once, twice = shapes(float(decay), time)
@@ -286,7 +287,7 @@ def _parts(step: Step, values: FloatArray) -> tuple[FloatArray, FloatArray, Floa
 
 
 def _start(step: Step, values: FloatArray) -> tuple[float, float]:
-    """Position [rad] and velocity [rad/s] at the instant at which the new torque acts."""
+    """Return position [rad] and velocity [rad/s] at the instant at which the new torque acts."""
     _, once, forced = _parts(step, values)
     columns = np.stack([np.ones_like(once), once], axis=1)
     solved = np.linalg.lstsq(columns, step.position - forced, rcond=None)[0]
@@ -294,10 +295,11 @@ def _start(step: Step, values: FloatArray) -> tuple[float, float]:
 
 
 def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArray:
-    """Covariance of the values common to all steps, from the scatter between the steps.
+    """Return the covariance of the common values, from the scatter between the steps.
 
-    Residuals of one step hang together (they are mostly the encoder's rounding), those of two
-    steps do not: the sandwich of the steps' gradients.
+    Residuals of one step are correlated (they are mostly the encoder's rounding), those of two
+    steps are
+    not: the sandwich estimate from the steps' gradients.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     ends = np.cumsum([part.size for part in residuals])
@@ -312,7 +314,7 @@ def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArr
 
 
 def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
-    """Distances by which the motions on both sides of each turn miss each other [rad]."""
+    """Return the distances between the motions on both sides of each reversal [rad]."""
     gaps = []
     for first, second in pairwise(steps):
         if first.burst != second.burst or first.direction == second.direction:
@@ -327,7 +329,7 @@ def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
 
 
 def _turn(step: Step, values: FloatArray, torque: float) -> float | None:
-    """Where the motion under a torque comes to rest, continued in either direction of time."""
+    """Return where the motion under a torque comes to rest, before or after the step."""
     _, gain, friction, decay = values
     position, velocity = _start(step, values)
     acceleration = gain * torque - friction * step.direction

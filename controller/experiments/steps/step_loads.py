@@ -1,9 +1,9 @@
-"""Torques that go with the angle, taken out of the motion that torque steps are fitted to.
+"""Removes the effect of angle-dependent torques from the motion of torque steps.
 
 A weight and cogging push the shaft by the same torque wherever it passes the same angle. The steps
-come at much the same angles again and again, so that this passes for lag. The positions are
-measured, and so is the course of such a torque but for its size. Per unit inertia it has moved the
-shaft, within the window of a step, by its integral taken twice::
+occur at similar angles again and again, so that this looks like lag. The positions are measured, so
+the course of such a torque is known except its size. Per unit inertia it has moved the shaft,
+within the window of a step, by its integral taken twice::
 
     L(t) = integral of integral of w(x(t)),    w = sin x, cos x, sin N x, cos N x
 
@@ -36,16 +36,16 @@ from haptic_wall.controller.experiments.steps.torque_steps import Step
 from haptic_wall.controller.theory.checks import FloatArray
 
 EXPLAINED = 1.01
-"""Root mean square of the residuals, in that of the noise, up to which there is nothing to seek"""
+"""Largest ratio of residuals to noise (rms) at which no load is searched"""
 _PERIODS = range(4, 201, 2)
-"""Of cogging in a turn that are tried"""
+"""Tried cogging periods in a turn"""
 _WEIGHT, _COGGING = 1.5, 2.0
-"""Squares that a weight, and a cogging besides, must explain, in those of a mean step"""
+"""Least explained squares of a weight, and of an additional cogging, in those of a mean step"""
 _ROUNDS = 2
 
 
 class _Measured(NamedTuple):
-    """Steps as they were measured, and the fit that loads are looked for beside."""
+    """The measured steps, and their fit without loads."""
 
     steps: tuple[Step, ...]
     values: FloatArray
@@ -59,7 +59,7 @@ class _Found(NamedTuple):
     """A least squares solution."""
 
     left: float
-    """Sum of the squares that are left [rad²]"""
+    """Remaining sum of the squares [rad²]"""
     sizes: FloatArray
     """Accelerations per wave [rad/s²]"""
     columns: FloatArray
@@ -69,16 +69,16 @@ class _Found(NamedTuple):
 
 
 def without_loads(fit: StepFit) -> StepFit:
-    """Fit again without the motion that a weight or cogging has caused, where one is seen.
+    """Repeat the fit without the effect of a weight or cogging, where one is visible.
 
     Its uncertainty is part of the systematic error of the lag.
 
     Args:
-        fit: Of the motion as it was measured.
+        fit: Of the measured motion.
 
     Returns:
-        The same fit where rounding explains its residuals, or where they are larger than any
-        weight leaves: then something else is wrong, which waves may only hide.
+        The same fit where rounding explains its residuals, or where they are larger than any weight
+        leaves: then there is another fault, which waves would only hide.
     """
     if not EXPLAINED < fit.residual / noise(fit.steps) <= ROUGH:
         return fit
@@ -98,7 +98,7 @@ def without_loads(fit: StepFit) -> StepFit:
 
 
 def _waves(measured: _Measured) -> list[float]:
-    """Periods in a turn of the waves that are seen; 1: a weight."""
+    """Return the periods in a turn of the visible waves; 1: a weight."""
     one = float(measured.rest @ measured.rest) / len(measured.steps)
     least = _solved(measured, [1.0]).left
     waves = [1.0]
@@ -118,7 +118,7 @@ def _measured(steps: tuple[Step, ...], values: FloatArray) -> _Measured:
 
 
 def _solved(measured: _Measured, waves: list[float]) -> _Found:
-    """The sizes of waves that explain most of the motion, the values adjusted with them."""
+    """Fit the sizes of waves together with the values."""
     values = measured.values
     loads = [without_start(step, values, _moved(step, waves).T) for step in measured.steps]
     columns = np.concatenate([measured.jacobian, -np.concatenate(loads)], axis=1)
@@ -130,12 +130,12 @@ def _solved(measured: _Measured, waves: list[float]) -> _Found:
 
 
 def _freed(steps: Sequence[Step], waves: list[float], sizes: FloatArray) -> list[Step]:
-    """The steps as they would have been without the waves."""
+    """Return the steps as they would be without the waves."""
     return [replace(s, position=s.position - sizes @ _moved(s, waves)) for s in steps]
 
 
 def _moved(step: Step, waves: list[float]) -> FloatArray:
-    """How far each wave has moved the shaft per size [s²], shape (2 per wave, samples)."""
+    """Return the motion by each wave per size [s²], shape (2 per wave, samples)."""
     angles = np.outer(waves, step.position)
     pushed = np.concatenate([np.sin(angles), np.cos(angles)])
     return _integrated(step.time, _integrated(step.time, pushed))

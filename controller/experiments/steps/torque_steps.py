@@ -1,9 +1,9 @@
-"""Torque steps of both signs that shake a servo within a small travel, and their windows in a log.
+"""Plans torque steps of both signs within a small travel, and finds their windows in a log.
 
-The torque changes its sign again and again, so that the shaft swings to and fro: each change comes
-where the shaft is fastest, far from where friction would change its sign. Lengths and amplitudes
-are a seeded random sequence: no two steps meet the encoder's counts alike, and a lag longer than a
-step cannot be mistaken for a shorter one.
+The torque alternates, so that the shaft oscillates: each change occurs where the shaft is fastest,
+far from where friction changes its sign. Lengths and amplitudes are a seeded random sequence: no
+two steps have the same rounding errors, and a lag longer than a step cannot be mistaken for a
+shorter one.
 """
 
 from __future__ import annotations
@@ -23,45 +23,46 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 TRAVEL = 0.12
-"""Angle that the shaft swings over, from turn to turn, at the planned torque [rad]."""
+"""Angle between reversals at the planned torque [rad]."""
 SHARE = 0.4
-"""Of the torque limit that is used at most."""
+"""Largest fraction of the torque limit."""
 FRICTION = 2.5
-"""How many times the highest believed friction the torque must be, or friction rules the motion."""
+"""Least ratio of the torque to the highest believed friction; below, friction dominates the motion.
+"""
 SHORTEST = 24
-"""A step is at least so many periods long: enough samples on either side."""
+"""Least number of periods in a step: enough samples on either side."""
 SPEED_SHARE = 0.4
-"""Of ``safety.max_speed`` that is planned for at most."""
+"""Largest planned fraction of ``safety.max_speed``."""
 PER_BURST = 20
 """Steps between two returns to the centre."""
 _SPREAD, _AMPLITUDES = 0.25, 0.15
-"""Steps differ by up to these shares in speed and amplitude."""
+"""Largest relative variation of the steps in speed and amplitude."""
 _REST_S, _RETURN_S = 0.1, 1.5
 _INSIDE = 0.15
-"""Share of the motion between switch and turn that is left out at the turn: there friction turns,
-and play is taken up."""
+"""Fraction of the motion between switch and reversal omitted at the reversal: there friction
+reverses, and backlash is taken up."""
 _FEWEST = 5
-"""Samples on each side of a step that count as one."""
+"""Least number of samples on each side of a usable step."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepPlan:
-    """How a servo is shaken."""
+    """The plan of torque steps."""
 
     torque: float
     """Mean amplitude [N·m]"""
     seconds: float
     """Mean length of a step [s]"""
     travel: float
-    """Angle that it swings over, at the lowest believed inertia [rad]"""
+    """Angle between reversals, at the lowest believed inertia [rad]"""
     speed: float
     """Highest speed, at the lowest believed inertia [rad/s]"""
     reach: float
-    """Further from the centre than this a burst ends [rad]"""
+    """Distance from the centre at which a burst ends [rad]"""
 
 
 def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
-    """Torque and length of the steps that suit what is believed of a servo.
+    """Return torque and length of steps that suit the belief about a servo.
 
     Args:
         config: The effective configuration.
@@ -94,12 +95,12 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
 
 
 def step_phases(plan: StepPlan, hold: Hold, bursts: int, seed: int) -> list[Phase]:
-    """The program: bursts of steps, each after a return to the centre.
+    """Return the program: bursts of steps, each after a return to the centre.
 
     Args:
         plan: From ``plan_steps``.
         hold: The spring of the returns.
-        bursts: How many, >= 1.
+        bursts: Number of bursts, >= 1.
         seed: Of the random lengths and amplitudes.
     """
     random = np.random.default_rng(seed)
@@ -107,8 +108,8 @@ def step_phases(plan: StepPlan, hold: Hold, bursts: int, seed: int) -> list[Phas
     for burst in range(bursts):
         phases.append(hold.phase(_RETURN_S, still_s=_REST_S))
         sign = 1.0 if burst % 2 == 0 else -1.0
-        # The speeds at the steps are drawn, the lengths follow: lengths drawn one by one would add
-        # up to a speed that no step turns round. At the beginning and at the end it rests.
+        # The speeds at the steps are drawn, and the lengths follow: independent lengths would
+        # accumulate a speed that no step reverses. The burst begins and ends at rest.
         speeds = [0.0, *random.uniform(1.0 - _SPREAD, 1.0, PER_BURST), 0.0]
         for before, after in pairwise(speeds):
             share = 1.0 - random.uniform(0.0, _AMPLITUDES)
@@ -131,13 +132,13 @@ class Step:
     position: FloatArray
     """[rad]"""
     before: float
-    """Torque sent until then [N·m]"""
+    """Torque sent before [N·m]"""
     after: float
     """Torque sent from then on [N·m]"""
     direction: float
     """1.0 or -1.0: sign of the velocity"""
     commanded: float
-    """When the sample was taken that the changed torque was computed with [s], <= 0"""
+    """Time of the sample of the changed torque [s], <= 0"""
     age: float
     """From a sample to the sending of a torque in that same period [s]"""
     sent_s: float
@@ -149,14 +150,14 @@ class Step:
 def steps_of(
     rows: NDArray[np.void], phases: Sequence[Phase], period_ns: int, delay_steps: int, lag_s: float
 ) -> list[Step]:
-    """The steps of a log with enough samples around them.
+    """Return the steps of a log with enough samples around them.
 
     Args:
         rows: Dtype ``telemetry.ROW``.
         phases: Of the program.
         period_ns: [ns].
         delay_steps: Periods inserted between command and sending.
-        lag_s: From sending to action, to a period or so [s].
+        lag_s: From sending to action [s], within about a period.
     """
     rows = good(rows)
     changes = _changes(rows, phases, period_ns, delay_steps)
@@ -169,7 +170,7 @@ def steps_of(
         if not changes[place - 1][2] == burst == changes[place + 1][2]:
             continue
         if rows["torque"][now - 1] * rows["torque"][now] >= 0.0:
-            continue  # a stall of the machine fell upon it
+            continue  # a stall of the machine fell within it
         at = int(sent[now]) + lag_ns
         first = int(np.searchsorted(sampled, sent[before] + lag_ns))
         middle = int(np.searchsorted(sampled, at))
@@ -196,28 +197,28 @@ def steps_of(
 
 
 def good(rows: NDArray[np.void]) -> NDArray[np.void]:
-    """The rows with a sample of their own; a lost one would repeat the position before."""
+    """Return the rows with a sample of their own; a lost one would repeat the last position."""
     kept: NDArray[np.void] = rows[rows["outcome"] == Outcome.OK]
     return kept
 
 
 def rough_lag(rows: NDArray[np.void], period: float, longest: float) -> float:
-    """The lag at which the sent torque goes best with the acceleration [s], to a period.
+    """Return the lag with the best correlation of torque and acceleration [s], to a period.
 
     Args:
         rows: Dtype ``telemetry.ROW``.
         period: [s].
-        longest: Lags are tried up to this [s].
+        longest: Longest tried lag [s].
     """
     rows = good(rows)
     time = (rows["sampled_ns"] - rows["sampled_ns"][0]) * 1e-9
     even = np.arange(0.0, time[-1], period)
     position = np.interp(even, time, rows["position"])
     torque = np.interp(even, time + rows["age_ns"] * 1e-9, rows["torque"])
-    over = SHORTEST // 4  # periods a velocity is taken over
+    over = SHORTEST // 4  # periods of a velocity difference
     velocity = position[over:] - position[:-over]
     acceleration = velocity[over:] - velocity[:-over]
-    # The same twofold mean of the torque, so that both are smoothed alike.
+    # The same double mean of the torque, so that both are smoothed alike.
     mean = np.convolve(torque, np.convolve(np.ones(over), np.ones(over)) / over**2)
     mean = mean[2 * over - 1 :]  # ends with the sample that the acceleration ends with
     tried = range(int(longest / period) + 1)
@@ -229,7 +230,7 @@ def rough_lag(rows: NDArray[np.void], period: float, longest: float) -> float:
 def _changes(
     rows: NDArray[np.void], phases: Sequence[Phase], period_ns: int, delay_steps: int
 ) -> list[tuple[int, int, int]]:
-    """Row that commanded, row that sent, and burst, of each torque that a step began with."""
+    """Return the commanding row, the sending row, and the burst of each step's torque."""
     number = rows["phase"]
     starts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist()]
     deadline = rows["deadline_ns"]
@@ -240,7 +241,7 @@ def _changes(
         if phase.stiffness:
             burst += 1
             continue
-        # The ring counts periods, so the torque is sent with the first row not before then.
+        # The ring counts periods, so the torque is sent with the first row at or after that time.
         sends = int(np.searchsorted(deadline, deadline[row] + delay_steps * period_ns))
         if sends < len(rows):
             found.append((row, sends, burst))
@@ -248,7 +249,7 @@ def _changes(
 
 
 def _one_way(ahead: FloatArray, middle: int) -> tuple[int, int] | None:
-    """Samples in which the shaft goes one way, from behind its turn to before the next one."""
+    """Return the samples of one direction, between two reversals."""
     if middle < _FEWEST or ahead.size - middle < _FEWEST:
         return None
     begins = middle - 1 - int(np.argmin(ahead[:middle][::-1]))  # the last of the lowest

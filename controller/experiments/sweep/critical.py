@@ -1,9 +1,9 @@
-"""The critical stiffness of whatever servo there is: let go at many stiffnesses, watched each time.
+"""Measures the critical stiffness of a servo: releases it at many stiffnesses, fits the growth.
 
-For each trial a soft spring moves the shaft to the kick and lets it come to rest; then the wall
-itself, about the place where all began, takes over, and what the motion does in its first cycles is
-measured. Trials bracket the limit, then crowd about it until it is known well enough. One run holds
-a batch of trials, so that a start-up is paid once.
+For each trial a soft spring moves the shaft to the kick and lets it rest. Then the wall itself,
+about the starting position, takes over, and the growth of the first cycles is measured. Trials
+bracket the limit, then concentrate around it until it is known well enough. One run holds a batch
+of trials, so that there is one start-up for all.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ _STIFFER = (1.2, 1.5, 1.9, 2.5)
 _SOFTER = (0.3, 0.5, 0.7, 0.85)
 _BETWEEN = (0.05, 0.35, 0.65, 0.95)
 _BACK = 0.6
-"""Where to begin again below a stiffness that tripped"""
+"""Factor on a stiffness that tripped, for the next start"""
 _AROUND = (-1.0, -0.4, 0.4, 1.0)
 _COARSE, _FINE = 0.12, 0.04
-"""Half width of a batch about an estimate, of the stiffness' logarithm"""
+"""Half widths of a batch around an estimate, in the logarithm of the stiffness"""
 _SOFTEST = 1e-2
-"""Where the search ends below, in predicted stiffnesses"""
+"""Lower end of the search, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
 _TRIPS = 3
-"""Of overspeed or oscillation a point is given up after so many; others end the search"""
+"""Number of trips by overspeed or oscillation that end a point; other trips end the search"""
 _MOST_OFFSET = 2.0
-"""So many kicks may the soft spring's centre be off the place it is to bring the shaft to"""
+"""Largest offset of the soft spring's centre from its goal, in kicks"""
 _IDLE = 4
-"""Batches without one more half cycle to fit, after which it makes no sense to go on"""
+"""Number of batches without a new half-cycle to fit that end the search"""
 _AGE = 1.0, 2.0
-"""Sample age in periods that is reckoned with before it is measured: immediate, pipelined"""
+"""Assumed sample age in periods before a measurement: immediate, pipelined"""
 _CORRECTED = 0.7
-"""Share of a miss that the next kick from that side makes good"""
+"""Fraction of a miss that the next kick from that side corrects"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,17 +64,17 @@ class _Asked:
     stiffness: float
     sign: float
     aim: float
-    """Centre of the soft spring, without its sign [rad]"""
+    """Centre of the soft spring, unsigned [rad]"""
 
 
 class PointSearch:
-    """Looks for the critical stiffness at one point.
+    """Searches for the critical stiffness at one point.
 
     Args:
         bed: The servo.
         setting: The point.
         options: Kick, repeats, tolerance.
-        tell: Called with what is tried.
+        tell: Called with each trial.
     """
 
     def __init__(
@@ -117,8 +117,8 @@ class PointSearch:
         Raises:
             ServoError: The servo could not be started.
             ExperimentInterruptedError: A person has ended it.
-            ExperimentTrippedError: A trip has, after which the servo must be looked at.
-            UserError: A log could not be kept whole.
+            ExperimentTrippedError: A trip has ended it, after which the servo must be examined.
+            UserError: A log could not be written completely.
         """
         result = self.result
         damping = self._setting.virtual_damping
@@ -156,7 +156,7 @@ class PointSearch:
         return result
 
     def _usable(self) -> list[Trial]:
-        """Those with half cycles to fit, or whose end says enough to go by."""
+        """Return the trials with half-cycles to fit, or with a clear outcome."""
         return [trial for trial in self._trials if trial.growth.log_ratio.size]
 
     def _total_delay(self) -> float:
@@ -168,7 +168,7 @@ class PointSearch:
     # What to try next
 
     def _near(self, found: Balance) -> bool:
-        """Whether an estimate is good enough to crowd about it."""
+        """Whether an estimate is good enough for trials close around it."""
         return found.high / found.low < math.exp(3.0 * _COARSE)
 
     def _around(self, found: Balance, near: bool) -> list[_Asked]:
@@ -176,7 +176,7 @@ class PointSearch:
         return self._possible([found.stiffness * math.exp(half * x) for x in _AROUND], repeats)
 
     def _bracketing(self) -> list[_Asked]:
-        """Trials toward the side that was not seen yet, or between the two."""
+        """Return trials toward the missing side of the bracket, or inside it."""
         highest = min(self._reach.top, self._cap)
         grew, died = self._grew(), self._died()
         if not self._trials:
@@ -194,19 +194,19 @@ class PointSearch:
         return self._possible([ends[0] * ratio**share for share in _BETWEEN], 1)
 
     def _possible(self, wanted: Sequence[float], repeats: int) -> list[_Asked]:
-        """Those within reach, each once, or as often as repeated."""
+        """Return the stiffnesses within reach, each once, or repeated."""
         lowest = _SOFTEST * self._reach.predicted
         highest = min(self._reach.top, self._cap)
         return self._asked({k for k in wanted if lowest <= k <= highest}, repeats)
 
     def _asked(self, stiffnesses: set[float], repeats: int) -> list[_Asked]:
-        """Softest first, from either side in turn, never twice from quite the same place."""
+        """Return trials, softest first, on alternating sides, at slightly different places."""
         asked = []
         for _ in range(repeats):
             for stiffness in sorted(stiffnesses):
                 self._repeat += 1
                 sign = 1.0 if self._repeat % 2 else -1.0
-                # The golden ratio spreads the places evenly, whatever their number.
+                # The golden ratio spreads any number of places evenly.
                 dither = (self._repeat * 0.618034) % 1.0 - 0.5
                 step = max(self._device.position_step, 0.02 * self._kick)
                 asked.append(_Asked(stiffness, sign, self._kick + dither * step))
@@ -221,14 +221,14 @@ class PointSearch:
         grew, died = self._grew(), self._died()
         if not grew or not died:
             return None
-        # Near the limit one that dies may be stiffer than one that grows.
+        # Near the limit a decaying trial may be stiffer than a growing one.
         guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
         return balance(self._trials, self._kick, guess)
 
     # One batch
 
     def _play(self, number: int, batch: Sequence[_Asked]) -> bool:
-        """Play a batch of trials; whether to go on."""
+        """Run a batch of trials; return whether to continue."""
         setting, result = self._setting, self.result
         phases: list[Phase] = []
         for asked in batch:
@@ -237,7 +237,7 @@ class PointSearch:
             phases.append(
                 trial_phase(self._device, setting, self._delay, asked.stiffness, self._kick)
             )
-        # Back to where it stood: the next batch begins wherever this one leaves the shaft.
+        # Back to the start: the next batch begins where this one leaves the shaft.
         phases.append(self._hold.phase(0.0, -batch[-1].sign, self._kick))
         name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{number + 1}"
         soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
@@ -253,7 +253,7 @@ class PointSearch:
             if error.gone:
                 raise
             tripped = error
-            if error.fault:  # nobody knows at which stiffness
+            if error.fault:  # the stiffness is unknown
                 raise UserError(error.fault) from error
             rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
         over = int(rows["phase"][-1]) if rows.size else -1
@@ -269,7 +269,7 @@ class PointSearch:
                 self._too_stiff += 1
                 self._cap = min(self._cap, 0.999 * culprit.stiffness)
             elif len(result.trips) - self._too_stiff == _TRIPS:
-                raise tripped  # not the wall's doing, and no figure of this point
+                raise tripped  # not caused by the wall
         self._delay = self._total_delay()
         return self._too_stiff < _TRIPS
 
@@ -279,9 +279,9 @@ class PointSearch:
         self._trials.append(seen.trial)
         if seen.age is not None:
             self._ages.append(seen.age)
-        # Friction and gravity keep the soft spring from its centre: aim better next time.
+        # Friction and gravity keep the shaft from the soft spring's centre: correct the next aim.
         offset = self._offset[asked.sign] + _CORRECTED * (asked.aim - asked.sign * seen.start)
-        # A shaft that is held does not come, however far off the spring's centre is.
+        # A shaft that is held does not move, whatever the spring's centre.
         most = _MOST_OFFSET * self._kick
         self._offset[asked.sign] = max(-most, min(most, offset))
 

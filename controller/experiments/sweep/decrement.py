@@ -1,8 +1,8 @@
-"""How much an oscillation grows or shrinks from one turning point to the next, from samples.
+"""Measures the growth or decay of an oscillation from one turning point to the next, from samples.
 
 Turning points lie between samples and between encoder counts, so each is fitted: a constant and a
-sinusoid of the frequency at hand, over the samples about it. The constant takes up whatever the
-oscillation rides on.
+sinusoid of the local frequency, over the samples around it. The constant absorbs the offset of the
+oscillation.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from haptic_wall.controller.theory.checks import FloatArray
 _WINDOW = 1.0 / 3.0
 """Half width of a fit in half periods: ±60 degrees."""
 _LEAST_SAMPLES = 2
-"""On either side of a turning point: together with it, two more than are fitted."""
+"""Least number on either side of a turning point: in total two more than fitted values."""
 _SETTLING, _SETTLED = 1.0 / 3.0, 5
-"""Share of the turning points that is left out at the start, and how many at most: the first carry
-what the release excites beside the oscillation."""
+"""Fraction of the turning points omitted at the start, and their largest number: the release
+excites other modes too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """Turning points in order of time; the first is where the motion began, at rest."""
+    """Turning points in order of time; the first is the start, at rest."""
 
     time: FloatArray
     """Shape (n,) [s]"""
@@ -34,7 +34,7 @@ class Turns:
 
     @property
     def half_period(self) -> float:
-        """Median time between two of them, the first left out [s]; NaN with fewer than three."""
+        """Return the median time between two of them [s]; NaN with fewer than three."""
         return float(np.median(np.diff(self.time[1:]))) if self.time.size > 2 else float("nan")
 
 
@@ -47,19 +47,19 @@ class Growth:
     amplitude: FloatArray
     """Geometric mean of the two [rad]"""
     number: NDArray[np.int64]
-    """Which turning point it starts from; neighbours share an amplitude and its error"""
+    """Index of its first turning point; neighbours share an amplitude and its error"""
 
 
 def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turns:
-    """The turning points of a motion that starts at rest.
+    """Find the turning points of a motion that starts at rest.
 
     Args:
         time: Of the samples, increasing, gaps allowed, shape (n,) [s].
         position: Shape (n,) [rad].
-        least: What turns back by less is noise [rad].
+        least: Smaller reversals are noise [rad].
 
     Returns:
-        The start and every turning point that was confirmed by a way back of ``least``.
+        The start and every turning point confirmed by a return of ``least``.
     """
     if time.size == 0:
         return Turns(np.empty(0), np.empty(0))
@@ -67,7 +67,7 @@ def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turn
     rough = np.concatenate([time[:1], [0.5 * (time[a] + time[b]) for a, b in found]])
     where = np.concatenate([position[:1], [position[a] for a, _ in found]])
     fitted_time, fitted = rough.copy(), where.copy()
-    for _ in range(2):  # once more with the better instants: the frequency comes from them
+    for _ in range(2):  # repeated with the better instants, which give the frequency
         for n in range(1, rough.size):
             spacing = _spacing(fitted_time, n)
             fitted_time[n], fitted[n] = _fit(time, position, rough[n], spacing, where[n])
@@ -75,10 +75,10 @@ def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turn
 
 
 def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
-    """Growth per half cycle, of the oscillation alone.
+    """Return the growth per half-cycle, of the oscillation alone.
 
-    The amplitude at a turning point is half its distance from the mean of its neighbours: what the
-    oscillation rides on, off-centre or creeping, drops out.
+    The amplitude at a turning point is half its distance from the mean of its neighbours: an offset
+    or a creep of the oscillation cancels.
 
     Args:
         turns: n of them.
@@ -98,7 +98,7 @@ def growth(turns: Turns, sound: NDArray[np.bool_]) -> Growth:
 
 
 def reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:
-    """First and last sample of each extreme that the motion came back from by ``least``."""
+    """Return first and last sample of each extreme from which the motion returned by ``least``."""
     found: list[tuple[int, int]] = []
     start = position[0]
     direction = 0.0
@@ -120,7 +120,7 @@ def reversals(position: FloatArray, least: float) -> list[tuple[int, int]]:
 
 
 def _spacing(time: FloatArray, n: int) -> float:
-    """Half period about a turning point [s]; the way from the release takes longer."""
+    """Return the half period about a turning point [s]; the first one is longer."""
     neighbours = time[max(1, n - 1) : n + 2]
     if neighbours.size < 2:
         return float(time[n] - time[n - 1])
@@ -130,7 +130,7 @@ def _spacing(time: FloatArray, n: int) -> float:
 def _fit(
     time: FloatArray, position: FloatArray, rough: float, spacing: float, extreme: float
 ) -> tuple[float, float]:
-    """Instant and position of one turning point."""
+    """Return instant and position of one turning point."""
     centre = int(np.searchsorted(time, rough))
     low = int(np.searchsorted(time, rough - _WINDOW * spacing))
     high = int(np.searchsorted(time, rough + _WINDOW * spacing, side="right"))

@@ -1,4 +1,4 @@
-"""The believed servo as a sweep reckons with it: what limits it, and where theory expects what."""
+"""The believed servo in a sweep: its limits, and the theory's predictions."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from haptic_wall.controller.theory.exact import critical_point
 from haptic_wall.controller.theory.friction import onset_amplitude
 
 _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
-"""Equivalent damping of friction that is tried, in shares of the damping that the limit without it
-stands for"""
+"""Tried equivalent dampings of friction, as multiples of the damping of the limit without friction
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Parts of the belief about the servo that a sweep needs; in commanded units.
+    """The belief about the servo that a sweep needs; in commanded units.
 
-    A torque gain of g makes a body of inertia m and damping b under torques g u the same as one of
-    m/g and b/g under u.
+    A body of inertia m and damping b under torques g u (torque gain g) moves like one of m/g and
+    b/g under u.
     """
 
     inertia: float
@@ -38,16 +38,16 @@ class Device:
     worst: tuple[float, float, float]
     """Lowest inertia and damping, longest lag, in commanded units"""
     lag: float
-    """Believed from a torque being sent to its action [s]"""
+    """Believed time from sending a torque until it acts [s]"""
     heaviest: float
     """Highest inertia"""
 
     @classmethod
     def of(cls, config: Config) -> Device:
-        """The believed servo of a configuration.
+        """Return the believed servo of a configuration.
 
         Raises:
-            UserError: Its torque has no limit that is known beforehand.
+            UserError: Its torque limit is not known beforehand.
         """
         belief, servo = config.belief(), config.servo
         gain = belief.torque_gain
@@ -79,23 +79,23 @@ class Device:
         )
 
     def exact(self, virtual_damping: float, delay: float) -> float:
-        """Critical stiffness without friction [N·m/rad]; 0: none."""
+        """Return the critical stiffness without friction [N·m/rad]; 0: none."""
         loop = (self.inertia, self.damping, virtual_damping, self.period, delay)
         return float(critical_stiffness(*loop, self.velocity_samples))
 
     def linear(self, virtual_damping: float, delay: float) -> float:
-        """The linear condition's limit [N·m/rad]."""
+        """Return the linear condition's limit [N·m/rad]."""
         return float(linear_limit(self.damping, virtual_damping, self.period, delay))
 
     def ceiling(self, delay: float) -> float:
-        """Virtual damping above which nothing is stable [N·m·s/rad]."""
+        """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
         loop = (self.inertia, self.damping, self.period, delay)
         return float(max_virtual_damping(*loop, self.velocity_samples))
 
     def onset(
         self, stiffness: FloatArray, virtual_damping: float, delay: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Amplitude from which motion grows [rad], and the oscillation's frequency [Hz]."""
+        """Return the amplitude above which motion grows [rad], and its frequency [Hz]."""
         found = onset_amplitude(
             self.inertia,
             self.damping,
@@ -113,10 +113,10 @@ class Device:
     def onsets(
         self, virtual_damping: float, delay: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Stiffness from the limit without friction upward, onset amplitude, frequency.
+        """Return stiffness from the limit without friction upward, onset amplitude, frequency.
 
-        The same as ``onset``, the other way round and much quicker: what friction acts as at an
-        amplitude is a damping, and each damping has its limit, so that nothing is solved for.
+        It is the inverse of ``onset`` and much faster: friction at an amplitude is a damping, and
+        each damping has its limit, so that no equation must be solved.
 
         Args:
             virtual_damping: One at which some stiffness is stable [N·m·s/rad].

@@ -1,9 +1,9 @@
-"""The stiffness at which an oscillation of a given amplitude neither grows nor shrinks.
+"""Fits the stiffness at which an oscillation of a given amplitude neither grows nor decays.
 
-Near it the growth per half cycle is a plane over the logarithm of the stiffness and, because
-Coulomb friction takes a share that falls with the amplitude, over the amplitude's inverse. The
-plane is fitted to the half cycles of all trials, so that trials on either side of the limit bracket
-it and each of them counts.
+Near it the growth per half-cycle is a plane over the logarithm of the stiffness and the inverse of
+the amplitude, because the effect of Coulomb friction falls with the amplitude. The plane is fitted
+to the half-cycles of all trials, so that trials on either side of the limit bracket it and each of
+them counts.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.theory.checks import FloatArray
 
 _NEAR = (0.1, 0.25)
-"""Trials within this logarithmic distance of the estimate are fitted: the nearer where they are
-enough, for growth bends over the stiffness"""
+"""Largest logarithmic distances of fitted trials from the estimate: the smaller where they are
+enough, because growth is curved over the stiffness"""
 _ENOUGH = 4
-"""Different stiffnesses"""
+"""Least number of different stiffnesses"""
 _CURVED = 5
-"""Different stiffnesses from which on the growth may bend over them"""
+"""Number of different stiffnesses from which a curvature is fitted"""
 _SPREAD = 0.02
-"""Relative width of the inverse amplitudes from which on their influence can be told"""
+"""Least relative spread of the inverse amplitudes for fitting their effect"""
 _DRIFT = 0.1
-"""Share of a half cycle's error that is its own; the rest is that of two turning points, and is
+"""Part of a half-cycle's error that is independent; the rest comes from two turning points, and is
 shared with its neighbours."""
 _STRETCH = 1.05
-"""How far outside of the amplitudes seen near the guess the growth is still told"""
+"""Largest extrapolation of the growth beyond the observed amplitudes"""
 _BESIDE = 4
-"""How many of the trials nearest to the guess say which amplitudes were seen"""
+"""Number of trials nearest to the guess that define the observed amplitudes"""
 _FADED = 0.35
-"""Share of the amplitude asked for below which friction has the say, and noise"""
+"""Fraction of the wanted amplitude below which friction and noise dominate"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +47,12 @@ class Trial:
     half_period: float
     """[s]; NaN: too few turning points"""
     grew: bool
-    """Whether the motion grew; how it ended, where its growth is not known"""
+    """Whether the motion grew; by its end where its growth is not known"""
 
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Where growth is zero."""
+    """The stiffness with zero growth."""
 
     stiffness: float
     """[N·m/rad]"""
@@ -61,7 +61,7 @@ class Balance:
     frequency: float
     """[Hz]"""
     amplitude: float
-    """For which it holds [rad]"""
+    """Amplitude for which it holds [rad]"""
     low: float
     """Softest and ..."""
     high: float
@@ -69,16 +69,16 @@ class Balance:
 
 
 def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | None:
-    """Fit the growth of all trials near the balance and find it.
+    """Fit the growth of all trials near the balance and find its zero.
 
     Args:
         trials: Of any stiffness.
-        kick: Amplitude for which it is asked [rad].
-        guess: Stiffness about where it may be [N·m/rad].
+        kick: Wanted amplitude [rad].
+        guess: Approximate stiffness [N·m/rad].
 
     Returns:
-        None where trials do not tell it: too few half cycles, or growth that does not rise with
-        the stiffness.
+        None where trials do not determine it: too few half-cycles, or growth that does not rise
+            with the stiffness.
     """
     usable = [trial for trial in trials if trial.growth.log_ratio.size]
     estimate = None
@@ -92,7 +92,7 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
         stiffness, error, amplitude = zero
         found = [_without(near, left, kick, guess) for left in range(len(near)) if len(near) > 3]
         spread = np.array([value for value in found if value is not None])
-        # Delete one trial at a time (jackknife): what repeats differ by, whatever the reason.
+        # Delete one trial at a time (jackknife): the scatter of repeats, whatever its cause.
         if spread.size > 2:
             n = spread.size
             again = float(np.sqrt((n - 1) / n * np.sum((spread - spread.mean()) ** 2)))
@@ -113,7 +113,7 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
 
 
 def _near(trials: Sequence[Trial], guess: float) -> list[Trial]:
-    """The trials nearest to the guess, of at least as many stiffnesses as are enough."""
+    """Return the trials nearest to the guess, of at least ``_ENOUGH`` stiffnesses."""
     ordered = sorted(trials, key=lambda trial: abs(math.log(trial.stiffness / guess)))
     near: list[Trial] = []
     for distance in _NEAR:
@@ -129,7 +129,7 @@ def _without(trials: Sequence[Trial], left: int, kick: float, guess: float) -> f
 
 
 def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
-    """Stiffness without growth, its standard error, and the amplitude it is for.
+    """Return the stiffness without growth, its standard error, and its amplitude.
 
     The trials come in order of their distance from the guess.
     """
@@ -183,14 +183,14 @@ def _lasting(growth: Growth, least: float) -> Growth:
 
 
 def _root(constant: float, slope: float, bend: float) -> float | None:
-    """Where growth passes zero upward, nearest to the guess; None: nowhere near."""
+    """Return the nearest upward zero of the growth to the guess; None: none is near."""
     if slope <= 0.0:
         return None
     x = -constant / slope
     for _ in range(30):
         steep = slope + 2.0 * bend * x
         if steep <= 0.2 * slope:
-            # The bend is no more than noise there: the straight line.
+            # The curvature is only noise there: use the straight line.
             x = -constant / slope
             break
         x -= (constant + slope * x + bend * x * x) / steep
@@ -198,9 +198,9 @@ def _root(constant: float, slope: float, bend: float) -> float | None:
 
 
 def _whitening(growth: Growth) -> FloatArray:
-    """Makes the errors of a trial's half cycles independent, shape (n, n).
+    """Return the matrix that makes the errors of a trial's half-cycles independent, shape (n, n).
 
-    Neighbours share an amplitude: its error lifts the one and lowers the other.
+    Neighbours share an amplitude: its error increases the one and decreases the other.
     """
     n = growth.number.size
     covariance = (1.0 + _DRIFT) * np.eye(n)
@@ -211,7 +211,7 @@ def _whitening(growth: Growth) -> FloatArray:
 
 
 def _frequency(trials: Sequence[Trial], stiffness: float) -> float:
-    """Of the oscillation at a stiffness [Hz], by a straight line between logarithms."""
+    """Return the oscillation's frequency at a stiffness [Hz], by a line between logarithms."""
     known = [trial for trial in trials if np.isfinite(trial.half_period)]
     if not known:
         return float("nan")

@@ -1,7 +1,7 @@
-"""Plan one point of a sweep: the soft spring, the kick, and the highest stiffness.
+"""Plans one point of a sweep: the soft spring, the kick, and the highest stiffness.
 
-All of it comes from the belief, before anything moves: the spring that moves the shaft is stable in
-its worst corner, and no stiffness is tried at which torque or speed would pass its limit.
+All of it comes from the belief, before anything moves: the soft spring is stable in the belief's
+worst corner, and no stiffness is tried at which torque or speed would exceed its limit.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 
 KICK = 0.1
-"""Largest kick that is chosen where none is asked for [rad]"""
+"""Largest default kick [rad]"""
 _KICK_COUNTS = 8.0
-"""Smallest, in encoder counts"""
+"""Smallest default kick [encoder counts]"""
 _KICK_TORQUE = 0.5
-"""Share of the torque limit that the spring may command at such a kick"""
+"""Fraction of the torque limit that the spring may command at such a kick"""
 _QUICK = 0.15
-"""Stiffness of the soft spring: its angular frequency times the delay, at most"""
+"""Largest product of the soft spring's angular frequency and the delay"""
 _QUICKEST = 60.0
-"""... and itself, at most [rad/s]"""
+"""Largest angular frequency of the soft spring [rad/s]"""
 _RATIO = 0.5
 """Its damping ratio"""
 _CALM = 0.05
-"""Share of the torque limit that one encoder count may command through its damping"""
+"""Fraction of the torque limit that one encoder count may command through its damping"""
 _SURE = 0.3
-"""Share of the critical stiffness at the belief's worst corner that it may have"""
+"""Largest fraction of the critical stiffness at the belief's worst corner"""
 _GROWN = 1.6
-"""A trial ends when the motion has grown to this many kicks"""
+"""Growth at which a trial ends [kicks]"""
 _ROOM = 1.15
-"""Growth for which there must be room below torque and speed limit"""
+"""Growth that torque and speed limit must allow"""
 _HALF_CYCLES = 12
 _LEAST_S, _MOST_S = 0.5, 8.0
-"""Of a trial [s]"""
+"""Least and largest duration of a trial [s]"""
 _LEAST_STILL_S = 0.1
 _TRAVEL_S = 0.3
-"""How long a soft spring takes over one kick [s]"""
+"""Time of the soft spring for one kick [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of a sweep beside its points."""
+    """Options of a sweep, without its points."""
 
     kick: float | None = None
     """[rad]; None: chosen for each point"""
@@ -65,26 +65,26 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Which stiffnesses a kick can be tried at."""
+    """The stiffnesses at which a kick can be tried."""
 
     kick: float
     """[rad]"""
     predicted: float
-    """Stiffness at which motion of that amplitude neither grows nor dies [N·m/rad]"""
+    """Stiffness at which motion of that amplitude neither grows nor decays [N·m/rad]"""
     top: float
-    """Stiffest that the limits leave room for [N·m/rad]"""
+    """Stiffest that the limits allow [N·m/rad]"""
     bound_by: str
-    """The limit that says so"""
+    """Name of that limit"""
 
 
 def reach(device: Device, setting: Setting, delay: float, kick: float | None) -> Reach:
-    """How stiff a point can be tried, and with which kick.
+    """Return the range of stiffnesses at a point, and the kick.
 
     Args:
-        device: What is believed.
-        setting: The point, of a virtual damping at which some stiffness is stable.
+        device: The belief.
+        setting: The point, with a virtual damping at which some stiffness is stable.
         delay: Believed total [s].
-        kick: Asked for [rad]; None: the largest up to ``KICK`` that leaves the torque room.
+        kick: Requested [rad]; None: the largest up to ``KICK`` that the torque limit allows.
     """
     damping = setting.virtual_damping
     stiffness, amplitude, frequency = device.onsets(damping, delay)
@@ -116,7 +116,7 @@ def reach(device: Device, setting: Setting, delay: float, kick: float | None) ->
 
 
 def _balanced(stiffness: FloatArray, amplitude: FloatArray, kick: float) -> float:
-    """Stiffness whose onset is at the kick [N·m/rad]; without friction the exact limit."""
+    """Return the stiffness whose onset is the kick [N·m/rad]; without friction the exact limit."""
     below = np.flatnonzero(amplitude <= kick)
     if below.size == 0:
         return float(stiffness[-1])
@@ -131,17 +131,17 @@ def _balanced(stiffness: FloatArray, amplitude: FloatArray, kick: float) -> floa
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """The soft spring that moves the shaft and holds it before it is let go."""
+    """The soft spring that moves the shaft and holds it before the release."""
 
     stiffness: float
     damping: float
     torque: float
-    """Beside it, in the direction of travel: what friction will take [N·m]"""
+    """Additional torque in the direction of travel against friction [N·m]"""
     still_s: float
     still_band: float
 
     def phase(self, center: float, sign: float, kick: float) -> Phase:
-        """Move the shaft to ``center`` [rad], coming from the other side or from the middle."""
+        """Move the shaft to ``center`` [rad], from the other side or from the middle."""
         speed = kick / _TRAVEL_S
         return Phase(
             seconds=4.0 + 2.0 * abs(center) / speed,
@@ -156,12 +156,12 @@ class Hold:
 
 
 def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Hold:
-    """A spring that is surely stable: far below the limit in the belief's worst corner.
+    """Return a surely stable spring: far below the limit in the belief's worst corner.
 
     Args:
-        device: What is believed.
+        device: The belief.
         delay_steps: Inserted.
-        age: Longest age of a sample that is reckoned with [s].
+        age: Longest assumed age of a sample [s].
         kick: [rad]
     """
     inertia, damping, lag = device.worst
@@ -187,7 +187,7 @@ def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Ho
 def trial_phase(
     device: Device, setting: Setting, delay: float, stiffness: float, kick: float
 ) -> Phase:
-    """The wall itself, about where the program began, until motion has told what it does."""
+    """Return the wall itself, about the program's start, until its motion is decided."""
     at = np.array([stiffness])
     frequency = float(device.onset(at, setting.virtual_damping, delay)[1][0])
     torque = float(np.hypot(stiffness, setting.virtual_damping * 2.0 * np.pi * frequency))

@@ -1,4 +1,4 @@
-"""Result of one point of a sweep, and the reason where it has no figure."""
+"""The result of one point of a sweep, and the reason where it has no figure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptic_wall.controller.experiments.sweep.plan import Reach
 
 @dataclass(slots=True)
 class PointResult:
-    """One measured point; what is not known is None."""
+    """One measured point; None for unknown values."""
 
     virtual_damping: float
     delay_steps: int
@@ -33,13 +33,13 @@ class PointResult:
     """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
     trials: int = 0
     reason: str | None = None
-    """Why there is no figure, or what is to be known of it"""
+    """Why there is no figure, or a remark"""
     trips: list[str] = field(default_factory=list)
     logs: list[str] = field(default_factory=list)
 
 
 def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
-    """Why nothing is tried where theory knows of no stable stiffness."""
+    """Explain why no trial is made where no stiffness is stable in theory."""
     ceiling = device.ceiling(delay)
     if virtual_damping >= ceiling:
         return (
@@ -53,7 +53,7 @@ def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
 
 
 def out_of_reach_text(edge: Reach, seen: str) -> str:
-    """Name the limit that keeps a point from being measured: torque or speed."""
+    """Name the limit that prevents a measurement: torque or speed."""
     room = f"room up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no room at all"
     return (
         f"{edge.bound_by} leaves {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
@@ -64,14 +64,14 @@ def out_of_reach_text(edge: Reach, seen: str) -> str:
 def nothing_text(
     edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, trips: Sequence[str]
 ) -> str:
-    """Why trials gave no figure.
+    """Explain why trials gave no figure.
 
     Args:
-        edge: What limits allow.
-        died: Stiffnesses at which motion died [N·m/rad].
-        grew: At which it grew.
+        edge: The limits.
+        died: Stiffnesses at which motion decayed [N·m/rad].
+        grew: Stiffnesses at which it grew.
         cap: Below the softest that tripped.
-        trips: What tripped.
+        trips: The trips.
     """
     if died and not grew:
         if cap < edge.top:

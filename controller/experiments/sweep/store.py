@@ -1,4 +1,4 @@
-"""A sweep's folder: what was measured, under which settings; only the same settings may go on."""
+"""A sweep's folder: stores the measured points; only the same settings may continue it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FORMAT: Final = "haptic-wall sweep 1"
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """Which sweep a file holds."""
+    """The identity of a stored sweep."""
 
     format: Literal["haptic-wall sweep 1"]
     program: str
@@ -42,7 +42,7 @@ class _Head:
 
 @dataclass(frozen=True, slots=True)
 class _Points:
-    """Points that the sweep has measured."""
+    """The measured points."""
 
     points: list[PointResult]
 
@@ -52,7 +52,7 @@ _HEAD, _POINTS = TypeAdapter(_Head), TypeAdapter(_Points)
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Everything a sweep's figures depend on."""
+    """All settings on which a sweep's results depend."""
 
     config: Config
     settings: tuple[Setting, ...]
@@ -60,7 +60,7 @@ class Asked:
 
     @property
     def fingerprint(self) -> str:
-        """Differs when anything does, the program's version too."""
+        """Return a text that differs when any setting does, or the program's version."""
         return fingerprint(
             {
                 "config": self.config.model_dump(mode="json"),
@@ -71,12 +71,12 @@ class Asked:
 
 
 class SweepStore:
-    """Keeps the points that are done, after each of them.
+    """Stores the finished points, after each of them.
 
     Args:
-        folder: Made if need be.
-        asked: What is to be measured.
-        fresh: Forget what an earlier sweep left here.
+        folder: Made if necessary.
+        asked: The requested sweep.
+        fresh: Discard an earlier sweep.
 
     Attributes:
         done: Results by point.
@@ -120,7 +120,7 @@ class SweepStore:
             self.done[Setting(point.virtual_damping, point.delay_steps)] = point
 
     def add(self, setting: Setting, result: PointResult) -> None:
-        """Keep one more point; what is on disk is never half of it.
+        """Store one more point; the file on disk is never partial.
 
         Raises:
             UserError: It cannot be written.
@@ -134,11 +134,11 @@ class SweepStore:
         return all(setting in self.done for setting in self._asked.settings)
 
     def points(self) -> list[PointResult]:
-        """Those that are done, in the order asked for."""
+        """Return the finished points in the requested order."""
         return [self.done[s] for s in self._asked.settings if s in self.done]
 
     def report(self, name: str) -> dict[str, Any]:
-        """Content of ``sweep.json`` without the keys that only a later sweep needs."""
+        """Return the content of ``sweep.json`` without the keys that only a later sweep needs."""
         config = self._asked.config
         return {
             "name": name,
@@ -183,7 +183,7 @@ class SweepStore:
 
 
 def _summary(asked: Asked) -> str:
-    """In a few words, for whoever finds the folder."""
+    """Describe the sweep in a few words, for a reader of the folder."""
     kick = "chosen kicks" if asked.options.kick is None else f"kick {asked.options.kick:g} rad"
     return f"{asked.config.servo.kind} servo, {len(asked.settings)} points, {kick}"
 

@@ -1,7 +1,7 @@
-"""A sweep: the critical stiffness at many points, one after the other or side by side.
+"""Sweeps the critical stiffness over many points, in sequence or in parallel.
 
-On the simulated clock the points share the machine's cores; on hardware, and wherever time is
-real, there is one servo and one run at a time.
+On the simulated clock the points share the machine's cores; in real time there is one servo and one
+run at a time.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 
 _TRIALS = 8, 4
-"""Trials of a point: in a typical sweep, and for each repeat more"""
+"""Number of trials of a point: in a typical sweep, and for each repeat more"""
 _RUNS, _START_S = 3, 4.0
-"""Runs of a point, and what each takes beside its trials [s]"""
+"""Number of runs of a point, and duration of each without its trials [s]"""
 _SETTLE_S = 1.2
-"""Duration of the soft spring's phase, roughly [s]"""
+"""Approximate duration of the soft spring's phase [s]"""
 
 Progress = Callable[[Setting, PointResult], None]
 
 
 def experiment_config(config: Config) -> Config:
-    """The configuration as a sweep runs it: no hand on a simulated shaft."""
+    """Return the configuration for a sweep: without a scripted operator."""
     raw = config.model_dump(mode="json")
     if config.servo.kind != "hardware":
         raw["servo"]["hand"] = "none"
@@ -55,14 +55,14 @@ def sweep(
     progress: Progress = lambda _setting, _result: None,
     workers: int | None = None,
 ) -> bool:
-    """Measure the points that are not done yet; each is kept as soon as it is.
+    """Measure the unfinished points; store each at once.
 
     Args:
         config: The servo.
-        store: Where results go.
+        store: For the results.
         settings: The points.
         options: Kick, repeats, tolerance.
-        tell: Called with what is tried, where points are measured one after the other.
+        tell: Called with each trial, where points are measured in sequence.
         progress: Called after each point.
         workers: Processes on the simulated clock; None: one for each core.
 
@@ -71,8 +71,8 @@ def sweep(
 
     Raises:
         ServoError: The servo could not be started.
-        ExperimentTrippedError: It was lost, or must be looked at before it may move again.
-        UserError: The configuration does not do, or results or a log could not be kept.
+        ExperimentTrippedError: It was lost, or must be examined before it may move again.
+        UserError: The configuration is unsuitable, or results or a log could not be written.
     """
     left = [setting for setting in settings if setting not in store.done]
     folder = store.folder / LOGS
@@ -118,13 +118,13 @@ def _side_by_side(
 
 
 def measure(config: str, folder: Path, setting: Setting, options: Options) -> PointResult:
-    """One point in a process of its own; the configuration travels as JSON."""
+    """Measure one point in a process of its own; the configuration comes as JSON."""
     bed = Testbed(Config.model_validate_json(config), folder)
     return PointSearch(bed, setting, options).run()
 
 
 def expected_s(config: Config, settings: tuple[Setting, ...], options: Options) -> float:
-    """About how long the points take in real time [s]."""
+    """Return the approximate duration of the points in real time [s]."""
     device = Device.of(config)
     total = 0.0
     for setting in settings:
@@ -138,9 +138,9 @@ def expected_s(config: Config, settings: tuple[Setting, ...], options: Options) 
 
 
 def excursion(config: Config, settings: tuple[Setting, ...], options: Options) -> float:
-    """How far the shaft may come from where it stands, if all goes as planned [rad].
+    """Return the largest expected excursion of the shaft from its start [rad].
 
-    A motion that has grown as far as a trial lets it is caught by the soft spring.
+    The soft spring catches a motion that has grown to a trial's end.
     """
     device = Device.of(config)
     furthest = 0.0

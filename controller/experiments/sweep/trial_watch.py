@@ -1,4 +1,4 @@
-"""From the rows of a run to what one trial in it did: where it started, how it grew, how late."""
+"""Evaluates one trial from the rows of a run: start, growth and sample age."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 _DISTURBED, _HOPELESS = 0.03, 0.2
-"""Share of lost, late or skipped periods, or of saturated ones, that a half cycle may have; where
-most have more, the better half of them, up to the second"""
+"""Largest fraction of lost, late or skipped periods, or of saturated ones, in a half-cycle; where
+most have more, the better half is used up to the second value"""
 _NOISE_COUNTS = 2.5
 _NOISE_SHARE = 0.002
-"""Smallest half cycle that is no noise: in counts; in kicks, without an encoder a tenth of that"""
+"""Smallest half-cycle above noise: in counts; in kicks, without an encoder a tenth of that"""
 _FIRST_CYCLES = 6
-"""Half cycles whose mean says whether a motion grows"""
+"""Number of half-cycles whose mean decides whether a motion grows"""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One trial, watched."""
+    """The result of one trial."""
 
     trial: Trial
     start: float
-    """Where the shaft was let go, from where the program began [rad]"""
+    """Position at the release, from the program's start [rad]"""
     age: float | None
-    """Of the sample behind the torque, averaged over the half cycles used [s]; None: none was"""
+    """Age of the sample behind the torque, averaged over the used half-cycles [s]; None: none"""
 
 
 def watch(
     rows: NDArray[np.void], number: int, phase: Phase, device: Device, kick: float
 ) -> Seen | None:
-    """Measure the motion of a trial.
+    """Evaluate the motion of a trial.
 
     Args:
         rows: Of the whole run.
         number: Of the trial's phase.
         phase: That phase.
-        device: What is believed; its period and encoder step count.
+        device: The belief; its period and encoder step are used.
         kick: [rad]
 
     Returns:
@@ -77,9 +77,9 @@ def _sound(
     turned: FloatArray,
     period: float,
 ) -> NDArray[np.bool_]:
-    """Which half cycles nothing disturbed: no loss, no stall, no saturation."""
+    """Whether each half-cycle is undisturbed: no loss, no stall, no saturation."""
     asked = -phase.stiffness * position - phase.damping * own["velocity"]
-    # The torque limit has cut what is not what spring and damper ask for.
+    # A torque that differs from spring and damper was limited.
     cut = np.abs(asked - own["wall_torque"]) > 1e-9 * (1.0 + np.abs(asked))
     wrong = cut + (own["outcome"] != Outcome.OK) + own["missed"]
     total = np.concatenate([[0.0], np.cumsum(wrong)])
@@ -91,7 +91,7 @@ def _sound(
 
 
 def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:
-    """Age of the sample behind the torque, averaged over the time in which each torque acts [s].
+    """Return the age of the sample behind the torque, averaged over time [s].
 
     A lost sample leaves an older one in force, a skipped period an older torque.
     """
@@ -101,7 +101,7 @@ def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> 
 
 
 def _grew(found: Growth, turned: FloatArray, position: FloatArray) -> bool:
-    """Whether the motion grew, as far as can be told."""
+    """Whether the motion grew, as far as can be decided."""
     if found.log_ratio.size:
         return bool(np.mean(found.log_ratio[:_FIRST_CYCLES]) > 0.0)
     if turned.size > 2:
