@@ -176,9 +176,7 @@ class Bench:
 
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""
-        least = (
-            0.1 * fit.inertia
-        )  # stable even without friction
+        least = 0.1 * fit.inertia  # stable even without friction
         return Guess(
             fit.inertia, max(fit.damping, least), fit.coulomb, max(fit.delay, 0.0) + self._age
         )
