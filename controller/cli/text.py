@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.wrapping import wrapped
+from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.runtime.safety import Trip
 
 _WORST = 3
 """How many of the worst ticks the text names"""
-_LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")
 _UNCONFIRMED = (
     "the servo did not answer when its torque was switched off: without a supply it has none, and "
     "else its Bus Watchdog ends it; switch its power off before you reach for it"
@@ -157,7 +157,7 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
     limits = [
         f"{name} {number(guard['limit'][name])}"
         + ("*" if name == guard["binding"] and guard["binding"] else "")
-        for name in _LIMITS
+        for name in LimitName
         if guard["limit"].get(name) is not None
     ]
     if limits:

@@ -17,7 +17,8 @@ from haptic_wall.controller.guard.boundary_curve import (
     highest,
 )
 from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
-from haptic_wall.controller.guard.design import FAST_BAUD, FINER, Change, Improvement, improvements
+from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
+from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import Limits
 from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
 from haptic_wall.controller.theory.ranges import Member, Ranges

@@ -7,8 +7,7 @@ limits anew with one change. Improvements do not add up: with two of them anothe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,53 +20,14 @@ from haptic_wall.controller.guard.limits import (
     quantisation_limit,
 )
 from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import linear_limit, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.dynamixel.wire import cycle_s
 
-Change = Literal[
-    "virtual_damping",
-    "largest_part",
-    "delay",
-    "rate",
-    "damping",
-    "baud",
-    "latency_timer",
-    "encoder",
-    "two_sided",
-    "belief",
-]
-"""Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
-the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
-``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
-wall that also pulls; ``belief`` the servo known exactly, at its believed values."""
-
-WORTH_NAMING = 1.02
-"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
 FAST_BAUD = 4_000_000
 FINER = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Improvement:
-    """The limit after one change."""
-
-    change: Change
-    stiffness: float
-    """The smallest limit after the change [N·m/rad]"""
-    binding: str
-    """The name of that limit"""
-    damping: float
-    """Virtual damping after the change [N·m·s/rad]"""
-
-    def factor(self, now: float) -> float | None:
-        """Return the new limit as a multiple of ``now`` [N·m/rad]; None where ``now`` is 0."""
-        return self.stiffness / now if now > 0 else None
-
-    def buys(self, now: float) -> bool:
-        """Whether the new limit exceeds ``now`` [N·m/rad] by more than 2 %."""
-        return self.stiffness > WORTH_NAMING * now
 
 
 def improvements(

@@ -13,11 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.guard import reasons
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
-from haptic_wall.controller.guard.design import Improvement, improvements
+from haptic_wall.controller.guard.design import improvements
+from haptic_wall.controller.guard.explain import REMEDIES, explain
 from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box, unstable_nominally
 from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.reasons import Improvement
 from haptic_wall.controller.guard.types import (
     Decision,
     GuardSettings,
@@ -25,7 +26,6 @@ from haptic_wall.controller.guard.types import (
     Mode,
     Request,
     Situation,
-    decision_report,
 )
 from haptic_wall.controller.theory.checks import FloatArray, not_negative
 
@@ -37,7 +37,6 @@ __all__ = [
     "Request",
     "Situation",
     "decide",
-    "decision_report",
 ]
 
 
@@ -131,11 +130,11 @@ def _explained(
             situation,
             [parts[i] for i in bound],
             found.take(np.array(bound, dtype=np.int64)),
-            reasons.REMEDIES,
+            REMEDIES,
         )
         for i, answer in zip(bound, answers, strict=True):
             remedies[i] = answer
     return [
-        replace(d, reasons=reasons.explain(d, settings, situation, parts[i], remedies[i], reduced))
+        replace(d, reasons=explain(d, settings, situation, parts[i], remedies[i], reduced))
         for i, d in enumerate(decisions)
     ]

@@ -7,6 +7,7 @@ The acting torque is the torque gain times the commanded torque. A limit is ther
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,19 +59,9 @@ class Found:
 
     def take(self, index: IntArray) -> Found:
         """Return the results of the plants at ``index``."""
-
-        def at(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[index]
-
-        return Found(
-            ceiling=self.ceiling[index],
-            damping=self.damping[index],
-            linear=self.linear[index],
-            exact=self.exact[index],
-            one_sided=at(self.one_sided),
-            quantisation=at(self.quantisation),
-            passive=at(self.passive),
-        )
+        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen: dict[str, Any] = {n: None if v is None else v[index] for n, v in every.items()}
+        return Found(**chosen)
 
     def smallest(self) -> FloatArray:
         """Return the smallest limit of each plant [N·m/rad]."""

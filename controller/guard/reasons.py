@@ -1,206 +1,236 @@
-"""Writes the guard's reasons as sentences: request, command, binding limit, remedies."""
+"""The reasons of the guard as data: request, command, binding limit, remedies.
+
+``sentences`` puts them into words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
 
-from haptic_wall.controller.guard.delay_parts import (
-    HOLD,
-    SAMPLE_AGE,
-    SHORT_TIMER,
-    DelayParts,
-    ms,
-    shorter,
-)
-from haptic_wall.controller.guard.design import FINER, Change, Improvement
-from haptic_wall.controller.guard.types import Decision, GuardSettings, Situation
+from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.guard.delay_parts import DelayParts
 
-_MEANING = {
-    "linear": "sum of the damping over sum of the delay",
-    "exact": "above it the loop oscillates and grows",
-    "one_sided": "above it a wall that never pulls returns the device faster than it came",
-    "quantisation": "above it one encoder count commands too much of the torque limit",
-    "passive": "above it some passive hand makes the wall unstable",
-}
+WORTH_NAMING = 1.02
+"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
 
 
-REMEDIES: tuple[Change, ...] = (
+class LimitName(StrEnum):
+    """The limits of the stiffness; the values are those of reports."""
+
+    LINEAR = "linear"
+    """(b + B) / (T/2 + t_d)"""
+    EXACT = "exact"
+    """The two-sided loop is stable below it"""
+    ONE_SIDED = "one_sided"
+    """Below it a wall that never pulls returns no device faster than it came"""
+    QUANTISATION = "quantisation"
+    """One encoder count commands a small share of the torque limit"""
+    PASSIVE = "passive"
+    """Stable with any passive hand below it"""
+
+
+Change = Literal[
     "virtual_damping",
     "largest_part",
+    "delay",
+    "rate",
     "damping",
-    "belief",
+    "baud",
+    "latency_timer",
     "encoder",
     "two_sided",
+    "belief",
+]
+"""Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
+the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
+``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
+wall that also pulls; ``belief`` the servo known exactly, at its believed values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """The limit after one change."""
+
+    change: Change
+    stiffness: float
+    """The smallest limit after the change [N·m/rad]"""
+    binding: LimitName
+    """The name of that limit"""
+    damping: float
+    """Virtual damping after the change [N·m·s/rad]"""
+
+    def factor(self, now: float) -> float | None:
+        """Return the new limit as a multiple of ``now`` [N·m/rad]; None where ``now`` is 0."""
+        return self.stiffness / now if now > 0 else None
+
+    def buys(self, now: float) -> bool:
+        """Whether the new limit exceeds ``now`` [N·m/rad] by more than 2 %."""
+        return self.stiffness > WORTH_NAMING * now
+
+
+@dataclass(frozen=True, slots=True)
+class StiffnessBound:
+    """A limit binds the stiffness."""
+
+    asked: float
+    """[N·m/rad]"""
+    allowed: float
+    """[N·m/rad]"""
+    limit: LimitName
+    value: float
+    """Of the limit [N·m/rad]"""
+    margin: float
+    """Share of the limit that is allowed [1]"""
+    commanded: bool
+    """What is allowed is commanded; else something besides the guard commands less"""
+
+
+@dataclass(frozen=True, slots=True)
+class CoarseCount:
+    """One encoder count in one sample commands much torque through the damping."""
+
+    torque: float
+    """Through the damping alone [N·m]"""
+    allowed: float
+    """The share of the torque limit that a count may command [N·m]"""
+    highest_damping: float | None
+    """Virtual damping below which any is left to the stiffness [N·m·s/rad]; None: there is none"""
+    samples: int
+    """Of the velocity difference"""
+
+
+@dataclass(frozen=True, slots=True)
+class NothingAllowed:
+    """No stiffness is allowed at the commanded damping."""
+
+    damping: float
+    """Commanded [N·m·s/rad]"""
+    delay: float
+    """[s]"""
+    highest_damping: float
+    """Up to which the damping may be raised [N·m·s/rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class DampingTooLow:
+    """The damping asked for takes away all that the servo has."""
+
+    asked: float
+    """[N·m·s/rad]"""
+    allowed: float
+    """[N·m·s/rad]"""
+    lowest: float
+    """Damping at which none is left [N·m·s/rad]"""
+    commanded: bool
+    """As of ``StiffnessBound``"""
+
+
+@dataclass(frozen=True, slots=True)
+class DampingBound:
+    """The ceiling binds the damping."""
+
+    asked: float
+    """[N·m·s/rad]"""
+    allowed: float
+    """[N·m·s/rad]"""
+    ceiling: float
+    """[N·m·s/rad]"""
+    share: float
+    """Share of the ceiling that is allowed [1]"""
+    delay: float
+    """At which the ceiling was found [s]"""
+    passive: bool
+    """Above the ceiling the wall is not passive; else no stiffness is stable"""
+    commanded: bool
+    """As of ``StiffnessBound``"""
+
+
+@dataclass(frozen=True, slots=True)
+class WouldRaise:
+    """A change that would allow more stiffness."""
+
+    improvement: Improvement
+    stiffness: float
+    """That could be commanded then [N·m/rad]"""
+    damping: float
+    """Commanded now [N·m·s/rad]"""
+    parts: DelayParts
+    """Of the delay now"""
+    slow_replies: bool
+    """A reply takes several periods"""
+    belief: Belief
+
+
+@dataclass(frozen=True, slots=True)
+class GuardOff:
+    """The guard is off: all is commanded as asked."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    limit: LimitName
+    value: float
+    """Of the limit, the smallest one [N·m/rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Unstable:
+    """The guard is off, and the wall is unstable for the believed servo."""
+
+    only_friction: bool
+    """Coulomb friction may hold small motion"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServedSlower:
+    """Samples come at a longer interval than the grid's, which counts as the period."""
+
+    interval: float
+    """[s]"""
+    period: float
+    """Of the grid [s]"""
+    missed: int
+    """Periods"""
+    failed: int
+    """Readings that were lost or broken"""
+    cycles: int
+    """Readings asked for"""
+
+
+@dataclass(frozen=True, slots=True)
+class Derated:
+    """An oscillation has reduced what the guard allows."""
+
+    frequency_hz: float
+    first_alarm_s: float
+    """When it was noticed [s]"""
+    stiffness_share: float
+    """Left of the stiffness [1]"""
+    damping_share: float
+    """Left of the damping [1]"""
+
+
+@dataclass(frozen=True, slots=True)
+class WaitsForRest:
+    """More stiffness is allowed, but the shaft was not where it may be raised."""
+
+    allowed: float
+    """[N·m/rad]"""
+
+
+Reason = (
+    StiffnessBound
+    | CoarseCount
+    | NothingAllowed
+    | DampingTooLow
+    | DampingBound
+    | WouldRaise
+    | GuardOff
+    | Unstable
+    | ServedSlower
+    | Derated
+    | WaitsForRest
 )
-"""Changes that are tried where the stiffness is bound."""
-
-_SENTENCES = 4
-"""Largest number of sentences; the best remedies are kept, at least two."""
-
-
-def explain(
-    decision: Decision,
-    settings: GuardSettings,
-    situation: Situation,
-    parts: DelayParts,
-    remedies: Sequence[Improvement],
-    reduced: bool = False,
-) -> tuple[str, ...]:
-    """Return sentences for a person, most important first; none where nothing was clamped.
-
-    Args:
-        decision: The decision to explain.
-        settings: The guard's settings.
-        situation: The servo and loop that render the wall.
-        parts: The parts of the delay.
-        remedies: The improvements, the best first; empty where K is not bound.
-        reduced: Something other than the guard commands less.
-    """
-    if settings.mode == "off":
-        return _off(decision)
-    verb = "is allowed" if reduced else "is commanded"
-    reasons = [
-        *_stiffness(decision, situation, settings, verb),
-        *_damping(decision, settings, situation, verb),
-    ]
-    worth = [each for each in remedies if each.buys(decision.limits.smallest()[1])]
-    for remedy in worth[: max(2, _SENTENCES - len(reasons))]:
-        allowed = min(decision.margin * remedy.stiffness, decision.request.stiffness)
-        reasons.append(
-            _remedy(
-                remedy, f"K could be about {float(f'{allowed:.2g}'):g}", decision, situation, parts
-            )
-        )
-    return tuple(reasons)
-
-
-def _off(decision: Decision) -> tuple[str, ...]:
-    name, least = decision.limits.smallest()
-    sentences = [
-        f"the guard is off: stiffness {decision.stiffness:.4g} N·m/rad and damping "
-        f"{decision.damping:.4g} N·m·s/rad are commanded as asked; the smallest limit at this "
-        f"damping is {name}, {least:.4g} N·m/rad"
-    ]
-    if decision.only_friction:
-        sentences.append(
-            "stable only because of friction, if at all: without it this wall is unstable for "
-            "the believed servo, so small motion dies and larger motion grows"
-        )
-    elif decision.limits.exact is not None and decision.stiffness > decision.limits.exact:
-        sentences.append(
-            "this wall is unstable for the believed servo: any motion grows until the torque "
-            "saturates or a safety limit ends the run"
-        )
-    return tuple(sentences)
-
-
-def _stiffness(
-    decision: Decision, situation: Situation, settings: GuardSettings, verb: str
-) -> list[str]:
-    if decision.binding is None:
-        return []
-    limit = decision.limits.smallest()[1]
-    sentences = [
-        f"stiffness {decision.request.stiffness:.4g} N·m/rad was asked, {decision.stiffness:.4g} "
-        f"{verb}: {decision.margin:g} of the limit {decision.binding}, {limit:.4g} "
-        f"({_MEANING[decision.binding]})"
-    ]
-    if decision.binding == "quantisation":
-        sentences.append(_counts(decision, situation, settings))
-    elif limit == 0:
-        sentences.append(
-            f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
-            f"delay of {ms(decision.delay)}: give the wall virtual damping within "
-            f"0 to {settings.damping_cap * decision.damping_ceiling:.4g} N·m·s/rad"
-        )
-    return sentences
-
-
-def _counts(decision: Decision, situation: Situation, settings: GuardSettings) -> str:
-    samples = decision.request.velocity_samples
-    step = abs(decision.damping) * situation.position_step / (samples * situation.period)
-    allowed = settings.quantisation_share * situation.torque_limit
-    sentence = (
-        f"one encoder count in one sample commands {step:.3g} N·m through the damping alone, and "
-        f"{allowed:.3g} N·m is the share of the torque limit a count may command"
-    )
-    if decision.damping:
-        least = allowed * samples * situation.period / situation.position_step
-        sentence += (
-            f": only virtual damping below {least:.3g} N·m·s/rad leaves any to the stiffness, or "
-            f"in proportion more with a velocity over more than {samples} "
-            f"sample{'s' if samples > 1 else ''}"
-        )
-    return sentence
-
-
-def _damping(
-    decision: Decision, settings: GuardSettings, situation: Situation, verb: str
-) -> list[str]:
-    asked, given = decision.request.damping, decision.damping
-    if given == asked:
-        return []
-    start = f"damping {asked:.4g} N·m·s/rad was asked, {given:.4g} {verb}"
-    if asked < given:
-        lowest = situation.belief.damping.low / situation.belief.torque_gain.high
-        return [
-            f"{start}: at {-lowest:.4g} or below it would take away all the damping the servo "
-            f"has, and no stiffness is stable"
-        ]
-    above = "the wall is not passive" if settings.mode == "passive" else "no stiffness is stable"
-    return [
-        f"{start}: {settings.damping_cap:g} of the ceiling {decision.damping_ceiling:.4g}, above "
-        f"which {above} at a delay of {ms(decision.delay)}"
-    ]
-
-
-def _remedy(
-    remedy: Improvement, could: str, decision: Decision, situation: Situation, parts: DelayParts
-) -> str:
-    belief = situation.belief
-    match remedy.change:
-        case "largest_part":
-            return _shorter(parts, situation.slow_replies, could)
-        case "virtual_damping":
-            return (
-                f"with virtual damping {remedy.damping:.2g} instead of "
-                f"{decision.damping:.3g} N·m·s/rad, {could}"
-            )
-        case "damping":
-            low = belief.damping.low
-            return (
-                f"with twice the viscous damping, {2 * low:.3g} instead of the {low:.3g} "
-                f"N·m·s/rad it has at least, {could}"
-            )
-        case "encoder":
-            return f"with an encoder {FINER} times finer, {could}"
-        case "two_sided":
-            return f"as a two-sided wall, which also pulls, {could}"
-        case _:
-            return (
-                "the belief is wide: were the servo known to be as its believed values say "
-                f"(inertia {belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} "
-                f"N·m·s/rad, delay {ms(belief.delay.value)}, torque gain "
-                f"{belief.torque_gain.value:.3g}), {could}"
-            )
-
-
-def _shorter(parts: DelayParts, slow_replies: bool, could: str) -> str:
-    name, size = parts.largest()
-    share = f"{100 * size / parts.total:.0f} % of the total delay"
-    total = f"(period/2 + delay = {ms(parts.total)})"
-    if name == HOLD:
-        return f"half the period is {share} {total}: at a period of {ms(parts.period / 2)} {could}"
-    what = {
-        SAMPLE_AGE: "the sample's age",
-        "inserted": "the inserted delay",
-        "device": "the device's own delay, at most",
-    }[name]
-    least = shorter(parts, slow_replies)
-    found = f"{what} {ms(size)} is {share} {total}"
-    if slow_replies and name == SAMPLE_AGE:
-        return (
-            f"{found}, because the adapter keeps replies back: with its latency timer at "
-            f"{ms(SHORT_TIMER)} the age is at most {ms(least)}, and {could}"
-        )
-    return f"{found}: at {ms(least)} {could}"

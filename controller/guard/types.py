@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from haptic_wall.controller.guard.belief import Belief
+from haptic_wall.controller.guard.reasons import LimitName, Reason
 from haptic_wall.controller.laws.wall import Side
 
 Mode = Literal["stable", "passive", "off"]
@@ -93,9 +94,9 @@ class Limits:
     passive: float | None
     """Below it the wall is stable with any passive hand; None unless in mode ``passive``"""
 
-    def smallest(self) -> tuple[str, float]:
+    def smallest(self) -> tuple[LimitName, float]:
         """Return name and value of the smallest limit that applies."""
-        named = [(f.name, getattr(self, f.name)) for f in fields(self)]
+        named = [(LimitName(f.name), getattr(self, f.name)) for f in fields(self)]
         return min(((n, v) for n, v in named if v is not None), key=lambda pair: pair[1])
 
 
@@ -116,26 +117,9 @@ class Decision:
     damping_ceiling: float
     """Commanded damping above which no stiffness fulfils the mode's promise [N·m·s/rad]"""
     margin: float
-    binding: str | None
+    binding: LimitName | None
     """Name of the limit that bound K; None: no limit did"""
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
+    """Why less than requested is commanded; empty where nothing was clamped"""
     only_friction: bool
     """The nominal belief would be unstable without Coulomb friction (mode off only)"""
-
-
-def decision_report(decision: Decision) -> dict[str, object]:
-    """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply."""
-    return {
-        "requested": {
-            "stiffness": decision.request.stiffness,
-            "damping": decision.request.damping,
-        },
-        "commanded": {"stiffness": decision.stiffness, "damping": decision.damping},
-        "limit": {f.name: getattr(decision.limits, f.name) for f in fields(Limits)},
-        "damping_ceiling": decision.damping_ceiling,
-        "margin": decision.margin,
-        "binding": decision.binding,
-        "reasons": list(decision.reasons),
-        "only_friction": decision.only_friction,
-        "interval_s": decision.period,
-    }

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import ms
-from haptic_wall.controller.guard.guard import Decision, Situation, decision_report
+from haptic_wall.controller.guard.guard import Decision, Situation
+from haptic_wall.controller.guard.reasons import Derated, Reason, ServedSlower, WaitsForRest
 from haptic_wall.controller.guard.rebound import NOT_ONE_SIDED, rebound
 from haptic_wall.controller.guard.schedule import inserted_delay
 from haptic_wall.controller.laws.wall import Law
@@ -58,10 +61,6 @@ def trip_figures(trip: Trip | None, parts: TickParts) -> str:
     return ""
 
 
-def _percent(part: float, whole: float) -> float:
-    return 100.0 * part / whole if whole else 100.0
-
-
 def guard_report(
     config: Config,
     decision: Decision,
@@ -82,57 +81,49 @@ def guard_report(
         situation: Servo and loop.
         counts: The bus's.
     """
-    report = decision_report(decision)
     if not law.guarded:
-        return report | NOT_ONE_SIDED.report()
+        return decision_report(decision) | NOT_ONE_SIDED.report()
     stiffness, damping = tick.commanded
-    reduced = 1.0 if watch.own is None else watch.own.reduced[0]
     request = decision.request
     limited = replace(
         situation,
         period=decision.period,
         torque_limit=min(situation.torque_limit, law.clip),
     )
-    report |= rebound(
+    promised = rebound(
         stiffness, damping, request.side, request.velocity_samples, limited, decision.delay
-    ).report()
-    report["commanded"] = {"stiffness": stiffness, "damping": damping}
-    reasons = list(decision.reasons)
+    )
+    further = list(_besides_the_guard(config, decision, tick, watch, counts))
+    return {
+        **decision_report(decision, further),
+        **promised.report(),
+        "commanded": {"stiffness": stiffness, "damping": damping},
+    }
+
+
+def _besides_the_guard(
+    config: Config, decision: Decision, tick: Tick, watch: Watch, counts: BusCounts
+) -> Iterator[Reason]:
+    """Why less is commanded than the guard allows of the grid's own period."""
+    stiffness, damping = tick.commanded
     period = config.period_ns * 1e-9
     if decision.period > period:
-        reasons.append(_why_slower(decision.period, period, tick.missed, counts))
+        failed = counts.lost + counts.corrupt + counts.refused
+        yield ServedSlower(decision.period, period, tick.missed, failed, counts.cycles)
+    reduced = 1.0 if watch.own is None else watch.own.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
-        left = _percent(stiffness, decision.stiffness)
-        damping_left = _percent(damping, decision.damping)
-        reasons.append(
-            f"an oscillation of {watch.frequency_hz:.3g} Hz was noticed after "
-            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to {left:.3g} % "
-            f"and the damping to {damping_left:.3g} % of what the guard allows, until it is asked "
-            "to raise them"
+        yield Derated(
+            watch.frequency_hz,
+            watch.first_alarm_s,
+            _share(stiffness, decision.stiffness),
+            _share(damping, decision.damping),
         )
     elif stiffness < decision.stiffness:
-        reasons.append(
-            f"{decision.stiffness:.4g} N·m/rad are allowed, but K is raised only where that adds "
-            "no more than safety.engage_torque, and the shaft has not been there since"
-        )
-    report["reasons"] = reasons
-    return report
+        yield WaitsForRest(decision.stiffness)
 
 
-def _why_slower(interval: float, period: float, missed: int, counts: BusCounts) -> str:
-    """Explain why an interval longer than the grid's counts as the period."""
-    start = f"every {ms(interval)} instead of every {ms(period)}, which counts as the period"
-    lost = counts.lost + counts.corrupt + counts.refused
-    late = "report key timing says what makes ticks late"
-    if not lost:
-        return f"a tick is executed {start}; {late}"
-    replies = f"{lost} of {counts.cycles} replies were lost or broken"
-    if not missed:
-        return f"a good reading came {start}: {replies}; check cable, power, baud rate and adapter"
-    return (
-        f"a good reading came {start}: {replies} (check cable, power, baud rate and adapter), and"
-        f" {missed} periods were missed ({late})"
-    )
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else 1.0
 
 
 def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:

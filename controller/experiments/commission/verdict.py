@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.experiments.holding import sample_age, torque_limit_of
+from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.guard import Situation, decide
 from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import age_bins_ns
-from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, decision_report
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -130,8 +131,8 @@ def verdict(question: Question, identified: bool) -> dict[str, Any]:
             {"name": name, "seconds": size, "share": size / parts.total}
             for name, size in parts.sizes().items()
         ],
-        "plain": decision_report(question.decide(ASKED, 0.0)),
-        "best": decision_report(question.decide(ASKED, best)),
+        "plain": decision_report(question.decide(ASKED, 0.0), asked=False),
+        "best": decision_report(question.decide(ASKED, best), asked=False),
         "configured": decision_report(question.decide(wall.stiffness, wall.damping)),
     }
 

@@ -11,6 +11,7 @@ import numpy as np
 from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.steps import Plot
 from haptic_wall.controller.experiments.commission.verdict import Question
+from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
 from haptic_wall.controller.report.rendered import plot_rendering
@@ -42,12 +43,12 @@ PLOTS: dict[Step, Plot] = {
 _POINTS = 241
 _BEYOND = 1.8
 """Of the best virtual damping, how far it is drawn"""
-_LIMITS: tuple[tuple[str, str, str, str], ...] = (
-    ("linear", "linear condition", GREY, "--"),
-    ("exact", "exact", BLUE, "-"),
-    ("one_sided", "one-sided", GREEN, "-"),
-    ("quantisation", "encoder (quantisation)", "#a5004f", ":"),
-    ("passive", "passive", ORANGE, "-"),
+_LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
+    (LimitName.LINEAR, "linear condition", GREY, "--"),
+    (LimitName.EXACT, "exact", BLUE, "-"),
+    (LimitName.ONE_SIDED, "one-sided", GREEN, "-"),
+    (LimitName.QUANTISATION, "encoder (quantisation)", "#a5004f", ":"),
+    (LimitName.PASSIVE, "passive", ORANGE, "-"),
 )
 
 

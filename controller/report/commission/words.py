@@ -63,11 +63,7 @@ def why(report: Report) -> Iterator[str]:
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
-        first, *others = decided["reasons"]
-        # As much as one likes was asked: of that sentence what is commanded is of interest.
-        _, asked, commanded = first.partition(" was asked, ")
-        first = f"a stiffness of {commanded}" if asked else first
-        yield f"{which} {'; '.join([first, *others])}."
+        yield f"{which} {'; '.join(decided['reasons'])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"

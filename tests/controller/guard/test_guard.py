@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
@@ -16,8 +17,8 @@ from haptic_wall.controller.guard.guard import (
     Request,
     Situation,
     decide,
-    decision_report,
 )
+from haptic_wall.controller.guard.sentences import sentences
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
 
 COUNT = 2 * math.pi / 4096
@@ -112,7 +113,7 @@ def test_damping_below_what_the_device_has_is_raised() -> None:
     decision = one(Request(1.0, -0.02, "both"))
     assert decision.damping == pytest.approx(-0.7 * 0.011692)
     assert decision.stiffness > 0
-    assert any("-0.02" in reason and "-0.01169" in reason for reason in decision.reasons)
+    assert any("-0.02" in reason and "-0.01169" in reason for reason in sentences(decision.reasons))
     kept = one(Request(1.0, -0.005, "both"))
     assert kept.damping == -0.005
 
@@ -121,7 +122,7 @@ def test_without_any_damping_no_stiffness_is_commanded_and_the_reason_says_what_
     decision = one(Request(5.0, 0.0, "above"), situation(damping=Bounded.exactly(0.0)))
     assert decision.stiffness == 0
     assert decision.binding == "linear"
-    assert any("give the wall virtual damping" in reason for reason in decision.reasons)
+    assert any("give the wall virtual damping" in reason for reason in sentences(decision.reasons))
 
 
 def test_quantisation_leaves_the_share_of_one_count() -> None:
@@ -138,8 +139,11 @@ def test_damping_alone_can_use_up_what_one_count_may_command() -> None:
     decision = one(Request(100.0, 0.5, "both"), situation(COUNT))
     assert decision.stiffness == 0
     assert decision.binding == "quantisation"
-    assert any("one encoder count" in reason and "0.267" in reason for reason in decision.reasons)
-    assert any(reason.endswith("over more than 1 sample") for reason in decision.reasons)
+    assert any(
+        "one encoder count" in reason and "0.267" in reason
+        for reason in sentences(decision.reasons)
+    )
+    assert any(reason.endswith("over more than 1 sample") for reason in sentences(decision.reasons))
 
 
 def test_mode_passive_keeps_the_wall_passive() -> None:
@@ -155,7 +159,7 @@ def test_mode_off_commands_what_is_asked_and_says_so() -> None:
     decision = one(Request(1e6, 5.0, "above"), mode="off")
     assert (decision.stiffness, decision.damping) == (1e6, 5.0)
     assert decision.binding is None
-    assert "the guard is off" in decision.reasons[0]
+    assert "the guard is off" in sentences(decision.reasons)[0]
     assert decision.limits.exact is not None
 
 
@@ -164,7 +168,7 @@ def test_only_friction_is_told_where_the_guard_is_off() -> None:
     rough, smooth = situation(), situation(coulomb=Bounded.exactly(0.0))
     above, below = Request(1.01 * critical, 0.0, "both"), Request(0.99 * critical, 0.0, "both")
     assert one(above, rough, "off").only_friction
-    assert any("friction" in reason for reason in one(above, rough, "off").reasons)
+    assert any("friction" in reason for reason in sentences(one(above, rough, "off").reasons))
     assert not one(below, rough, "off").only_friction
     assert not one(above, smooth, "off").only_friction
     assert not one(above, rough).only_friction
@@ -176,7 +180,7 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     request = Request(1000.0, 0.2, "above")
     wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
     decision = decide(request, GuardSettings(), wide, [3e-3], inserted=1e-3)[0]
-    first, *others = decision.reasons
+    first, *others = sentences(decision.reasons)
     assert "1000 N·m/rad was asked" in first
     assert f"{decision.stiffness:.4g} is commanded" in first
     assert "one_sided" in first
@@ -205,13 +209,15 @@ def last_number(reason: str) -> float:
 def test_a_servo_with_more_friction_or_better_known_is_named_where_it_helps() -> None:
     wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
     request = Request(1000.0, 0.0, "both")
-    reasons = one(request, wide, delay=0.0).reasons
+    reasons = sentences(one(request, wide, delay=0.0).reasons)
     twice = one(request, situation(damping=Bounded.exactly(0.012)), delay=0.0)
     doubled = next(reason for reason in reasons if "twice the viscous damping" in reason)
     assert last_number(doubled) == pytest.approx(twice.stiffness, rel=0.07)
     known = situation(damping=Bounded.exactly(0.011692))
     belief = next(
-        reason for reason in one(request, wide, "passive").reasons if "belief is wide" in reason
+        reason
+        for reason in sentences(one(request, wide, "passive").reasons)
+        if "belief is wide" in reason
     )
     assert last_number(belief) == pytest.approx(one(request, known, "passive").stiffness, rel=0.07)
 
@@ -221,9 +227,11 @@ def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
     coarse, fine = situation(COUNT), situation(COUNT / 4)
     decision = one(request, coarse, delay=0.0)
     assert decision.binding == "quantisation"
-    finer = next(reason for reason in decision.reasons if "encoder 4 times finer" in reason)
+    finer = next(
+        reason for reason in sentences(decision.reasons) if "encoder 4 times finer" in reason
+    )
     assert last_number(finer) == pytest.approx(one(request, fine, delay=0.0).stiffness, rel=0.07)
-    assert not any("two-sided" in reason for reason in decision.reasons)
+    assert not any("two-sided" in reason for reason in sentences(decision.reasons))
 
 
 @pytest.mark.parametrize(
@@ -239,14 +247,16 @@ def test_the_largest_part_of_the_delay_is_named(
 ) -> None:
     where = situation(delay=Bounded.exactly(lag))
     decision = decide(Request(1e6, 0.05, "both"), GuardSettings(), where, [delay], inserted)[0]
-    assert any(words in reason for reason in decision.reasons)
+    assert any(words in reason for reason in sentences(decision.reasons))
 
 
 def test_a_clamped_damping_names_the_ceiling() -> None:
     decision = one(Request(1.0, 30.0, "both"))
     ceiling = float(max_virtual_damping(0.011951, 0.011692, 1e-3, 2e-3))
     assert decision.damping == pytest.approx(0.7 * ceiling)
-    assert any(f"0.7 of the ceiling {ceiling:.4g}" in reason for reason in decision.reasons)
+    assert any(
+        f"0.7 of the ceiling {ceiling:.4g}" in reason for reason in sentences(decision.reasons)
+    )
 
 
 @pytest.mark.parametrize("mode", ["stable", "passive", "off"])

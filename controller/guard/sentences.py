@@ -1,0 +1,209 @@
+"""Puts the guard's reasons into words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from haptic_wall.controller.guard.delay_parts import HOLD, SAMPLE_AGE, SHORT_TIMER, ms, shorter
+from haptic_wall.controller.guard.design import FINER
+from haptic_wall.controller.guard.reasons import (
+    CoarseCount,
+    DampingBound,
+    DampingTooLow,
+    Derated,
+    GuardOff,
+    LimitName,
+    NothingAllowed,
+    Reason,
+    ServedSlower,
+    StiffnessBound,
+    Unstable,
+    WaitsForRest,
+    WouldRaise,
+)
+
+MEANING: dict[LimitName, str] = {
+    LimitName.LINEAR: "sum of the damping over sum of the delay",
+    LimitName.EXACT: "above it the loop oscillates and grows",
+    LimitName.ONE_SIDED: (
+        "above it a wall that never pulls returns the device faster than it came"
+    ),
+    LimitName.QUANTISATION: "above it one encoder count commands too much of the torque limit",
+    LimitName.PASSIVE: "above it some passive hand makes the wall unstable",
+}
+
+
+def sentences(reasons: Iterable[Reason], asked: bool = True) -> list[str]:
+    """The reasons as sentences for a person.
+
+    Args:
+        reasons: In order.
+        asked: Say which stiffness was asked for; no where any was.
+    """
+    return [_sentence(reason, asked) for reason in reasons]
+
+
+def _sentence(reason: Reason, asked: bool) -> str:
+    match reason:
+        case StiffnessBound():
+            said = _stiffness(reason, asked)
+        case CoarseCount():
+            said = _coarse_count(reason)
+        case NothingAllowed():
+            said = (
+                f"no stiffness is allowed at a damping of {reason.damping:.4g} N·m·s/rad and a "
+                f"delay of {ms(reason.delay)}: give the wall virtual damping within "
+                f"0 to {reason.highest_damping:.4g} N·m·s/rad"
+            )
+        case DampingTooLow():
+            said = (
+                f"{_damping(reason)}: at {reason.lowest:.4g} or below it would take away all the "
+                "damping the servo has, and no stiffness is stable"
+            )
+        case DampingBound():
+            above = "the wall is not passive" if reason.passive else "no stiffness is stable"
+            said = (
+                f"{_damping(reason)}: {reason.share:g} of the ceiling {reason.ceiling:.4g}, above "
+                f"which {above} at a delay of {ms(reason.delay)}"
+            )
+        case WouldRaise():
+            said = _remedy(reason)
+        case GuardOff():
+            said = (
+                f"the guard is off: stiffness {reason.stiffness:.4g} N·m/rad and damping "
+                f"{reason.damping:.4g} N·m·s/rad are commanded as asked; the smallest limit at "
+                f"this damping is {reason.limit}, {reason.value:.4g} N·m/rad"
+            )
+        case Unstable(only_friction=True):
+            said = (
+                "stable only because of friction, if at all: without it this wall is unstable for "
+                "the believed servo, so small motion dies and larger motion grows"
+            )
+        case Unstable():
+            said = (
+                "this wall is unstable for the believed servo: any motion grows until the torque "
+                "saturates or a safety limit ends the run"
+            )
+        case ServedSlower():
+            said = _slower(reason)
+        case Derated():
+            said = (
+                f"an oscillation of {reason.frequency_hz:.3g} Hz was noticed after "
+                f"{reason.first_alarm_s:.3g} s: the stiffness is reduced to "
+                f"{100 * reason.stiffness_share:.3g} % and the damping to "
+                f"{100 * reason.damping_share:.3g} % of what the guard allows, until it is asked "
+                "to raise them"
+            )
+        case WaitsForRest():
+            said = (
+                f"{reason.allowed:.4g} N·m/rad are allowed, but K is raised only where that adds "
+                "no more than safety.engage_torque, and the shaft has not been there since"
+            )
+    return said
+
+
+def _verb(commanded: bool) -> str:
+    return "is commanded" if commanded else "is allowed"
+
+
+def _stiffness(reason: StiffnessBound, asked: bool) -> str:
+    allowed = f"{reason.allowed:.4g} {_verb(reason.commanded)}"
+    start = (
+        f"stiffness {reason.asked:.4g} N·m/rad was asked, {allowed}"
+        if asked
+        else f"a stiffness of {allowed}"
+    )
+    return (
+        f"{start}: {reason.margin:g} of the limit {reason.limit}, {reason.value:.4g} "
+        f"({MEANING[reason.limit]})"
+    )
+
+
+def _coarse_count(reason: CoarseCount) -> str:
+    said = (
+        f"one encoder count in one sample commands {reason.torque:.3g} N·m through the damping "
+        f"alone, and {reason.allowed:.3g} N·m is the share of the torque limit a count may command"
+    )
+    if reason.highest_damping is None:
+        return said
+    return (
+        f"{said}: only virtual damping below {reason.highest_damping:.3g} N·m·s/rad leaves any to "
+        f"the stiffness, or in proportion more with a velocity over more than {reason.samples} "
+        f"sample{'s' if reason.samples > 1 else ''}"
+    )
+
+
+def _damping(reason: DampingTooLow | DampingBound) -> str:
+    return (
+        f"damping {reason.asked:.4g} N·m·s/rad was asked, {reason.allowed:.4g} "
+        f"{_verb(reason.commanded)}"
+    )
+
+
+def _remedy(reason: WouldRaise) -> str:
+    could = f"K could be about {float(f'{reason.stiffness:.2g}'):g}"
+    belief = reason.belief
+    match reason.improvement.change:
+        case "largest_part":
+            return _shorter(reason, could)
+        case "virtual_damping":
+            return (
+                f"with virtual damping {reason.improvement.damping:.2g} instead of "
+                f"{reason.damping:.3g} N·m·s/rad, {could}"
+            )
+        case "damping":
+            low = belief.damping.low
+            return (
+                f"with twice the viscous damping, {2 * low:.3g} instead of the {low:.3g} "
+                f"N·m·s/rad it has at least, {could}"
+            )
+        case "encoder":
+            return f"with an encoder {FINER} times finer, {could}"
+        case "two_sided":
+            return f"as a two-sided wall, which also pulls, {could}"
+        case _:
+            return (
+                "the belief is wide: were the servo known to be as its believed values say "
+                f"(inertia {belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} "
+                f"N·m·s/rad, delay {ms(belief.delay.value)}, torque gain "
+                f"{belief.torque_gain.value:.3g}), {could}"
+            )
+
+
+def _shorter(reason: WouldRaise, could: str) -> str:
+    parts = reason.parts
+    name, size = parts.largest()
+    share = f"{100 * size / parts.total:.0f} % of the total delay"
+    total = f"(period/2 + delay = {ms(parts.total)})"
+    if name == HOLD:
+        return f"half the period is {share} {total}: at a period of {ms(parts.period / 2)} {could}"
+    what = {
+        SAMPLE_AGE: "the sample's age",
+        "inserted": "the inserted delay",
+        "device": "the device's own delay, at most",
+    }[name]
+    least = shorter(parts, reason.slow_replies)
+    found = f"{what} {ms(size)} is {share} {total}"
+    if reason.slow_replies and name == SAMPLE_AGE:
+        return (
+            f"{found}, because the adapter keeps replies back: with its latency timer at "
+            f"{ms(SHORT_TIMER)} the age is at most {ms(least)}, and {could}"
+        )
+    return f"{found}: at {ms(least)} {could}"
+
+
+def _slower(reason: ServedSlower) -> str:
+    start = (
+        f"every {ms(reason.interval)} instead of every {ms(reason.period)}, which counts as the"
+        " period"
+    )
+    late = "report key timing says what makes ticks late"
+    if not reason.failed:
+        return f"a tick is executed {start}; {late}"
+    replies = f"{reason.failed} of {reason.cycles} replies were lost or broken"
+    if not reason.missed:
+        return f"a good reading came {start}: {replies}; check cable, power, baud rate and adapter"
+    return (
+        f"a good reading came {start}: {replies} (check cable, power, baud rate and adapter), and"
+        f" {reason.missed} periods were missed ({late})"
+    )
