@@ -230,12 +230,6 @@ class Backstop:
         self.suspected = False
         self.moved = self.probes = self.reductions = self.returned = 0
 
-    @property
-    def large(self) -> bool:
-        """Whether the last two half-cycles were above the threshold."""
-        motion = self._motion
-        return min(motion.amplitude, motion.amplitude_2) >= self._settings.threshold
-
     def update(self, span: float, elongation: float, stiffness: float, *, ended: bool) -> None:
         """Take a sample.
 

@@ -137,14 +137,6 @@ class OwnMotion:
         return self._backstop.failed or (self._bounces is not None and self._bounces.failed)
 
     @property
-    def large(self) -> bool:
-        """Whether the motion is so large that it can be probed."""
-        if self._bounces is None:
-            return self._backstop.large
-        half, least = self._half_cycles, self._threshold
-        return min(half.amplitude, half.amplitude_2) >= least or self._bounces.large
-
-    @property
     def reduced(self) -> tuple[float, float]:
         """Scales of stiffness and damping after alarms; a probe does not count."""
         both = [self._backstop] if self._bounces is None else [self._backstop, self._bounces]

@@ -17,6 +17,7 @@ from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_point
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.describing import coulomb_damping
 
 _ERRORS = 2.0
 """Standard errors within which two answers agree"""
@@ -148,8 +149,7 @@ def with_friction(
         at = critical_point(inertia, damping + extra, *loop)
         # More friction damping makes a faster oscillation, which has less of it: the geometric mean
         # converges.
-        rate = 2.0 * np.pi * np.maximum(np.asarray(at.frequency), 1e-9)
-        again = 4.0 * coulomb / (np.pi * kick * rate)
+        again = coulomb_damping(kick, np.maximum(np.asarray(at.frequency), 1e-9), coulomb)
         extra = np.where(extra > 0.0, np.sqrt(extra * again), again)
     return np.asarray(critical_point(inertia, damping + extra, *loop).stiffness)
 

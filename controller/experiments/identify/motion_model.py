@@ -22,7 +22,6 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.response import held_response
 from haptic_wall.hw.servo import Outcome
 
-IntArray = NDArray[np.int64]
 _NO_SPEED = 1e-6
 """[rad/s]"""
 

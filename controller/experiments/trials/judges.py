@@ -209,15 +209,3 @@ def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -
     stopped = left > 3.0 * float(np.median(length))
     smallest = 0.0 if rests or stopped else float(amplitude.min())
     return Ending(smallest, 0.5 / float(np.median(length)), quiet)
-
-
-def called_quiet(trial: Trial, *, counts_per_rev: int = 4096, window_s: float = 2.0) -> bool:
-    """Whether a motion above four counts sustains itself at the end and is quiet or decaying.
-
-    Args:
-        trial: What happened, while nobody moves it.
-        counts_per_rev: Of the encoder.
-        window_s: Before its end [s].
-    """
-    end = ending(trial, window_s, counts_per_rev=counts_per_rev)
-    return end.amplitude > SMALL_COUNTS * math.tau / counts_per_rev and end.quiet > 0.5

@@ -7,7 +7,7 @@ all given millisecond by millisecond. When its rows end, it has let go.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,24 +41,8 @@ class Operator:
     name: str = "none"
     row_ns: int = ROW_NS
 
-    def released(self, time_s: float) -> Operator:
-        """The same, letting go at ``time_s`` [s]."""
-        return replace(self, rows=self.rows[: max(0, round(time_s * 1e9 / self.row_ns))])
-
 
 NOBODY = Operator()
-
-
-def kick(torque: float, duration_s: float, after_s: float = 0.0) -> Operator:
-    """A push that begins after a while, and then nobody.
-
-    Args:
-        torque: [N·m]
-        duration_s: Of the push [s].
-        after_s: Before it [s].
-    """
-    before, during = round(after_s * 1e9 / ROW_NS), round(duration_s * 1e9 / ROW_NS)
-    return Operator([NOTHING] * before + [(0.0, 0.0, 0.0, 0.0, torque)] * during, name="kick")
 
 
 def operator_of(

@@ -106,13 +106,6 @@ def trial_config(sets: tuple[str, ...]) -> Config:
     return load_config("simulated", [*_USUAL, *sets]).config
 
 
-def guard_decision(truth: Truth, sets: Sequence[str], wall: WallAsked) -> Decision:
-    """Decision of the guard for this wall, and its limits; the truth gives only the facts."""
-    config = _with_wall(trial_config(tuple(sets)), wall)
-    servo = TrialServo(truth, SimulatedClock())
-    return guard_schedule(config, servo, simulated=True).decision
-
-
 def run_trial(
     truth: Truth,
     sets: Sequence[str],

@@ -107,18 +107,6 @@ class Truth:
         """Torque that back-EMF takes per speed while it acts [N·m·s/rad]."""
         return self.stall_torque / self.no_load_speed
 
-    @property
-    def mode_hz(self) -> float:
-        """Natural frequency of the transmission, both ends free [Hz]; NaN for a rigid servo."""
-        if not self.flexible:
-            return math.nan
-        return math.sqrt(self.transmission_stiffness / self._reduced) / math.tau
-
-    @property
-    def _reduced(self) -> float:
-        motor = self.inertia - self.load_inertia
-        return motor * self.load_inertia / self.inertia
-
     def with_mode(
         self, hertz: float, damping_ratio: float, load: float, *, locked: bool = False
     ) -> Truth:

@@ -8,7 +8,6 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
 from haptic_wall.hw.dynamixel.codec.fast import (
     FastReply,
-    decode_fast_bulk_status,
     decode_fast_status,
     encode_fast_status,
 )
@@ -40,7 +39,6 @@ __all__ = [
     "Parser",
     "SyncWrite",
     "crc16",
-    "decode_fast_bulk_status",
     "decode_fast_status",
     "encode",
     "encode_fast_status",

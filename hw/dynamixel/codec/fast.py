@@ -7,7 +7,7 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", fast sync read and fast bulk
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec.frames import (
@@ -71,28 +71,3 @@ def decode_fast_status(frame: Frame, size: int) -> list[FastReply]:
         FastReply(shares[at + 1], shares[at], shares[at + 2 : at + 2 + size])
         for at in range(0, count * block, block)
     ]
-
-
-def decode_fast_bulk_status(frame: Frame, sizes: Sequence[int]) -> list[FastReply]:
-    """Each servo's share of a fast bulk read reply.
-
-    The frame's last CRC, which the parser has checked, covers all of them.
-
-    Args:
-        frame: A reply from the broadcast id.
-        sizes: Bytes asked of each servo, in the order asked for.
-
-    Returns:
-        The shares in the order asked for; empty when this is not such a reply.
-    """
-    shares = bytes((frame.error,)) + frame.params
-    # The last share's CRC is the frame's own, which is not among its parameters.
-    whole = sum(sizes) + 4 * len(sizes) - 2
-    if frame.id != BROADCAST or frame.instruction != Instruction.STATUS or len(shares) != whole:
-        return []
-    replies = []
-    at = 0
-    for size in sizes:
-        replies.append(FastReply(shares[at + 1], shares[at], shares[at + 2 : at + 2 + size]))
-        at += size + 4
-    return replies

@@ -17,7 +17,6 @@ from haptic_wall.controller.experiments.trials.draws import (
     draw_truth,
 )
 from haptic_wall.controller.experiments.trials.judges import (
-    called_quiet,
     deadline_after,
     ending,
     half_cycles,
@@ -32,11 +31,15 @@ from haptic_wall.controller.experiments.trials.operators import (
 from haptic_wall.controller.experiments.trials.run import (
     Trial,
     WallAsked,
-    guard_decision,
     run_trial,
+    trial_config,
 )
 from haptic_wall.controller.experiments.trials.search import Axis, worst_cases
+from haptic_wall.controller.experiments.trials.servo import TrialServo
 from haptic_wall.controller.experiments.trials.truth import Truth
+from haptic_wall.controller.runtime.assembly import guard_schedule
+from haptic_wall.hw.clock import SimulatedClock
+from tests.controller.experiments.trial_help import called_quiet, mode_hz, released
 
 BENCH = bench_of("xm430-w350")
 TRUTH = Truth(0.012, 0.012, 0.09, delay=0.001)
@@ -81,7 +84,11 @@ def test_the_wall_that_is_asked_for_is_rendered_and_the_truth_is_what_moves() ->
 
 def test_the_guard_decides_unless_the_wall_is_forced() -> None:
     asked = WallAsked(1e6, 0.04, forced=False)
-    allowed = guard_decision(TRUTH, BENCH.sets, asked)
+    config = trial_config(
+        (*BENCH.sets, "wall.stiffness=1e6", "wall.damping=0.04", "wall.side=both")
+    )
+    servo = TrialServo(TRUTH, SimulatedClock())
+    allowed = guard_schedule(config, servo, simulated=True).decision
     trial = run_trial(TRUTH, BENCH.sets, asked, duration_s=0.05)
     assert 1.0 < allowed.stiffness < 100.0
     assert trial.stiffness[0] == allowed.stiffness
@@ -212,7 +219,7 @@ def test_truths_are_drawn_from_the_whole_box_its_corners_and_the_lag_beyond(pres
     assert {one.back_emf for one in drawn} == {"none", "current", "voltage"}
     assert max(one.backlash for one in drawn) == MOST_BACKLASH
     assert max(one.transmission_backlash for one in drawn) > 0.0
-    modes = [one.mode_hz for one in drawn if one.flexible]
+    modes = [mode_hz(one) for one in drawn if one.flexible]
     assert MODE_HZ[0] <= min(modes) < max(modes) <= MODE_HZ[1]
     assert {one.encoder for one in drawn} == {"output", "motor"}
 
@@ -231,7 +238,7 @@ def test_an_operator_moves_the_wall_and_the_same_draw_is_the_same_operator(kind:
 
 def test_who_lets_go_leaves_the_wall_to_itself() -> None:
     holds = operator_of(40.0, 0.5, np.full(2000, 0.3))
-    trial = run_trial(TRUTH, BENCH.sets, WallAsked(7.0, 0.04), holds.released(1.0), duration_s=2.0)
+    trial = run_trial(TRUTH, BENCH.sets, WallAsked(7.0, 0.04), released(holds, 1.0), duration_s=2.0)
     assert trial.output[999] == pytest.approx(0.3 * 40.0 / 47.0, abs=0.01)
     assert abs(trial.output[-1]) < 0.02
 
