@@ -199,9 +199,10 @@ class Search:
 
     def _text(self, module: Module, text: str) -> None:
         """A module that is loaded, or run as a process, by its name; an annotation in quotes."""
-        if text in self.modules:
-            self.loaded.add(text)
-            self.reach((text, ""))
+        module_name, _, attribute = text.partition(":")
+        if module_name in self.modules:
+            self.loaded.add(module_name)
+            self.reach((module_name, attribute))
         elif text.isidentifier():
             self._name(module, text)
 
@@ -250,8 +251,9 @@ def entry_points() -> Iterator[Node]:
     """Where users of the package begin: the command, the plugin, and the theory as a library."""
     plugins = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
     for group in plugins.values():
-        for module in group.values():
-            yield from ((module, name) for name in public(module))
+        for target in group.values():
+            module, colon, name = target.partition(":")
+            yield from [(module, name)] if colon else ((module, name) for name in public(module))
     for path in (ROOT / "controller" / "cli").glob("*.py"):
         yield f"{PACKAGE}.controller.cli.{path.stem}", "command"
     yield f"{PACKAGE}.controller.cli.entry", "main"
