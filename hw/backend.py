@@ -1,8 +1,9 @@
-"""A servo backend: what the program must know of a make of servo before one is opened.
+"""A servo backend: the program's knowledge about a make of servo, as a record.
 
-A backend is registered by name under the entry point group ``haptic_wall.servos``, and named by
-``servo.backend`` of the configuration. It is a record, not a class to inherit from: only ``open``
-is needed, and each default is the careful one. A backend that says nothing drives a real servo.
+A backend is registered by name under the entry point group ``haptic_wall.servos``;
+``servo.backend`` of the configuration names it. It is a record, not a class to inherit from: only
+``open`` is required, and each default is the cautious one. A backend with defaults only drives a
+real servo.
 """
 
 from __future__ import annotations
@@ -17,26 +18,25 @@ from haptic_wall.hw.settings import EMULATED, Kind, ServoSettings
 
 
 class TorqueModel(NamedTuple):
-    """Facts of a model of servo that can be commanded in torque."""
+    """Facts about a model of servo that can be commanded in torque."""
 
     constant_known: bool
-    """Its torque constant is published; else it must be measured and configured"""
+    """Its torque constant is published; otherwise it must be measured and configured"""
     no_load_speed: float
-    """At the supply that its figures hold for [rad/s]; 0: not known"""
+    """At its nominal supply [rad/s]; 0: not known"""
 
 
 @dataclass(frozen=True, slots=True)
 class NoOptions:
-    """The options of a backend that has none of its own."""
+    """The options of a backend without options."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backend:
-    """What the program knows of a make of servo, and how one is opened.
+    """The program's knowledge about a make of servo, and the function that opens one.
 
     The functions that take ``ServoSettings`` find this backend's own settings, checked, in
-    ``settings.options``; the fields beside it are ``servo.*`` of the configuration, of which a
-    backend takes what it needs.
+    ``settings.options``; the other fields are ``servo.*`` of the configuration.
     """
 
     open: Callable[[ServoSettings, Clock, int | None], Servo]
@@ -44,11 +44,11 @@ class Backend:
     ``open_port`` has opened one, perhaps in another process; the servo's ``close`` closes it, and
     so does a refusal. Raises ``haptic_wall.hw.errors.ServoError``"""
     options: type = NoOptions
-    """The settings model: a dataclass, or whatever else pydantic can validate, of what
-    ``servo.options`` may hold"""
+    """The settings model: a dataclass, or another type that pydantic can validate, for
+    ``servo.options``"""
     simulated: bool = False
-    """The servo is computed in the loop's process: ``servo.*`` is its truth, the simulated clock
-    may run it, and nothing can be hurt"""
+    """The servo is computed in the loop's process: ``servo.*`` are its true parameters, the
+    simulated clock may run it, and no harm is possible"""
     emulated_port: bool = False
     """``servo.port`` may be ``emulated``: a bus of ``haptic-wall emulate`` is started for it"""
     has_bus: bool = False
@@ -56,23 +56,23 @@ class Backend:
     has_watchdog: bool = False
     """The servo drops its torque by itself after ``servo.watchdog_s`` without a message"""
     required: Mapping[str, str] = field(default_factory=dict)
-    """Fields of ``servo.*`` that it cannot do without, and what is wanted there, for people"""
+    """Required fields of ``servo.*``, and their meaning, for people"""
     models: Callable[[], Mapping[str, TorqueModel]] | None = None
     """The models that ``servo.model`` may name; None: any, and no facts of them are known"""
     cycle_s: Callable[[int], float] | None = None
-    """How long a cycle is on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
+    """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
     problems: Callable[[ServoSettings], Iterable[tuple[str, str]]] | None = None
-    """Finds what cannot be in settings whose fields are right by themselves: the path of a field,
-    and what was found and is wanted"""
+    """Finds conflicts between fields that are valid by themselves: the path of a field, and a
+    sentence with the found and the wanted value"""
     open_port: Callable[[ServoSettings], int] | None = None
-    """Opens the servo's port for this process and those it hands the descriptor to, and loads what
-    ``cut_torque`` needs. Raises ``haptic_wall.hw.errors.PortError``. None: it has no port"""
+    """Opens the servo's port for this process and those it passes the descriptor to, and loads the
+    modules of ``cut_torque``. Raises ``haptic_wall.hw.errors.PortError``. None: it has no port"""
     cut_torque: Callable[[ServoSettings, int | None, Clock], bool] | None = None
-    """Switches off the torque of a servo whose driver is dead or hung; whether that was read back.
-    The descriptor is that of its port, and stays open. None: there is no way to"""
+    """Switches off the torque of a servo whose driver is dead or hung; returns whether that was
+    read back. The descriptor is that of its port, and stays open. None: there is no way to"""
 
     def kind(self, port: str | None) -> Kind:
-        """Kind of servo that is behind this port."""
+        """Return the kind of servo behind this port."""
         if self.simulated:
             return "simulated"
         return "emulated" if self.emulated_port and port == EMULATED else "hardware"

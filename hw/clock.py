@@ -1,4 +1,4 @@
-"""Clocks: the system's monotonic one, and a simulated one that a test or a fast run moves."""
+"""The clocks: the system's monotonic one, and a simulated one that tests and fast runs advance."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Tells the time and waits; everything that runs is given one."""
+    """Tells the time and waits; every part of the program is given one."""
 
     def now_ns(self) -> int:
-        """Present time [ns] from an arbitrary, fixed origin; never goes back."""
+        """Return the present time [ns] from an arbitrary, fixed origin; never decreases."""
         ...
 
     def boot_ns(self) -> int:
-        """The same time [ns], but it goes on while the computer is suspended; other origin."""
+        """Return the time [ns] including suspensions of the computer; other origin."""
         ...
 
     def wait_until(self, instant_ns: int) -> None:
@@ -28,7 +28,7 @@ class MonotonicClock:
     now_ns = staticmethod(time.monotonic_ns)
 
     def boot_ns(self) -> int:
-        """CLOCK_BOOTTIME of the system [ns]."""
+        """Return CLOCK_BOOTTIME of the system [ns]."""
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def wait_until(self, instant_ns: int) -> None:
@@ -39,36 +39,37 @@ class MonotonicClock:
 
 
 class SimulatedClock:
-    """Time that passes only when somebody waits: deterministic, as fast as the machine allows."""
+    """Time that passes only by waiting: deterministic, as fast as the machine allows."""
 
     __slots__ = ("_now", "suspended_ns")
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now = start_ns
         self.suspended_ns = 0
-        """How long the simulated computer was suspended [ns]; may be raised at any time"""
+        """Total suspension of the simulated computer [ns]; may be raised at any time"""
 
     def now_ns(self) -> int:
-        """Simulated time [ns]."""
+        """Return the simulated time [ns]."""
         return self._now
 
     def boot_ns(self) -> int:
-        """Simulated time [ns] with that in which the computer was suspended."""
+        """Return the simulated time including suspensions [ns]."""
         return self._now + self.suspended_ns
 
     def wait_until(self, instant_ns: int) -> None:
-        """Move the time to ``instant_ns`` [ns] unless it is past already."""
+        """Advance the time to ``instant_ns`` [ns] unless it is past."""
         self._now = max(self._now, instant_ns)
 
 
 class Suspension:
-    """How long the computer was suspended since this was made: no clock that it waits on shows it.
+    """Measures how long the computer was suspended since its creation, which no other clock shows.
 
-    Each time the two clocks are read in the order in which a pause between them makes the result
-    smaller: what is above zero is certain.
+    The two clocks are read in the order in which a pause between the readings makes the result
+    smaller:
+    a value above zero is certain.
 
     Args:
-        clock: What everybody else goes by.
+        clock: The program's clock.
     """
 
     __slots__ = ("_clock", "_offset_ns")
@@ -79,6 +80,6 @@ class Suspension:
         self._offset_ns = clock.boot_ns() - now_ns
 
     def seconds(self) -> float:
-        """The time in suspension [s], at least; 0: none."""
+        """Return the time in suspension [s], at least; 0: none."""
         boot_ns = self._clock.boot_ns()
         return max(0, boot_ns - self._clock.now_ns() - self._offset_ns) * 1e-9

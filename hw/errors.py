@@ -1,4 +1,4 @@
-"""Errors of hardware, as one tree; every message says found, wanted, what to do.
+"""Errors of hardware, as one tree; every message says what was found, wanted, and the remedy.
 
 ::
 
@@ -9,7 +9,7 @@
     │   └── BaudRefusedError            it cannot make this rate
     ├── ServoMissingError (LookupError) nothing answers at this id and baud
     ├── UnfitServoError (ValueError)    it answers, but must not be driven as it is
-    │   └── StrangeServoError           nor written to: nobody knows what it is
+    │   └── StrangeServoError           nor written to: its model is unknown
     ├── ServoHealthError                it answers, but must not be driven any longer
     └── ServoLostError (also OSError)   it answered before and does not any more
         └── TorqueLostError             it answers, but its torque is gone
@@ -47,7 +47,7 @@ class UnfitServoError(ServoError, ValueError):
 
 
 class StrangeServoError(UnfitServoError):
-    """The servo that answers is of no known model: nothing may be written to it, nor was."""
+    """The servo's model is unknown: nothing may be written to it, nor was."""
 
 
 class ServoLostError(ServoError, OSError):

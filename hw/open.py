@@ -1,7 +1,6 @@
 """The registry of servo backends: from a name to a backend, from settings to a servo.
 
-What is not simulated by its settings never becomes simulated: a port that cannot be opened is an
-error, not a reason to run something else.
+A real servo is never replaced by a simulated one: a port that cannot be opened is an error.
 """
 
 from __future__ import annotations
@@ -24,23 +23,24 @@ if TYPE_CHECKING:
     from haptic_wall.hw.dynamixel.port_users import PortUsers
 
 GROUP: Final = "haptic_wall.servos"
-"""The entry points by which a distribution registers its backends, ``NAME = "module:ATTRIBUTE"``"""
+"""The entry point group in which a distribution registers its backends, ``NAME =
+"module:ATTRIBUTE"``"""
 _OURS: Final[Mapping[str, str]] = {
     "simulated": "haptic_wall.hw.backends.simulated:BACKEND",
     "dynamixel": "haptic_wall.hw.backends.dynamixel:BACKEND",
 }
-"""Entry points of this distribution. They stand here: to read them off the metadata of all that is
-installed takes 50 ms at each start, and an editable install keeps its metadata of old"""
+"""Entry points of this distribution. They are repeated here because reading the metadata of all
+installed distributions takes 50 ms at each start, and an editable install keeps old metadata"""
 
 
 def backend_names() -> list[str]:
-    """The names of all backends: ours, then those of installed distributions."""
+    """Return the names of all backends: ours, then those of installed distributions."""
     return [*_OURS, *sorted(_installed())]
 
 
 @cache
 def backend(name: str) -> Backend:
-    """The backend of this name.
+    """Return the backend of this name.
 
     Raises:
         BackendError: There is none, or it cannot be loaded.
@@ -76,8 +76,8 @@ def backend(name: str) -> Backend:
 
 
 def _installed() -> dict[str, list[EntryPoint]]:
-    """Entry points of other distributions by name; who takes a name of ours is not heard."""
-    from importlib.metadata import entry_points  # not at the top: it takes long, for our own too
+    """Return entry points of other distributions by name; names of ours are ignored."""
+    from importlib.metadata import entry_points  # not at the top: it takes long
 
     found: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
@@ -87,48 +87,48 @@ def _installed() -> dict[str, list[EntryPoint]]:
 
 
 def open_servo(settings: ServoSettings, clock: Clock, descriptor: int | None = None) -> Servo:
-    """The servo that ``settings`` describe, not started.
+    """Return the servo that ``settings`` describe, not started.
 
     Args:
-        settings: Which servo, and where.
-        clock: Tells it the time.
-        descriptor: Its port, where it is already open (as from ``open_port``, perhaps inherited);
-            the servo's ``close`` closes it, and so does a refusal. None: open the port here.
+        settings: The servo.
+        clock: Its clock.
+        descriptor: Its port, where it is already open (from ``open_port``, perhaps inherited); the
+            servo's ``close`` closes it, and so does a refusal. None: open the port here.
 
     Raises:
         BackendError: There is no such backend, or it cannot be loaded.
         PortError: The port cannot be used.
-        PortBusyError: Another program holds it.
+        PortBusyError: Another program has it.
         UnfitServoError: The model cannot be driven in torque as configured.
-        ValueError: What is to be simulated or emulated cannot exist.
+        ValueError: The simulated or emulated servo is impossible.
     """
     return backend(settings.backend).open(settings, clock, descriptor)
 
 
 def open_port(settings: ServoSettings) -> int | None:
-    """Open the servo's port for this process and those it hands the descriptor to.
+    """Open the servo's port for this process and those it passes the descriptor to.
 
     Returns:
-        A descriptor for ``open_servo`` and ``cut_torque``; whoever opens it closes it. None: a
-        servo of this make has no port.
+        A descriptor for ``open_servo`` and ``cut_torque``; the caller closes it. None: this make of
+        servo has no port.
 
     Raises:
         BackendError: There is no such backend, or it cannot be loaded.
         PortError: The port cannot be used.
-        PortBusyError: Another program holds it.
+        PortBusyError: Another program has it.
     """
     opened_by = backend(settings.backend).open_port
     return None if opened_by is None else opened_by(settings)
 
 
 def port_users(descriptor: int) -> PortUsers | None:
-    """Keep an open port from other programs, and find those that use it all the same.
+    """Reserve an open port, and return the search for other programs that use it.
 
     Args:
-        descriptor: As from ``open_port``; stays open.
+        descriptor: From ``open_port``; stays open.
 
     Returns:
-        What looks for them, to be closed before the port; None where it is no serial port.
+        The search, to be closed before the port; None where it is no serial port.
     """
     from haptic_wall.hw.dynamixel.port_users import PortUsers
 
@@ -139,13 +139,13 @@ def cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) ->
     """Switch off the torque of a servo whose driver is dead or hung.
 
     Args:
-        settings: Which servo.
+        settings: The servo.
         descriptor: Its port, which stays open; None: it has none.
         clock: Tells the time.
 
     Returns:
-        Whether torque off was read back. True of a simulated servo, which ends with its process;
-        False where the backend has no way to do it.
+        Whether torque off was read back. True for a simulated servo, which ends with its process;
+        False where the backend cannot do it.
     """
     make = backend(settings.backend)
     if make.cut_torque is None:

@@ -1,4 +1,4 @@
-"""The servo interface: what the controller may know of a servo, simulated, emulated or real."""
+"""The servo interface: all access of the controller to a servo, simulated, emulated or real."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Protocol
 from haptic_wall.hw.clock import Clock
 
 JUMP_SHARE: Final = 3.0
-"""Of the no-load speed: no shaft is turned faster than this"""
+"""Largest plausible speed of a shaft, as a multiple of the no-load speed"""
 JUMP_SPEED: Final = 30.0
 """The same where the no-load speed is not known [rad/s]"""
 
@@ -24,22 +24,22 @@ class Outcome(IntEnum):
     CORRUPT = 2
     """Bytes arrived that are not a valid reply."""
     REFUSED = 3
-    """A valid reply with a position that the servo cannot have come to."""
+    """A valid reply with a position that the servo cannot have reached."""
     WAITING = 4
     """No reply yet, and none was due: replies take several periods here. Not a loss."""
 
 
 class Reading(NamedTuple):
-    """The answer to one request. One that failed or waits holds no position: it is NaN."""
+    """The answer to one request; the position is NaN if it failed or is not due."""
 
     outcome: Outcome
     position: float
     """Multi-turn position [rad]; NaN unless the outcome is OK."""
     counts: int
-    """The encoder's integer behind it; 0 unless the outcome is OK and the servo has an encoder."""
+    """The encoder's counts; 0 unless the outcome is OK and the servo has an encoder."""
     sampled_ns: int
-    """The instant the request was sent [ns]: the earliest at which the sample can have been
-    taken, so that an age computed from it hides nothing."""
+    """The instant the request was sent [ns]: the earliest possible time of the sample, so that an
+    age computed from it is an upper bound."""
     torque: float
     """Torque from the measured current [N·m]; NaN where the servo gives none."""
     alert: bool
@@ -48,7 +48,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Facts of the servo, which do not change while it is open."""
+    """Facts of the servo, constant while it is open."""
 
     name: str
     """For people: model, id, port."""
@@ -57,31 +57,29 @@ class Facts:
     torque_limit: float
     """Largest torque it accepts [N·m]."""
     torque_step: float
-    """Smallest torque it can be sent but zero, and the largest difference between neighbours
-    [N·m]; 0: none."""
+    """Smallest nonzero torque, and the largest difference between neighbours [N·m]; 0: none."""
     has_bus: bool
     """Replies travel over a bus, where they can be lost."""
     reply_s: float = 0.0
-    """How long a reply takes, where it takes several periods [s]; 0: it comes in time for each.
-    Known after ``start``."""
+    """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
+    ``start``."""
     stall_torque: float = math.inf
-    """The most it can make at its rated supply, whatever it is limited to [N·m]; infinite: not
-    known."""
+    """Its largest torque at its rated supply, whatever its limit [N·m]; infinite: not known."""
     no_load_speed: float = 0.0
-    """Speed that it reaches by itself without a load [rad/s]; 0: not known, or it has none. At the
-    supply that ``start`` found; before, at the one its figures hold for."""
+    """Its speed without a load [rad/s]; 0: not known, or it has none. At the supply found by
+    ``start``; before, at the nominal one."""
 
     @property
     def position_step(self) -> float:
-        """One count of the encoder [rad]; 0: the position is not quantised."""
+        """Return one count of the encoder [rad]; 0: the position is not quantised."""
         return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
 
     @property
     def fastest(self) -> float:
-        """Speed above which a change of position is a jump of the encoder [rad/s].
+        """Return the speed above which a change of position is a jump of the encoder [rad/s].
 
-        At three times its no-load speed a shaft that is turned by hand makes three times the
-        supply's voltage.
+        A shaft turned by hand at three times its no-load speed generates three times the supply's
+        voltage.
         """
         return JUMP_SHARE * self.no_load_speed or JUMP_SPEED
 
@@ -93,15 +91,15 @@ class BusCounts:
     cycles: int = 0
     lost: int = 0
     late: int = 0
-    """Replies that came after their request had been given up; never used."""
+    """Replies after their request had been given up; never used."""
     corrupt: int = 0
     refused: int = 0
-    """Good replies with a position that was out of reach; never used"""
+    """Good replies with an implausible position; never used"""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the start-up sequence: what was found against what was wanted."""
+    """One line of the start-up sequence: found against wanted."""
 
     name: str
     ok: bool
@@ -113,42 +111,42 @@ class Servo(Protocol):
     """One servo, commanded in torque. Opened by ``haptic_wall.hw.open``, closed by ``close``.
 
     The order of calls is ``start``, any number of cycles, ``stop``, ``close``. A cycle is
-    ``request``, ``collect``, ``write``. The request may be sent in the period before the one
-    that collects it (the reply then travels while the loop sleeps).
+    ``request``, ``collect``, ``write``. The request may be sent in the period before the one that
+    collects it (the reply then travels while the loop sleeps).
 
     Where a reply takes several periods (``facts.reply_s``) a request stays outstanding until it is
-    answered: until then ``request`` asks for nothing, and ``collect`` does not wait.
+    answered:
+    until then ``request`` has no effect, and ``collect`` does not wait.
     """
 
     facts: Facts
     counts: BusCounts
     waited_ns: int
-    """How long the last ``collect`` waited for the bus, its own work not counted [ns]"""
+    """Bus wait of the last ``collect``, without its own work [ns]"""
     trouble: str
-    """What the servo itself said was wrong with it, and what to do; empty: nothing. Known after
-    ``stop``."""
+    """A fault reported by the servo itself, and its remedy; empty: none. Known after ``stop``."""
 
     def start(self) -> list[Check]:
-        """Check everything that must hold, then enable torque at zero torque.
+        """Check all conditions, then enable torque at zero torque.
 
         Returns:
-            What was checked, in order.
+            The checks, in order.
 
         Raises:
             UnfitServoError: A check failed; the message says if torque off was not read back.
-            ServoMissingError: Nothing answers.
-            ServoLostError: It stops answering; the message says whether torque is off.
+            ServoMissingError: No reply.
+            ServoLostError: It stops replying; the message says whether torque is off.
         """
         ...
 
     def request(self) -> None:
-        """Ask for the position. Does not wait."""
+        """Request the position. Does not wait."""
         ...
 
     def collect(self, deadline_ns: int) -> Reading:
-        """The answer to the last ``request``, waiting for it until ``deadline_ns`` [ns] at most.
+        """Return the answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
 
-        Never raises for what the bus did: a lost or broken reply is an outcome.
+        It never raises for events on the bus: a lost or broken reply is an outcome.
 
         Raises:
             ServoLostError: The port is gone.
@@ -158,7 +156,7 @@ class Servo(Protocol):
         ...
 
     def write(self, torque: float) -> float:
-        """Send a torque [N·m], limited and rounded to what the servo can do.
+        """Send a torque [N·m], limited and rounded to the servo's possibilities.
 
         Returns:
             The torque really sent [N·m].
@@ -169,14 +167,14 @@ class Servo(Protocol):
         ...
 
     def idle(self) -> None:
-        """Do beforehand what can be: called while the loop waits for a deadline, or not at all.
+        """Compute in advance; the loop may call it while it waits for a deadline.
 
-        Nothing is sent, and nothing is read from a bus.
+        It must neither send nor read on a bus.
         """
         ...
 
     def stop(self) -> bool:
-        """Zero torque, torque off, read back. Safe to call at any time, and twice.
+        """Set zero torque, switch torque off, read it back. Safe to call at any time, and twice.
 
         Returns:
             Whether torque off was read back.
@@ -184,14 +182,14 @@ class Servo(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the servo; stops it first if it was started and not stopped."""
+        """Release the servo; stop it first if it was started and not stopped."""
         ...
 
     def stand_in(self, clock: Clock) -> Servo:
-        """Something of the same make to rehearse a cycle with; it moves nothing and needs no end.
+        """Return a stand-in of the same make for cache warm-ups; it moves nothing and needs no end.
 
-        It is started, and has nothing in common with this servo and its bus: what is done to it
-        has no effect. It answers at once, with positions that it makes up.
+        It is started, and shares nothing with this servo and its bus: calls have no effect. It
+        replies at once, with invented positions.
 
         Args:
             clock: Its time.

@@ -1,4 +1,4 @@
-"""What a servo is made of: plain values, handed in from outside; the configuration fills them."""
+"""The settings of a servo and the true parameters of a simulated one, as plain values."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 EMULATED: Final = "emulated"
-"""The port that stands for an emulated bus of our own"""
+"""The port value that selects the program's own emulated bus"""
 
 Kind = Literal["simulated", "emulated", "hardware"]
 HandName = Literal["none", "push", "tap", "lean"]
@@ -15,7 +15,7 @@ Schedule = Literal["immediate", "pipelined"]
 
 @dataclass(frozen=True, slots=True)
 class TrueServo:
-    """What a simulated or emulated servo *is* (never what the controller believes of it)."""
+    """True parameters of a simulated or emulated servo (never the controller's belief)."""
 
     inertia: float
     """[kg·m²], > 0"""
@@ -26,42 +26,42 @@ class TrueServo:
     counts_per_rev: int = 4096
     """Encoder counts per revolution; 0: the position is not quantised"""
     delay: float = 0.0
-    """From a torque's arrival at the servo to its action [s], >= 0"""
+    """From a torque's arrival at the servo until it acts [s], >= 0"""
     torque_limit: float = 4.1
-    """The servo saturates here [N·m], > 0"""
+    """Torque at which the servo saturates [N·m], > 0"""
     torque_step: float = 0.0
     """Torques are rounded to multiples of it [N·m]; 0: none (a simulated servo only; an emulated
     one rounds to its current unit)"""
     backlash: float = 0.0
-    """Play between the shaft and the encoder [rad], full width, >= 0"""
+    """Between the shaft and the encoder [rad], full width, >= 0"""
     torque_constant: float = 0.0
     """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
     supply: float | None = None
-    """Voltage of an emulated servo's supply [V]; None: the one its model's figures hold for"""
+    """Voltage of an emulated servo's supply [V]; None: its model's nominal one"""
     ambient: float = 32.0
-    """Temperature of an emulated servo that does nothing [°C]"""
+    """Temperature of an emulated servo without load [°C]"""
     position: float = 0.0
     """Position at the start, at rest [rad]"""
     hand: HandName = "none"
     hand_origin: float = 0.0
-    """Where the wall stands for the scripted hand [rad]"""
+    """Position of the wall for the scripted operator [rad]"""
     hand_direction: int = 1
     """+1: the wall fills the positions above ``hand_origin``; -1: below"""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """What the configuration says of its servo; a backend takes from it what it knows.
+    """The configuration of a servo; a backend uses the fields it knows.
 
-    What a backend of somebody else needs beside is in ``options``.
+    Further settings of another distribution's backend are in ``options``.
     """
 
     backend: str = "simulated"
-    """The name of the backend that opens it"""
+    """Name of the backend that opens it"""
     port: str = ""
     """Device path; empty: none, which for an emulated servo means a bus in memory"""
     baud: int = 0
-    """Of the bus [bit/s]; 0: none is given"""
+    """Of the bus [bit/s]; 0: not given"""
     id: int = 1
     """On the bus"""
     model: str = ""
@@ -69,7 +69,7 @@ class ServoSettings:
     torque_constant: float = 0.0
     """[N·m/A]; 0: the model's"""
     torque_limit: float = 0.0
-    """[N·m]; 0: what the servo itself allows"""
+    """[N·m]; 0: the servo's own"""
     watchdog_s: float = 0.04
     """The servo drops its torque after this long without a message [s]"""
     probe_torque: float = 0.3
@@ -79,15 +79,15 @@ class ServoSettings:
     period_s: float = 1e-3
     """Of the loop that will drive it [s]"""
     max_speed: float | None = 0.0
-    """Positions that it could reach only faster are refused [rad/s]; 0: none are; None: faster
-    than ``Facts.fastest``"""
+    """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
+    ``Facts.fastest``"""
     speed_asked: bool = False
-    """``max_speed`` was asked for by somebody"""
+    """A user has set ``max_speed``"""
     true: TrueServo | None = None
-    """What a simulated or emulated servo is; None: it is real, and nobody knows"""
+    """True parameters of a simulated or emulated servo; None: it is real"""
     faults: tuple[str, ...] = ()
-    """What goes wrong on an emulated bus, as ``haptic_wall.hw.emulated.faults`` reads it"""
+    """Injected faults of an emulated bus, in the syntax of ``haptic_wall.hw.emulated.faults``"""
     fault_seed: int = 0
-    """Decides what those faults strike"""
+    """Seed of those faults' random choices"""
     options: Any = None
     """The backend's own settings, an instance of its ``options``; None: it has none"""

@@ -1,8 +1,8 @@
 """A servo simulated in the controller's own process, behind the servo interface.
 
-It models what ``haptic_wall.hw.plant.mechanism`` models: inertia, viscous and Coulomb friction, a
-scripted hand, the encoder's rounding and play, saturation, torque steps, and a lag between a
-torque's sending and its action. It does *not* model a bus (no reply is ever late or lost, and
+It models the same as ``haptic_wall.hw.plant.mechanism``: inertia, viscous and Coulomb friction, a
+scripted operator, the encoder's rounding and backlash, saturation, torque steps, and a lag between
+sending a torque and its action. It does *not* model a bus (no reply is ever late or lost, and
 reading and writing take no time), a current sensor, the motor's electrical side, temperature,
 gravity, or a loop of current control.
 """
@@ -17,12 +17,12 @@ from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import TrueServo
 
 GRAIN_NS = 1000
-"""In real time the motion is computed at whole microseconds [ns]: steps of the same length come
-again, and their responses need not be computed anew. No loop can tell."""
+"""Resolution of the motion in real time [ns]: steps of equal length repeat, and their responses are
+cached. A loop cannot notice it."""
 
 
 class SimulatedServo:
-    """A servo whose motion is computed whenever it is asked or commanded."""
+    """A servo whose motion is computed on each access."""
 
     __slots__ = (
         "_grain_ns",
@@ -48,12 +48,12 @@ class SimulatedServo:
         """Open it; its time begins with ``start``.
 
         Raises:
-            ValueError: A value of the truth is out of range.
+            ValueError: A true parameter is out of range.
         """
         self._true = true
         self._now_ns = clock.now_ns
         self._written: float | None = None
-        """A torque, and when it was written [ns]: it matters when time passes next"""
+        """The last torque and its time [ns], applied when time advances"""
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanism = Mechanism(true, self._instant())
@@ -72,7 +72,7 @@ class SimulatedServo:
         )
 
     def start(self) -> list[Check]:
-        """Let its time begin; there is nothing to check."""
+        """Start its time; there is nothing to check."""
         now_ns = self._instant()
         self._mechanism = Mechanism(self._true, now_ns, operator_waits=True)
         self._mechanism.engage_operator(now_ns)
@@ -115,13 +115,13 @@ class SimulatedServo:
             raise RuntimeError("a torque was written while torque is off; call start first")
         acting = self._mechanism.limited(torque)
         now_ns = self._instant()
-        if self._written is not None:  # the one before acted until now, though nobody looked
+        if self._written is not None:  # the last torque acted until now
             self._pass_until(now_ns)
         self._written, self._written_ns = acting, now_ns
         return acting
 
     def stop(self) -> bool:
-        """Torque off; the servo moves on by itself. Always succeeds."""
+        """Switch torque off; the servo moves on by itself. Always succeeds."""
         if self._running:
             self._pass_until(self._instant())
             self._mechanism.command(0.0, self._mechanism.time_ns)
@@ -129,7 +129,7 @@ class SimulatedServo:
         return True
 
     def idle(self) -> None:
-        """See ``Servo``: move on to the present, so that less of it is left to the next request."""
+        """Advance to the present, so that less work is left to the next request."""
         self._pass_until(self._instant())
 
     def close(self) -> None:
@@ -137,13 +137,13 @@ class SimulatedServo:
         self.stop()
 
     def stand_in(self, clock: Clock) -> SimulatedServo:
-        """See ``Servo``: another simulated servo, on a clock of its own."""
+        """Return another simulated servo, on a clock of its own."""
         other = SimulatedServo(self._true, clock)
         other.start()
         return other
 
     def _pass_until(self, now_ns: int) -> None:
-        """Move until ``now_ns`` [ns], with the torque that was written meanwhile."""
+        """Move until ``now_ns`` [ns], with the last torque."""
         mechanism = self._mechanism
         if self._written is not None:
             mechanism.command(self._written, self._written_ns)

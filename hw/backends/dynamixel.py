@@ -1,6 +1,6 @@
-"""A Dynamixel on a serial port, real or emulated, or on an emulated bus in memory.
+"""The backend of Dynamixel servos: on a serial port, real or emulated, or on a bus in memory.
 
-Imports what it needs when it is needed: most configurations that name it are only looked at.
+It imports its modules on use: most configurations that name it are only checked.
 """
 
 from __future__ import annotations

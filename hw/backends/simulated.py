@@ -1,4 +1,4 @@
-"""A servo simulated in the loop's own process."""
+"""The backend of a servo simulated in the loop's own process."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Dynamixel servos over Protocol 2.0."""
+"""The driver of Dynamixel servos over Protocol 2.0, and its tools."""

@@ -1,4 +1,4 @@
-"""Checks made before a servo may have torque, and what to do about each thing found wrong."""
+"""Collects the checks before torque is enabled, and the remedy of each failed one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from haptic_wall.hw.servo import Check
 
 
 class Checklist:
-    """Checks in order; those that fail are gathered, so that a person mends all in one go."""
+    """Checks in order; failed ones are collected, so that a person can repair all at once."""
 
     def __init__(self, name: str) -> None:
-        """Begin with nothing checked.
+        """Create an empty list.
 
         Args:
             name: Of the servo, for the message.
@@ -20,24 +20,24 @@ class Checklist:
         self._remedies: list[str] = []
 
     def add(self, name: str, ok: bool, found: str, wanted: str, remedy: str = "") -> None:
-        """Put one check down.
+        """Record one check.
 
         Args:
-            name: What was checked.
-            ok: Whether it holds.
-            found: What was found.
-            wanted: What was wanted.
-            remedy: A sentence that says what is wrong and what to do.
+            name: Of the check.
+            ok: Whether it passed.
+            found: The found value.
+            wanted: The wanted value.
+            remedy: A sentence with the fault and its remedy.
         """
         self.checks.append(Check(name, ok, found, wanted))
         if not ok:
             self._remedies.append(remedy)
 
     def refuse_if_unfit(self) -> None:
-        """Stop here if anything was found wrong so far.
+        """Raise if any check failed so far.
 
         Raises:
-            UnfitServoError: With a sentence for each thing.
+            UnfitServoError: With a sentence for each failed check.
         """
         if self._remedies:
             remedies = " ".join(self._remedies)

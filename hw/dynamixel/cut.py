@@ -1,4 +1,4 @@
-"""Torque off, confirmed: by the driver at its end, and by another process if the driver is dead."""
+"""Switches the torque off and reads it back: for the driver's end, and after a driver's death."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from haptic_wall.hw.errors import ServoLostError
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
-"""For each reply of each attempt [ns]: short first, since a lost frame is the likely reason; the
-last also outlasts an adapter's 16 ms timer"""
+"""Time allowed for each reply of each attempt [ns]: short at first, since a lost frame is the
+likely cause; the last outlasts an adapter's 16 ms timer"""
 _UNIQUE_BYTES: Final = 7
 """A length that no other request has"""
 _GAP_NS: Final = 2_000_000
 """Silence after which every servo looks for a new header (they do after 1.5 ms)"""
 _GAP_END_NS: Final = 20_000_000
-"""A bus that is never silent must not keep the torque on"""
+"""Longest wait for a silence: a busy bus must not keep the torque on"""
 
 
 def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
-    """Switch the torque off on a line whose user is dead or hung, in the middle of anything.
+    """Switch the torque off on a line whose user is dead or hung, at any point of its traffic.
 
-    Waits for a gap between frames, so that a frame cut short by the user's death does not swallow
-    this one. Never writes a goal: a servo may be set to switch its torque on at any goal.
-    Does not ask who it is, as the driver did before it had torque: a cut that needs one reply more
-    is one that may fail.
+    It waits for a gap between frames, so that a frame truncated by the user's death does not
+    swallow this one. It never writes a goal: a servo may be set to switch its torque on at any
+    goal. It does not check
+    the model, as the driver did before it had torque: one more reply is one more that may fail.
 
     Args:
-        line: The bus, now this process's alone.
-        servo_id: Whose torque.
-        baud: The bus's rate [bit/s], for the time that bytes take; 0: none worth counting.
+        line: The bus, now used by this process alone.
+        servo_id: The servo.
+        baud: The bus's rate [bit/s], for the time that bytes take; 0: negligible.
 
     Returns:
         Whether torque off was read back. False too when the port is gone.
@@ -50,12 +50,12 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 
 
 def torque_off(line: Line, link: Link) -> bool:
-    """Write Torque Enable 0 and read it back, a few times if need be.
+    """Write Torque Enable 0 and read it back, repeatedly if necessary.
 
-    Takes 90 ms at most, on a slow bus its wire time more. A late reply to somebody's
-    earlier question must not be taken for the answer. Replies come in order and at most one was
-    under way, so once the write is confirmed it has passed. Else as many registers are read from
-    Torque Enable on as nobody else asks for.
+    It takes at most 90 ms, on a slow bus its wire time more. A late reply to another process's
+    request must not be taken for the answer. Replies come in order and at most one was under way,
+    so once the write is confirmed it has passed. Otherwise the read from Torque Enable on has a
+    length that no other request uses.
 
     Returns:
         Whether torque off was read back.

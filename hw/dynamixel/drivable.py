@@ -1,4 +1,4 @@
-"""Which models can be driven in torque, and with which torque constant."""
+"""Checks which models can be driven in torque, and with which torque constant."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from haptic_wall.hw.errors import UnfitServoError
 
 
 def drivable(settings: DynamixelSettings) -> tuple[Model, float]:
-    """The configured model, and its torque constant [N·m/A].
+    """Return the configured model, and its torque constant [N·m/A].
 
     Raises:
         UnfitServoError: The model is unknown, has no current mode, or its constant is not known.

@@ -1,9 +1,9 @@
-"""Several servos on one bus as one thing: read in one cycle, commanded in one frame.
+"""Several servos on one bus as one object: read in one cycle, commanded in one frame.
 
 Each is started and stopped by its own driver, checks and probe included. In between the group reads
-them by the quickest way that all of them know, and a servo that does not answer costs its own
-reading alone. Health is not watched while a group runs, but for what a reply says by itself: a
-latched hardware error.
+them in the fastest way that all of them support; a servo that does not reply loses only its own
+reading. While
+a group runs, health is not watched, except for the alert in a reply: a latched hardware error.
 """
 
 from __future__ import annotations
@@ -50,22 +50,22 @@ class DynamixelGroup:
 
     @property
     def way(self) -> Way:
-        """How the servos are read; found by ``start``."""
+        """Return how the servos are read; ``start`` determines it."""
         return self._together.way
 
     @property
     def facts(self) -> list[Facts]:
-        """Facts of each servo, which do not change while it is open."""
+        """Return the facts of each servo, constant while it is open."""
         return [servo.facts for servo in self._servos]
 
     @property
     def counts(self) -> list[BusCounts]:
-        """Counts of each servo's bus traffic since the start."""
+        """Return the counts of each servo's bus traffic since the start."""
         return self._together.counts
 
     @property
     def restarted(self) -> list[int]:
-        """Ids of those that have restarted and so have no torque; no reading of theirs is good.
+        """Return the ids of servos that have restarted and so have no torque, nor good readings.
 
         The others go on. Stop the group and start it again to have all.
         """
@@ -73,11 +73,11 @@ class DynamixelGroup:
 
     @property
     def waited_ns(self) -> int:
-        """How long the last ``collect`` waited for the bus [ns]."""
+        """Return the bus wait of the last ``collect`` [ns]."""
         return self._together.waited_ns
 
     def start(self) -> list[list[Check]]:
-        """Run the checked start-up of each, one after the other; then find out how to read them.
+        """Run the checked start-up of each in sequence; then determine how to read them.
 
         Returns:
             The checks of each.
@@ -88,10 +88,10 @@ class DynamixelGroup:
         checks: list[list[Check]] = []
         try:
             for servo in self._servos:
-                checks.append(servo.start())  # one that fails has switched itself off, or says so
+                checks.append(servo.start())  # a failed start switches its torque off
             self._together = self._quickest()
             for servo in self._servos:
-                servo.resume()  # the first may have been idle for long
+                servo.resume()  # the first ones may have been idle for long
         except BaseException as error:
             if not _stopped(self._servos[: len(checks)]) and isinstance(error, ServoError):
                 raise type(error)(
@@ -102,7 +102,7 @@ class DynamixelGroup:
         return checks
 
     def request(self) -> None:
-        """Ask all for their positions. Does not wait.
+        """Request all positions. Does not wait.
 
         Raises:
             ServoLostError: The port is gone.
@@ -110,11 +110,11 @@ class DynamixelGroup:
         self._together.request()
 
     def collect(self, deadline_ns: int) -> list[Reading]:
-        """The answers to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+        """Return the replies to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
 
         Raises:
             ServoLostError: The port is gone.
-            TorqueLostError: One that was away is back without its torque.
+            TorqueLostError: A servo that was away is back without its torque.
         """
         samples = self._together.collect(deadline_ns)
         readings = []
@@ -140,26 +140,26 @@ class DynamixelGroup:
         return [servo.torque(goal) for servo, goal in zip(self._servos, goals, strict=True)]
 
     def stop(self) -> bool:
-        """Zero torque of all at once, then torque off of each, read back.
+        """Send zero torque to all at once, then switch the torque of each off and read it back.
 
         Returns:
-            Whether torque off was read back of all.
+            Whether torque off was read back from all.
         """
         if self._running:
             self._running = False
-            with suppress(ServoError):  # torque off, which each is told next, is what counts
+            with suppress(ServoError):  # torque off, which follows, is what counts
                 self._together.send_currents([0] * len(self._servos))
         return _stopped(self._servos)
 
     def close(self) -> None:
-        """Stop all, and let go of the line."""
+        """Stop all, and close the line."""
         try:
             self.stop()
         finally:
             self._line.close()
 
     def _quickest(self) -> Together:
-        """The first way to read them in which all of them answer."""
+        """Return the fastest way to read them to which all reply."""
         for way in Way:
             together = Together(self._line, self._ids, way)
             for _ in range(_TRIES):
@@ -175,7 +175,7 @@ class DynamixelGroup:
 
 
 class _SharedLine:
-    """A line that several drivers use in turn; closing it is the group's."""
+    """A line that several drivers use in turn; the group closes it."""
 
     def __init__(self, line: Line) -> None:
         self.clock: Clock = line.clock
@@ -184,10 +184,10 @@ class _SharedLine:
         self.wait = line.wait
 
     def close(self) -> None:
-        """Left to the group."""
+        """Do nothing: the group closes the line."""
 
 
 def _stopped(servos: Sequence[DynamixelServo]) -> bool:
-    """Whether torque off was read back of all; each is told, whatever the others say."""
+    """Stop every servo, whatever the others' results; return whether all read back torque off."""
     stopped = [servo.stop() for servo in servos]
     return all(stopped)

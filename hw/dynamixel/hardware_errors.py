@@ -1,4 +1,4 @@
-"""Hardware Error Status: what a servo has latched, and what a person does about each.
+"""Hardware Error Status: names the latched errors of a servo, and the remedy of each.
 
 Source: ROBOTIS e-Manual, Hardware Error Status (70) of the X series.
 """
@@ -25,13 +25,13 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
 }
 _STATUS: Final = REGISTERS["hardware_error_status"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
-"""For each attempt to ask which error is latched [ns]"""
+"""Time allowed for each attempt to read the latched error [ns]"""
 _ASKED_BYTES: Final = 3
 """From Hardware Error Status on: a length that no other request has"""
 
 
 def error_names(error: int) -> str:
-    """The latched errors by name, for people; empty where no known bit is set.
+    """Return the names of the latched errors, for people; empty where no known bit is set.
 
     Args:
         error: The register's value.
@@ -40,7 +40,7 @@ def error_names(error: int) -> str:
 
 
 def what_to_do(error: int) -> str:
-    """Advice on the latched errors: words to go on with after a colon.
+    """Return advice on the latched errors: words after a colon.
 
     Args:
         error: The register's value.
@@ -51,7 +51,7 @@ def what_to_do(error: int) -> str:
 
 
 def latched(link: Link, clock: Clock, name: str) -> str:
-    """Latched errors of a servo and advice, for people; empty: none, or it does not say.
+    """Return the latched errors of a servo and advice, for people; empty: none, or no reply.
 
     Args:
         link: The servo, with its torque off.

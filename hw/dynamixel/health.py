@@ -1,9 +1,10 @@
-"""A running servo's own state, asked for along with a sample now and then.
+"""Polls the state of a running servo together with a sample.
 
-Every so often a period asks for a wider block than the sample: one that also holds what must not
-change while torque is on. It costs bytes on the wire, no transaction and no period, but the torque
-of that period is later by them: so the widest block comes least often. How wide one may be follows
-from baud rate and period; where none holds everything, two take turns.
+Periodically a request asks for a wider block than the sample, which also contains values that must
+not change while torque is on. It adds bytes on the wire, no transaction and no period, but delays
+the torque
+of that period: so the widest block is the rarest. The possible width follows from baud rate and
+period; where no block contains everything, two alternate.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoHealthError, TorqueLostError
 
 EVERY_NS: Final = 200_000_000
-"""Between two looks"""
+"""Period of the polls"""
 _SHARE: Final = 0.65
-"""Of a period that a wide request and its reply may be on the wire: a goal follows, and a reply is
-given up at 0.8"""
+"""Largest fraction of a period for a wide request and its reply on the wire: a goal follows, and a
+reply is given up at 0.8"""
 _TWICE: Final = 2
-"""Polls in a row that prove a supply or a temperature: a peak of current makes a supply dip"""
+"""Consecutive polls that confirm a supply or a temperature fault: a peak of current makes a supply
+dip"""
 _HEAT_MARGIN: Final = 2
-"""So far below its Temperature Limit [°C] the run is ended, before the servo ends it"""
+"""Distance below Temperature Limit at which the run ends, before the servo shuts down [°C]"""
 
 
 class _Item(NamedTuple):
@@ -48,15 +50,15 @@ _BLOCKS: Final = (
     (_WATCHDOG, _SUPPLY_AND_HEAT),
     (_SUPPLY_AND_HEAT,),
 )
-"""Ways to take turns, from the one that watches most; each block from ... to"""
+"""Sets of alternating blocks, from the most complete; each block from ... to"""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Between which values a servo may be driven: its own limits, read at the start."""
+    """The range in which a servo may be driven: its own limits, read at the start."""
 
     watchdog: int
-    """What Bus Watchdog was set to [20 ms]"""
+    """Setting of Bus Watchdog [20 ms]"""
     lowest: int
     """Min Voltage Limit [0.1 V]"""
     highest: int
@@ -66,11 +68,11 @@ class Bounds:
 
     @property
     def warmest(self) -> int:
-        """The highest temperature it is driven at [°C]."""
+        """Return the highest temperature at which it is driven [°C]."""
         return self.hottest - _HEAT_MARGIN
 
     def supply_fault(self, volts: int) -> str:
-        """Fault of a supply [0.1 V] and what to do; empty: none."""
+        """Describe the fault of a supply [0.1 V] and its remedy; empty: none."""
         if self.lowest <= volts <= self.highest:
             return ""
         return (
@@ -79,7 +81,7 @@ class Bounds:
         )
 
     def heat_fault(self, celsius: int) -> str:
-        """Fault of a temperature [°C] and what to do; empty: none."""
+        """Describe the fault of a temperature [°C] and its remedy; empty: none."""
         if celsius <= self.warmest:
             return ""
         return (
@@ -89,10 +91,10 @@ class Bounds:
 
 
 class HealthWatch:
-    """Decides which request asks for more, and judges what came.
+    """Decides which request asks for a wider block, and judges its reply.
 
     Args:
-        link: The servo, which is taught the blocks.
+        link: The servo; the blocks are registered with it.
         registers: The model's.
         baud: The bus's rate [bit/s].
         period_s: Of the loop [s].
@@ -107,7 +109,7 @@ class HealthWatch:
         )
         self._lengths = [end - address for address, end in blocks]
         for address, end in blocks:
-            if end - address not in LENGTHS:  # else it is one of the ordinary ones
+            if end - address not in LENGTHS:  # else it has an ordinary length
                 link.widen(address, end)
         self._wanted = {
             end - address: [
@@ -120,19 +122,19 @@ class HealthWatch:
         self._addresses = {end - address: address for address, end in blocks}
         self._turn = 0
         self.asked = 0
-        """Length of the block that the last request asked for; 0: no more than the sample"""
+        """Length of the block in the last request; 0: the sample only"""
         self._strikes = dict.fromkeys(("supply", "temperature"), 0)
         self.due_ns = 0
-        """When to ask next [ns]"""
+        """Time of the next poll [ns]"""
         self.bounds: Bounds | None = None
-        """Set by the start; nothing is asked for before"""
+        """Set by the start; no poll before"""
 
     def forget(self) -> None:
-        """Begin anew: what was wrong in a run before counts no more."""
+        """Restart: faults of an earlier run no longer count."""
         self._strikes = dict.fromkeys(self._strikes, 0)
 
     def describe(self) -> tuple[str, str]:
-        """Describe for people what is watched and how often, and what is not."""
+        """Describe what is watched and how often, and what is not, for people."""
         everything = ", ".join(item.name for item in _ITEMS)
         turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
         looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}
@@ -146,7 +148,7 @@ class HealthWatch:
         return "; ".join(groups), everything
 
     def length(self, now_ns: int) -> int:
-        """Length of the block to ask for at ``now_ns`` [ns], once it is due; 0: just the sample."""
+        """Return the length of the block to request at ``now_ns`` [ns]; 0: the sample only."""
         self.due_ns = now_ns + EVERY_NS
         if not self._lengths or self.bounds is None:
             return 0
@@ -154,14 +156,14 @@ class HealthWatch:
         return self.asked
 
     def judge(self, block: bytes, name: str) -> bool:
-        """Judge a good reply to the last request, if that had asked for more.
+        """Judge a good reply to the last request, if that was a poll.
 
         Args:
             block: The reply's data.
             name: Of the servo, for messages.
 
         Returns:
-            Whether its Bus Watchdog is as it was set; where not, it must be looked after.
+            Whether its Bus Watchdog has its setting; otherwise it must be examined.
 
         Raises:
             TorqueLostError: Torque is off.
@@ -170,7 +172,7 @@ class HealthWatch:
         asked, bounds = self.asked, self.bounds
         if not asked or len(block) != asked or bounds is None:
             return True
-        self._turn = (self._turn + 1) % len(self._lengths)  # what is not answered is asked again
+        self._turn = (self._turn + 1) % len(self._lengths)  # an unanswered poll is repeated
         quiet = True
         for item, register in self._wanted[asked]:
             at = register.address - self._addresses[asked]

@@ -1,4 +1,4 @@
-"""Which processes have a device open, as Linux tells it in ``/proc``; nothing is opened for it."""
+"""Finds the processes that have a device open, from ``/proc``; does not open the device."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Final
 _PTMX: Final = os.makedev(5, 2)
 """The device behind the controlling end of every pseudo-terminal."""
 _PTS_MAJORS: Final = range(136, 144)
-"""Of the devices at the other ends."""
+"""Major numbers of the devices at the other ends."""
 _DRIVERS: Final = Path("/proc/tty/drivers")
 
 
 def holders(device: int) -> Iterator[tuple[int, str]]:
-    """Other processes that have a device open, as far as this user may see: pid and program.
+    """Yield other processes that have a device open, as far as this user may see: pid and program.
 
     Args:
         device: The device's number (``st_rdev``).
@@ -27,16 +27,16 @@ def holders(device: int) -> Iterator[tuple[int, str]]:
 
 
 def processes() -> list[int]:
-    """All other processes of the machine, the youngest numbers first."""
+    """Return all other processes of the machine, the highest numbers first."""
     found = {int(name) for name in os.listdir("/proc") if name.isdigit()}  # noqa: PTH208 - names
     return sorted(found - {os.getpid()}, reverse=True)
 
 
 def holder(pid: int, device: int) -> str | None:
-    """The program of a process that has a device open; None: it has not, or nobody may see it.
+    """Return the program of a process that has a device open; None: it has not, or is not visible.
 
-    On a pseudo-terminal a process that also holds a controlling end is left out: it is the
-    emulator on the far side.
+    A process that also has the controlling end of the pseudo-terminal open is ignored: it is the
+    emulator at the other end.
 
     Args:
         pid: The process.
@@ -52,24 +52,24 @@ def holder(pid: int, device: int) -> str | None:
             far_side |= pseudo and target == _PTMX
         if holds and not far_side:
             return Path(f"/proc/{pid}/comm").read_text().strip()
-    except OSError:  # it ended, or is somebody else's
+    except OSError:  # it ended, or belongs to another user
         pass
     return None
 
 
 def is_pseudo(device: int) -> bool:
-    """Whether a device is the end of a pseudo-terminal that programs open."""
+    """Whether a device is the client end of a pseudo-terminal."""
     return os.major(device) in _PTS_MAJORS
 
 
 def is_terminal(device: int) -> bool:
-    """Whether a device is a terminal; others may have any number of users.
+    """Whether a device is a terminal; other devices may have any number of users.
 
-    Read from the kernel's list: to open a port disturbs whoever uses it.
+    It reads the kernel's list: opening a port disturbs its user.
     """
     try:
         rows = [line.split() for line in _DRIVERS.read_text().splitlines()]
-    except OSError:  # nobody knows: what programs look for as a port is one
+    except OSError:  # unknown: assume that a configured port is one
         return True
     major, minor = os.major(device), os.minor(device)
     for *_, number, minors, _kind in rows:
@@ -80,9 +80,9 @@ def is_terminal(device: int) -> bool:
 
 
 def _target(entry: str) -> int | None:
-    """The device number behind a descriptor of some process; None where it is no device."""
+    """Return the device number behind a process's descriptor; None: it is no device."""
     try:
-        # The link's text first: a look at a file behind it can hang with the file's server.
+        # The link's text first: accessing the file behind it can hang with the file's server.
         if not os.readlink(entry).startswith("/dev/"):  # noqa: PTH115
             return None
         found = os.stat(entry)  # noqa: PTH116

@@ -1,7 +1,7 @@
-"""Judge a servo's model and set-up before anything is written to it.
+"""Judges a servo's model and settings before anything is written to it.
 
-Only torque that is on is switched off, and a servo that does not confirm writes is made to: neither
-outlives its power. What a person has set up, only a person changes.
+It only switches torque off, and enables confirmations of writes: neither survives a power cycle.
+Settings that a person made are changed only by a person.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _TORQUE_ON_BY_GOAL: Final = 0x08
 
 
 def identify(table: Table, model: Model, number: int, checklist: Checklist) -> None:
-    """Model and firmware; without them no other register has a meaning, so raise at once.
+    """Check model and firmware; raise at once: without them no other register has a meaning.
 
     Args:
         table: The servo.
         model: The configured model.
-        number: What it said of itself.
-        checklist: Where to put the checks.
+        number: The servo's model number.
+        checklist: Receives the checks.
     """
     found = model_by_number(number)
     remedy = (
@@ -65,7 +65,7 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> N
 
 
 def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
-    """Status Return Level 2; below it a servo is silent on writes, at 0 even on reads."""
+    """Set Status Return Level 2; below it writes have no reply, at 0 reads neither."""
     register = table.registers["status_return_level"]
     try:
         found = str(level := table.sdk.read(register))
@@ -86,7 +86,7 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
 
 
 def torque_off(table: Table, checklist: Checklist) -> None:
-    """Torque that is on belongs to somebody else's run; EEPROM is locked while it is on."""
+    """Switch off torque left from another run; EEPROM is locked while it is on."""
     was_on = table.read("torque_enable") != 0
     if was_on:
         table.write("torque_enable", 0)
@@ -98,7 +98,7 @@ def torque_off(table: Table, checklist: Checklist) -> None:
 
 
 def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None:
-    """Latched errors, drive mode, start-up configuration: dangerous, and not ours to mend."""
+    """Judge settings that only a person changes: errors, drive mode, start-up configuration."""
     error = table.read("hardware_error_status")
     names = error_names(error)
     checklist.add(
@@ -151,12 +151,12 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
 
 
 def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> Bounds:
-    """Supply and temperature within the servo's own limits; those are what a run keeps to.
+    """Judge supply and temperature by the servo's own limits; return the limits for the run.
 
     Args:
         table: The servo.
-        checklist: Where to put the checks.
-        watchdog: What Bus Watchdog is to be [20 ms].
+        checklist: Receives the checks.
+        watchdog: Setting of Bus Watchdog [20 ms].
     """
     bounds = Bounds(
         watchdog=watchdog,

@@ -1,7 +1,7 @@
-"""Parse the joint reply to a fast sync read: all of it in one step, or the shares that came.
+"""Parses the joint reply to a fast sync read: all of it in one step, or the received parts.
 
-Every servo appends its share with a checksum over all before it. So shares in front of a missing or
-broken one are whole, and one checksum proves a reply in which none is missing.
+Every servo appends its part with a checksum over all before it. So parts before a missing or broken
+one are valid, and one checksum validates a complete reply.
 """
 
 from __future__ import annotations
@@ -25,49 +25,49 @@ _HEAD: Final = b"\xff\xff\xfd\x00\xfe"
 _HEAD_BYTES: Final = 8
 _PREAMBLE: Final = 7
 _SHARE: Final = "BxH4xh4xi"
-"""What is used of a servo's: error, tick, current and position"""
+"""Used fields of a servo's part: error, tick, current and position"""
 
 
 class JointReply:
-    """How the joint reply looks when all is well, and where in it what is.
+    """Recognises a complete joint reply, and extracts its fields.
 
     Args:
-        ids: Of the servos asked, in the order asked.
-        size: Bytes asked of each, from the sample on.
+        ids: Of the requested servos, in the requested order.
+        size: Requested bytes of each, from the sample on.
     """
 
     __slots__ = ("_expected", "_layout")
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
         self._expected = ExpectedFastReply(ids, size)
-        rest = size - SAMPLE.size + 2  # unused bytes, and the share's CRC
+        rest = size - SAMPLE.size + 2  # unused bytes, and the part's CRC
         self._layout = struct.Struct(f"<{_HEAD_BYTES}x" + f"{_SHARE}{rest}x" * len(ids))
 
     def values(self, data: bytes) -> Iterator[int] | None:
-        """Error, tick, current and position of each, in order; None if it is anything else."""
+        """Return error, tick, current and position of each, in order; None for any other data."""
         if not self._expected.match(data):
             return None
         return iter(self._layout.unpack(data))
 
 
 class Shares(NamedTuple):
-    """Shares of a joint reply that have come."""
+    """The received parts of a joint reply."""
 
     good: list[FastReply]
-    """Those in front of the first one that is not"""
+    """The parts before the first invalid one"""
     begun: int
-    """How many have come, if only in part"""
+    """Number of received parts, partial ones included"""
     whole: bool
-    """Whether the last byte is there"""
+    """The last byte was received"""
 
 
 def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
-    """The good shares of a joint reply among whatever came.
+    """Return the valid parts of a joint reply in the received bytes.
 
     Args:
-        raw: What came since the request.
-        count: How many servos were asked.
-        size: Bytes asked of each.
+        raw: Bytes since the request.
+        count: Number of requested servos.
+        size: Requested bytes of each.
     """
     length = 1 + count * (size + 4)
     at = raw.find(_head(count, size))
@@ -83,12 +83,12 @@ def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
 
 
 def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]:
-    """The good shares among whatever came that nobody waits for: those of late replies, or copies.
+    """Yield valid parts that no request waits for: of late replies, or copies.
 
     Args:
-        raw: What came.
-        count: How many servos are asked.
-        size: Bytes asked of each, of which the first reply is awaited; 0: none is.
+        raw: The bytes.
+        count: Number of requested servos.
+        size: Requested bytes of each in the reply that is awaited first; 0: none is.
     """
     for other in LENGTHS:
         head = _head(count, other)
@@ -101,12 +101,12 @@ def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]
 
 
 def joint_bytes(count: int, size: int) -> int:
-    """How long the joint reply of so many servos is, with so many bytes of each."""
+    """Return the length of the joint reply of so many servos, with so many bytes of each."""
     return _HEAD_BYTES + count * (size + 4)
 
 
 def spoilt(raw: bytes | bytearray, size: int) -> int:
-    """Of how many servos the shares are in a joint reply whose head is not to be recognised."""
+    """Return the number of parts in a joint reply with a damaged header."""
     return max(0, -(-(len(raw) - _HEAD_BYTES) // (size + 4)))
 
 
@@ -116,7 +116,7 @@ def _head(count: int, size: int) -> bytes:
 
 
 def _in_front(reply: bytes, size: int) -> list[FastReply]:
-    """The shares whose own checksum holds, up to the first that is not whole."""
+    """Return the parts with a valid checksum, up to the first invalid one."""
     found = []
     at = _HEAD_BYTES
     crc = crc16(reply[:at])

@@ -1,10 +1,10 @@
-"""How long an adapter may keep a short reply to itself: the latency timer of FTDI parts.
+"""Reads and sets the latency timer of FTDI adapters: how long they may hold a short reply.
 
-Their driver in Linux has two settings. The low-latency mode, a flag that whoever may use the port
-may set, means 1 ms until the adapter is unplugged: the file in ``/sys`` then says 1, and what is
-written into it has no effect. Without the mode the file's number holds. Drivers of other adapters
-refuse the flag, or take it and forget it; so a request that succeeds says nothing, and only what is
-read back counts. That too is the driver's word: what replies really take is measured.
+Their Linux driver has two settings. The low-latency mode, a flag that any user of the port may set,
+means 1 ms until the adapter is unplugged: the file in ``/sys`` then says 1, and writing it has no
+effect. Without the mode the file's number applies. Drivers of other adapters refuse the flag, or
+accept and forget it; so a successful request proves nothing, and only the value read back counts.
+Even that is the driver's claim: the real time of replies is measured.
 
 Source: Linux, drivers/usb/serial/ftdi_sio.c, ``write_latency_timer`` and ``latency_timer_show``.
 """
@@ -22,17 +22,17 @@ CLASSES = Path("/sys/class/tty")
 _SERIAL_STRUCT: Final = 128
 """Room for the kernel's ``serial_struct``, on any architecture [bytes]"""
 _FLAGS_AT: Final = 16
-"""Behind type, line, port and irq"""
+"""Offset of the flags, after type, line, port and irq"""
 _ASYNC_LOW_LATENCY: Final = 0x2000
 
 
 def timer_file(path: str, classes: Path = CLASSES) -> Path:
-    """The file that holds the latency timer of the adapter behind a port, if it has one."""
+    """Return the file with the latency timer of the adapter behind a port, existing or not."""
     return classes / Path(path).resolve().name / "device" / "latency_timer"
 
 
 def timer_ms(path: str, classes: Path = CLASSES) -> int | None:
-    """The latency timer now [ms]; None: this adapter has none that the system knows of.
+    """Return the latency timer now [ms]; None: the system knows none for this adapter.
 
     Args:
         path: The port's device.
@@ -45,7 +45,7 @@ def timer_ms(path: str, classes: Path = CLASSES) -> int | None:
 
 
 def set_timer_to_1_ms(path: str, classes: Path = CLASSES) -> bool:
-    """Write an adapter's timer; whether this user may."""
+    """Write an adapter's timer; return whether this user may."""
     try:
         timer_file(path, classes).write_text("1")
     except OSError:
@@ -54,15 +54,15 @@ def set_timer_to_1_ms(path: str, classes: Path = CLASSES) -> bool:
 
 
 def low_latency(path: str, descriptor: int | None = None) -> bool | None:
-    """Whether the port's driver is in its low-latency mode, as read back; nothing is set.
+    """Whether the port's driver is in its low-latency mode, as read back; sets nothing.
 
     Args:
         path: The port's device.
-        descriptor: The port, where it is open already; None: it is opened for a moment. A port
-            that is kept to a run cannot be opened again, or the opening looks like a stranger's.
+        descriptor: The port, where it is already open; None: it is opened briefly. A port that is
+            reserved for a run cannot be opened again, or the opening looks like another program's.
 
     Returns:
-        None: the driver knows no such mode, or the port cannot be opened.
+        None: the driver has no such mode, or the port cannot be opened.
     """
     opened = None
     try:
@@ -78,12 +78,12 @@ def low_latency(path: str, descriptor: int | None = None) -> bool | None:
 
 
 def describe(path: str, classes: Path = CLASSES, descriptor: int | None = None) -> str:
-    """Describe the timer for people; "none" where nothing says that there is one.
+    """Describe the timer for people; "none" where there is no sign of one.
 
     Args:
         path: The port's device.
         classes: Where the system describes its ports.
-        descriptor: The port, where it is open already.
+        descriptor: The port, where it is already open.
     """
     latency_ms, mode = timer_ms(path, classes), low_latency(path, descriptor)
     if latency_ms is None:

@@ -1,4 +1,4 @@
-"""A line: bytes to and from a bus, never interpreted. A serial port, or memory."""
+"""The interface of a line: transfers uninterpreted bytes to and from a bus; a port or memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Line(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """Clock that its deadlines are told by."""
+        """Return the clock of its deadlines."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -20,13 +20,13 @@ class Line(Protocol):
         ...
 
     def read(self) -> bytes:
-        """All that has arrived, without waiting; empty when nothing has."""
+        """Return the received bytes, without waiting; empty when there are none."""
         ...
 
     def wait(self, deadline_ns: int) -> bool:
-        """Wait for bytes until ``deadline_ns`` [ns]; whether there are any."""
+        """Wait for bytes until ``deadline_ns`` [ns]; return whether there are any."""
         ...
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
         ...

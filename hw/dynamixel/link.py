@@ -1,16 +1,16 @@
-"""The running cycle on the wire: ask for the sample, match the reply, send a goal current.
+"""Executes the running cycle on the wire: requests a sample, matches its reply, sends a goal.
 
 The protocol has no sequence number, so a reply must be recognised as the answer to *this* request:
-a loop that once misses a reply would else use the previous period's for ever. Three things do it,
-each cheap:
+otherwise a loop that once misses a reply would use the previous period's for ever. Three cheap
+checks do it:
 
 1. **Length.** Requests ask for the same block in different lengths (16 to 27 bytes). A length whose
-   request went unanswered is not used again for the next ten requests, so a late reply is known
-   by its length, in whatever order replies come. Undisturbed, lengths alternate 16 and 17.
-2. **Before the question.** What has arrived before a request is sent cannot be its answer.
-3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
-   advanced by the time that passed since the last accepted sample. A clock that runs on from
-   another reading is that of a servo that has restarted.
+request was not answered is not used again for the next ten requests, so a late reply is recognised
+by its length, in whatever order replies come. Undisturbed, lengths alternate between 16 and 17. 2.
+**Time.** Bytes that arrived before the request was sent cannot be its answer. 3. **The
+servo's clock.** The block begins with the servo's millisecond tick, which must have advanced by the
+time that passed since the last accepted sample. A clock that continues from another reading means
+that the servo has restarted.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 """
@@ -44,12 +44,12 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.servo import BusCounts, Outcome
 
 _GOAL_CURRENT: Final = 102
-_OK: Final = Outcome.OK  # to look these up takes as long as to make a sample
+_OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 _STATUS: Final = Instruction.STATUS
 
 
 class Link:
-    """One servo's sample and goal current over a line, with every reply matched to its request."""
+    """Exchanges samples and goal currents with one servo; matches every reply to its request."""
 
     def __init__(
         self, line: Line, servo_id: int, counts: BusCounts | None = None, *, baud: int = 0
@@ -58,9 +58,9 @@ class Link:
 
         Args:
             line: The bus.
-            servo_id: Whom to talk to.
-            counts: Where to count what happens on the bus.
-            baud: The bus's rate [bit/s], for the time that bytes take; 0: none worth counting.
+            servo_id: The servo.
+            counts: Counts the events on the bus.
+            baud: The bus's rate [bit/s], for the time that bytes take; 0: negligible.
         """
         self.counts = BusCounts() if counts is None else counts
         self._line = line
@@ -74,7 +74,7 @@ class Link:
         }
         self._expected = {length: ExpectedReply(servo_id, length) for length in LENGTHS}
         self._tick_at = dict.fromkeys(LENGTHS, 0)
-        """Where in a reply of each length the sample begins"""
+        """Offset of the sample in a reply of each length"""
         self._goals: dict[int, bytes] = {}
         self._free_at = dict.fromkeys(LENGTHS, 0)
         self._number = 0
@@ -84,17 +84,17 @@ class Link:
         self._refusals = 0
         self._sent_ns = 0
         self._begun = False
-        """Whether anything has come since the last request"""
+        """Any byte has come since the last request"""
         self._undecided = False
-        """Whether a reply that had begun when it was given up may still become whole"""
+        """A reply that had begun when it was given up may still be completed"""
         self.waited_ns = 0
-        """How long the last ``collect`` waited for bytes [ns]"""
+        """Waiting time of the last ``collect`` [ns]"""
         self.patience_ns = 0
         """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
         one"""
         self._servo_clock = ServoClock()
         self.block = b""
-        """All that the last good reply held"""
+        """All data of the last good reply"""
 
     @property
     def waiting(self) -> bool:
@@ -103,26 +103,26 @@ class Link:
 
     @property
     def restarted(self) -> bool:
-        """Whether the servo's clock runs on from another reading: it has restarted."""
+        """Whether the servo has restarted: its clock continues from another reading."""
         return self._servo_clock.restarted
 
     def forget(self) -> None:
-        """Take the servo's clock for unknown: it may have restarted since it was last read."""
+        """Discard the servo's clock: it may have restarted since its last reading."""
         self._servo_clock = ServoClock()
 
     def wire_ns(self, count: int) -> int:
-        """How long so many bytes are on the wire [ns]."""
+        """Return the time of so many bytes on the wire [ns]."""
         return wire_ns(count, self._baud) if self._baud else 0
 
     def widen(self, address: int, end: int) -> int:
-        """Have a block around the sample to ask for: its length, to be given to ``request``.
+        """Register a block around the sample; return its length, for ``request``.
 
         Args:
-            address: Where it begins, at 120 at most.
-            end: Behind its last register, at 136 at least.
+            address: Its begin, at 120 at most.
+            end: After its last register, at 136 at least.
 
         Raises:
-            ValueError: It does not hold the sample, or another block has its length.
+            ValueError: It does not contain the sample, or another block has its length.
         """
         length = end - address
         if address > SAMPLE_ADDRESS or end < SAMPLE_END or length in LENGTHS[:-1]:
@@ -134,11 +134,11 @@ class Link:
         return length
 
     def request(self, wide: int = 0) -> None:
-        """Ask for a sample. Does not wait; an earlier request not yet answered is given up.
+        """Request a sample. Does not wait; an earlier request not yet answered is given up.
 
         Args:
-            wide: Ask for the block of this length, as ``widen`` gave it, if it is free; 0: for no
-                more than the sample.
+            wide: Request the block of this length, from ``widen``, if it is free; 0: the sample
+                only.
 
         Raises:
             ServoLostError: The port is gone.
@@ -154,7 +154,7 @@ class Link:
                 self._decide(frames, self._parser.corrupt > cut)
         number = self._number
         if not wide or self._free_at.get(wide, 0) > number:
-            wide = LENGTHS.start  # found in two steps while nothing goes wrong
+            wide = LENGTHS.start  # found in two steps on an undisturbed bus
             while self._free_at[wide] > number:
                 wide += 1
         self._number = number + 1
@@ -164,9 +164,9 @@ class Link:
         self._line.write(self._requests[wide])
 
     def collect(self, deadline_ns: int) -> Sample:
-        """The answer to the last request, waiting until ``deadline_ns`` [ns] at most.
+        """Return the answer to the last request, waiting until ``deadline_ns`` [ns] at most.
 
-        A reply that comes later is discarded by a later call and counted as late.
+        A later call discards a reply that comes later, and counts it as late.
 
         Raises:
             ServoLostError: The port is gone.
@@ -208,19 +208,19 @@ class Link:
         return self._give_up(Outcome.CORRUPT if came_broken else Outcome.LOST)
 
     def send_current(self, goal: int) -> None:
-        """Send a goal current, in the model's unit, by a sync write: it is never answered.
+        """Send a goal current, in the model's unit, by a sync write, which has no reply.
 
         Raises:
             ServoLostError: The port is gone.
         """
         frame = self._goals.get(goal)
-        if frame is None:  # once per value; there are as many as the servo has currents
+        if frame is None:  # built once per value; there are as many as current units
             params = struct.pack("<HHBh", _GOAL_CURRENT, 2, self._id, goal)
             frame = self._goals[goal] = encode(BROADCAST, Instruction.SYNC_WRITE, params)
         self._line.write(frame)
 
     def write_register(self, register: Register, value: int, deadline_ns: int) -> bool:
-        """Write a register; whether the servo confirmed it before ``deadline_ns`` [ns].
+        """Write a register; return whether the servo confirmed it before ``deadline_ns`` [ns].
 
         Raises:
             ServoLostError: The port is gone.
@@ -230,7 +230,7 @@ class Link:
         return answer is not None
 
     def read_register(self, register: Register, deadline_ns: int) -> int | None:
-        """The value of a register; None where no valid answer came before ``deadline_ns`` [ns].
+        """Return the value of a register; None: no valid answer before ``deadline_ns`` [ns].
 
         Raises:
             ServoLostError: The port is gone.
@@ -239,10 +239,10 @@ class Link:
         return None if answer is None else register.decode(answer)
 
     def read_block(self, address: int, size: int, deadline_ns: int) -> bytes | None:
-        """Some registers as they are; None where no valid answer came before ``deadline_ns`` [ns].
+        """Return consecutive registers; None: no valid answer before ``deadline_ns`` [ns].
 
-        A reply says neither whose registers it holds nor which: where an older one may still be
-        under way, ask for a size that it cannot have.
+        A reply names neither its servo's registers nor its request: where an older one may still be
+        under way, request a size that it cannot have.
 
         Raises:
             ServoLostError: The port is gone.
@@ -255,7 +255,7 @@ class Link:
     ) -> bytes | None:
         """Send one instruction and wait for a good reply with ``size`` bytes of data.
 
-        A sample under way is forgotten: nobody will ask for it.
+        A sample under way is discarded: it is no longer needed.
         """
         line, parser, now_ns = self._line, self._parser, self._now_ns
         if self._length:
@@ -275,7 +275,7 @@ class Link:
         return frame.id == self._id and frame.instruction == _STATUS and not frame.error & 0x7F
 
     def _match(self, frame: Frame) -> Sample | None:
-        """The sample, if ``frame`` answers the request that waits; None if it does not."""
+        """Return the sample if ``frame`` answers the waiting request, else None."""
         params = frame.params
         length = self._length
         if len(params) != length or not length or not self._is_good_reply(frame):
@@ -285,15 +285,15 @@ class Link:
             return None
         self.block = params
         self.counts.cycles += 1
-        self._free_at[length] = self._number + 1  # not for the next one: a copy may follow
+        self._free_at[length] = self._number + 1  # not for the next request: a copy may follow
         self._length = 0
         return Sample(_OK, position, current, frame.error != 0, self._sent_ns)
 
     def _give_up(self, outcome: Outcome) -> Sample:
         """Stop waiting for the last request, and keep its length out of use for a while.
 
-        Of a reply that has begun the rest may be in the adapter: it is lost so far, and late when
-        it comes. When another frame begins instead, it was cut short, and so is a broken one.
+        The rest of a reply that has begun may be in the adapter: it is lost now, and late when it
+        comes. When another frame begins instead, it was truncated, and counts as broken.
         """
         counts = self.counts
         counts.cycles += 1
@@ -306,14 +306,14 @@ class Link:
         return Sample(outcome, 0, 0, False, self._sent_ns)
 
     def _decide(self, frames: Sequence[Frame], cut: bool) -> bool:
-        """See what became of a reply that had begun when it was given up.
+        """Classify a reply that had begun when it was given up.
 
         Args:
-            frames: What has become whole since: its rest came, so it was late.
-            cut: Whether another frame began instead, so it was cut short.
+            frames: Frames completed since: its rest came, so it was late.
+            cut: Another frame began instead, so it was truncated.
 
         Returns:
-            ``cut``, which is no sign that anything else is broken.
+            ``cut``, which then is no sign of another broken reply.
         """
         if frames or cut:
             self._undecided = False
@@ -328,7 +328,7 @@ class Link:
         self._length = 0
 
     def _count_unmatched(self, frame: Frame) -> None:
-        """Count a sample that nobody waits for any more, or a refusal (it does not say of what)."""
+        """Count a sample that no request waits for, or a refusal (it does not name its request)."""
         if self._is_good_reply(frame):
             self.counts.late += len(frame.params) in self._requests
         elif frame.id == self._id and frame.error:

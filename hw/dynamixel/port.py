@@ -1,7 +1,7 @@
-"""Opening a serial port with care: for one user, at the right rate, or with a reason why not.
+"""Opens a serial port exclusively and at the right rate, or explains why it cannot.
 
-The process that opens the port need not be the one that drives the servo: what ``open_port``
-returns can be handed on to another process.
+The process that opens the port need not be the one that drives the servo: the descriptor from
+``open_port`` can be passed to another process.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
 _LOG = logging.getLogger(__name__)
 
 _BAUD_TOLERANCE: Final = 0.03
-"""An asynchronous receiver tolerates about this much between the two ends."""
+"""Largest relative difference between the two ends that an asynchronous receiver tolerates."""
 _TCGETS2: Final = 0x802C542A
 _TCSETS2: Final = 0x402C542B
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
@@ -38,15 +38,15 @@ _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 def open_port(path: str, baud: int) -> int:
     """Open a serial port for this process alone: 8N1, raw, low latency, drained.
 
-    The lock is advisory and the kernel's (flock): it goes with the last descriptor, so a crash
-    locks nobody out.
+    The lock is advisory and the kernel's (flock): it ends with the last descriptor, so that a crash
+    leaves no lock.
 
     Args:
         path: The device, e.g. ``/dev/ttyUSB0``.
-        baud: Bits per second; any rate the adapter can make.
+        baud: Bits per second; any rate that the adapter supports.
 
     Returns:
-        A non-blocking descriptor, not inherited by programs that are started.
+        A non-blocking descriptor, not inherited by started programs.
 
     Raises:
         PortError: No such device, not a serial port, not permitted, or the baud rate refused.
@@ -65,7 +65,7 @@ def open_port(path: str, baud: int) -> int:
             exclusive=True,
         )
     except termios.error as error:
-        if error.args[0] != errno.EINVAL:  # it has vanished since it was opened
+        if error.args[0] != errno.EINVAL:  # it has disappeared since it was opened
             raise _open_error(path, OSError(*error.args)) from error
         raise _baud_error(path, baud, error) from error
     except ValueError as error:
@@ -92,9 +92,10 @@ def open_port(path: str, baud: int) -> int:
 
 @contextmanager
 def kept_settings(path: str) -> Iterator[None]:
-    """Whatever happens to a port's speed and modes inside, put them back at the end.
+    """Restore a port's speed and modes at the end of a block.
 
-    Where the port cannot be opened, or this kernel numbers the requests otherwise, nothing is kept.
+    Where the port cannot be opened, or this kernel numbers the requests differently, nothing is
+    restored.
 
     Args:
         path: The device; it may be opened and closed inside.
@@ -108,7 +109,7 @@ def kept_settings(path: str) -> Iterator[None]:
 
 
 def _settings(path: str, wanted: bytes | None) -> bytes | None:
-    """Read a port's settings, or write ``wanted``; None: it cannot be done."""
+    """Read a port's settings, or write ``wanted``; None: not possible."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:
@@ -124,7 +125,7 @@ def _settings(path: str, wanted: bytes | None) -> bytes | None:
 
 
 def _device(path: str) -> int:
-    """The device's number.
+    """Return the device's number.
 
     Raises:
         PortError: There is none, or it is no device.
@@ -139,7 +140,7 @@ def _device(path: str) -> int:
 
 
 def _refuse_holders(path: str, device: int) -> None:
-    """Look before opening: to open and set up a port already disturbs whoever uses it."""
+    """Refuse a port in use, before opening: opening and configuring it would disturb its user."""
     users = list(holders(device))
     if users and is_terminal(device):
         pid, program = users[0]
@@ -174,7 +175,7 @@ def _open_error(path: str, error: OSError) -> PortError:
             f"Port {path} is locked by another program: end that program first "
             f"(`sudo fuser {path}` names it)."
         )
-    if code is None:  # pyserial's own words, e.g. a device file without a device behind it
+    if code is None:  # pyserial's own message, e.g. for a device file without a device
         return PortError(f"{_not_serial(path)[:-1]} ({error}).")
     return PortError(f"Port {path} cannot be opened ({error}): check the adapter.")
 
@@ -211,10 +212,10 @@ def access_remedy(path: str) -> str:
 
 
 def _check_baud(path: str, descriptor: int, baud: int) -> None:
-    """Some adapters take any rate and silently make another."""
+    """Read the baud rate back: some adapters accept any rate and silently use another."""
     try:
         found = fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-    except OSError:  # this kernel numbers the request otherwise: nothing is known
+    except OSError:  # this kernel numbers the request differently: unknown
         return
     actual = _TERMIOS2.unpack(found)[-1]
     if abs(actual - baud) > _BAUD_TOLERANCE * baud:
@@ -225,7 +226,7 @@ def _check_baud(path: str, descriptor: int, baud: int) -> None:
 
 
 def _low_latency(path: str, port: serial.Serial) -> None:
-    """Have each byte handed on at once; FTDI adapters else hold a short reply for 16 ms."""
+    """Have each byte forwarded at once; FTDI adapters otherwise hold a short reply for 16 ms."""
     try:
         port.set_low_latency_mode(True)
     except (ValueError, OSError) as error:
@@ -241,7 +242,7 @@ def _low_latency(path: str, port: serial.Serial) -> None:
 
 
 def _wait_with_a_read_for_bytes(descriptor: int) -> None:
-    """Let an empty read mean that the port has hung up, and nothing else (VMIN 1)."""
+    """Set VMIN 1, so that an empty read only means that the port has hung up."""
     settings = termios.tcgetattr(descriptor)
     settings[6][termios.VMIN] = 1
     settings[6][termios.VTIME] = 0
@@ -249,9 +250,9 @@ def _wait_with_a_read_for_bytes(descriptor: int) -> None:
 
 
 def _drain(descriptor: int) -> None:
-    """Drop what was sent to whoever used the port before, until it is quiet."""
+    """Discard bytes for the port's former user, until it is quiet."""
     termios.tcflush(descriptor, termios.TCIOFLUSH)
-    end = time.monotonic() + 0.3  # a change of the latency timer may hold bytes for 250 ms
+    end = time.monotonic() + 0.3  # a change of the latency timer may delay bytes for 250 ms
     while time.monotonic() < end and select.select((descriptor,), (), (), 0.003)[0]:
         try:
             if not os.read(descriptor, 4096):

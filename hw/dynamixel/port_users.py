@@ -1,14 +1,15 @@
-"""Who else uses a port while a servo is driven on it: refused where possible, else noticed.
+"""Keeps other programs from a port in use: refuses them where possible, else finds them.
 
-A second program on the bus garbles frames and takes replies away. Three things are done, since none
-is enough:
+A second program on the bus garbles frames and takes replies away. Three measures are combined,
+since none is enough:
 
 1. **Exclusive use** (TIOCEXCL). The kernel refuses further openings, but not those of root.
    It is released at the end; where this process is killed, the last close of the port does it.
-   A pseudo-terminal is not closed last by its users, so it would stay refused: none is taken there.
-2. **Openings are noticed** (inotify), those of root too, but not by whom.
-3. **Open files are looked up** (``/proc``), a few processes at each look, so that all that this
-   user may see are through within a second, and sooner after an opening.
+   A pseudo-terminal would stay refused, because its users do not close it last: there the measure
+   is omitted.
+2. **Detection of openings** (inotify), those of root too, but without the program.
+3. **Search of open files** (``/proc``), a few processes at each look, so that all processes visible
+to this user are searched within a second, and sooner after an opening.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from typing import Final
 from haptic_wall.hw.dynamixel.holders import holder, holders, is_pseudo, processes
 
 LOOKS: Final = 24
-"""Looks in which all processes are through: in a second where one comes every 40 ms, as with the
-slowest loop, and in half of that usually"""
+"""Number of looks to search all processes: a second at one look per 40 ms, as with the slowest
+loop, and usually half of that"""
 URGENT: Final = 4
-"""The same when somebody has just opened the port"""
+"""The same after the port was opened"""
 _PATIENCE: Final = 10
-"""Looks that an opening by nobody to be seen may last"""
+"""Number of looks that an opening by an invisible program may last"""
 _IN_CLOSE: Final = 0x08 | 0x10
 _IN_OPEN: Final = 0x20
 _EVENT: Final = struct.Struct("=iIII")
 
 
 class PortUsers:
-    """Keeps a port to this process and its children, and finds out who uses it all the same.
+    """Reserves a port for this process and its children, and finds other users.
 
     Args:
         descriptor: The open port; it stays open.
 
     Attributes:
-        brief: Somebody opened the port and closed it again, without being seen.
+        brief: Another program opened and closed the port without being identified.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -51,10 +52,10 @@ class PortUsers:
         self._device = os.fstat(descriptor).st_rdev
         self._path = str(_link(descriptor).readlink())
         self._left: list[int] = []
-        """Processes that this round has still to look at"""
+        """Processes that this round has not searched yet"""
         self._at_once = 1
         self._opened = 0
-        """Openings by others that were not closed again"""
+        """Openings by others without a close"""
         self._unseen = 0
         """Looks since then"""
         self.brief = False
@@ -63,7 +64,7 @@ class PortUsers:
         self._events = _openings(descriptor)
 
     def look(self) -> str:
-        """Look a little; who else has the port open, for people. Empty: nobody was seen."""
+        """Search a little; return other users of the port, for people. Empty: none was found."""
         if self._opening_noticed():
             self._begin(URGENT)
         elif not self._left:
@@ -77,7 +78,7 @@ class PortUsers:
         return self._unknown() if self._unseen > _PATIENCE else ""
 
     def look_everywhere(self) -> str:
-        """Look at all processes at once; see ``look``."""
+        """Search all processes at once; see ``look``."""
         for pid, program in holders(self._device):
             if not _descends(pid, os.getpid()):
                 return self._text(pid, program)
@@ -85,7 +86,7 @@ class PortUsers:
         return self._unknown() if self._opened else ""
 
     def close(self) -> None:
-        """Let others use the port again."""
+        """Release the port for others."""
         exclusive(self._descriptor, False)
         if self._events >= 0:
             os.close(self._events)
@@ -102,7 +103,7 @@ class PortUsers:
         self._at_once = -(-len(self._left) // looks)
 
     def _opening_noticed(self) -> bool:
-        """Read what has happened; whether somebody has opened the port since the last look."""
+        """Read the events; return whether the port was opened since the last look."""
         if self._events < 0:
             return False
         try:
@@ -124,11 +125,11 @@ class PortUsers:
 
 
 def exclusive(descriptor: int, wanted: bool) -> None:
-    """Have the kernel refuse further openings of a port by anybody but root, or no longer.
+    """Make the kernel refuse further openings of a port (except by root), or allow them again.
 
     Args:
-        descriptor: The open port; nothing happens where its adapter is gone.
-        wanted: Whether they are to be refused.
+        descriptor: The open port; no effect if its adapter is gone.
+        wanted: They are to be refused.
     """
     with suppress(OSError):
         fcntl.ioctl(descriptor, termios.TIOCEXCL if wanted else termios.TIOCNXCL)
@@ -139,12 +140,12 @@ def _link(descriptor: int) -> Path:
 
 
 def _openings(descriptor: int) -> int:
-    """A descriptor that tells who opens and closes a port; -1: this system has none."""
+    """Return a descriptor that reports openings and closings of a port; -1: not supported."""
     library = ctypes.CDLL(None)
     events = int(library.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC))
     if events < 0:
         return -1
-    path = os.fsencode(_link(descriptor))  # the very device, whatever its name
+    path = os.fsencode(_link(descriptor))  # the device itself, whatever its name
     if library.inotify_add_watch(events, path, _IN_OPEN | _IN_CLOSE) < 0:
         os.close(events)
         return -1
@@ -152,7 +153,7 @@ def _openings(descriptor: int) -> int:
 
 
 def _descends(pid: int, ancestor: int) -> bool:
-    """Whether a process is a child of another, or a child's child."""
+    """Whether a process is a descendant of another."""
     while pid > 1:
         try:
             stat = Path(f"/proc/{pid}/stat").read_bytes()

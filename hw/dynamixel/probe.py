@@ -1,12 +1,12 @@
-"""Proof that a positive torque moves the position up, by a push of a few encoder counts.
+"""Verifies that a positive torque moves the position up, by a push of a few encoder counts.
 
-A servo whose position is reversed and whose current is not would be driven *into* the wall by its
-own wall, so the sign is not taken from the manual but seen.
+With a reversed position and an unreversed current the wall would drive the servo *into* the wall.
+The sign is therefore measured, not taken from the manual.
 
 The push is a slow ramp, given up at a stated torque: a free servo barely moves, and one with
-friction breaks loose gently. It is followed by the opposite torque until the impulses cancel,
-which stops a servo without friction; one with friction stops by itself. One that sticks more than
-it rubs would be turned round by that, toward the wall, so that turning back ends it too.
+friction breaks loose gently. The opposite torque follows until the impulses cancel, which stops a
+servo without friction; one with friction stops by itself. A servo with more static than kinetic
+friction would be reversed by that, toward the wall; a reversal therefore also ends the braking.
 """
 
 from __future__ import annotations
@@ -23,33 +23,36 @@ from haptic_wall.hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
 _CYCLE_SHARE: Final = 0.8
-"""Of a period that a cycle may be on the wire"""
+"""Largest fraction of a period for a cycle on the wire"""
 _PATIENCE_NS: Final = 10_000_000
-"""For one reply beside its time on the wire; a third of the shortest Bus Watchdog in use"""
+"""Time allowed for one reply, without its time on the wire; a third of the shortest Bus Watchdog in
+use"""
 _LOSSES: Final = 10
-"""Replies lost in a row that end the probe"""
+"""Consecutive lost replies that end the probe"""
 _REST_NS: Final = 50_000_000
-"""Without motion for so long: at rest"""
+"""Time without motion that counts as rest"""
 _REST_END_NS: Final = 5_000_000_000
 _REST_COUNTS: Final = 1
-"""An encoder at rest may flicker between two counts"""
+"""Flicker of an encoder at rest, between two counts"""
 _RAMP_NS: Final = 400_000_000
-"""From zero to the largest torque"""
+"""Time from zero to the largest torque"""
 _HOLD_NS: Final = 100_000_000
-"""At the largest torque, before giving up"""
+"""Time at the largest torque before giving up"""
 _MOVED_COUNTS: Final = 3
-"""More than the play between shaft and encoder and than an encoder's flicker"""
+"""More than the backlash between shaft and encoder and than an encoder's flicker"""
 _END_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
-"""For each reply of each attempt to end the push; the last outlasts an adapter's 16 ms timer"""
+"""Time allowed for each reply of each attempt to end the push; the last outlasts an adapter's 16 ms
+timer"""
 _GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _TURNED_COUNTS: Final = 2
-"""Back from its furthest by so much, it has turned: more than an encoder's flicker"""
+"""Distance back from the furthest position that counts as a reversal: more than an encoder's
+flicker"""
 
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """What one push did."""
+    """The result of one push."""
 
     moved: int
     """[encoder counts]; 0: it did not move"""
@@ -65,19 +68,19 @@ class Push:
 def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
-    A hand may be on the shaft. The push waits until the shaft rests, and one with the wrong result
+    A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
     is repeated once.
 
     Args:
         link: The servo.
         clock: Tells the time; the probe cycles at 1 kHz, or as fast as the bus can, which also
-            keeps the Bus Watchdog quiet.
-        limit: Largest goal current, with the sign to push in [current units].
+            keeps the Bus Watchdog from tripping.
+        limit: Largest goal current, with the sign of the push [current units].
         name: Of the servo, for messages.
 
     Raises:
         UnfitServoError: The shaft does not rest.
-        ServoLostError: The servo stops answering.
+        ServoLostError: The servo stops replying.
     """
     prober = _Prober(link, clock, name)
     for _ in range(2):
@@ -132,7 +135,7 @@ class _Prober:
         return Push(moved, peak)
 
     def _brake(self, impulse: int, peak: int, way: int) -> None:
-        """Cancel the impulse with half the torque, unless the shaft turns back from its way."""
+        """Cancel the impulse with half the torque, unless the shaft reverses."""
         half = (abs(peak) + 1) // 2
         goal = -half if peak > 0 else half
         before = self._clock.now_ns()
@@ -145,9 +148,9 @@ class _Prober:
         self._end()
 
     def _end(self) -> None:
-        """Zero torque, confirmed: of a goal in the usual frame nobody knows whether it arrived.
+        """Set zero torque with confirmation: a goal in the usual frame is not confirmed.
 
-        A servo whose Bus Watchdog has tripped takes no goal, and has no torque.
+        A servo whose Bus Watchdog has tripped accepts no goal, and has no torque.
         """
         link, now_ns = self._link, self._clock.now_ns
         for least_ns in _END_PATIENCE_NS:
@@ -162,7 +165,7 @@ class _Prober:
         )
 
     def _cycle(self, goal: int) -> int:
-        """One period at a goal current; the instant it ends [ns]."""
+        """Execute one period at a goal current; return its end [ns]."""
         link, clock = self._link, self._clock
         begun = clock.now_ns()
         link.send_current(goal)

@@ -1,4 +1,4 @@
-"""A sample: where it lies in a servo's memory, and whether the servo's own clock bears it out."""
+"""Decodes a sample from a servo's reply, and validates it by the servo's own clock."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ SAMPLE: Final = struct.Struct("<HxxhhIi")
 SAMPLE_ADDRESS: Final = 120
 SAMPLE_END: Final = SAMPLE_ADDRESS + SAMPLE.size
 LENGTHS: Final = range(16, 28)
-"""Sample to position, up to Present Temperature (146); the bytes behind the position are unused"""
+"""Sample to position, up to Present Temperature (146); the bytes after the position are unused"""
 QUARANTINE: Final = 10
 """Requests before the length of an unanswered one is used again; fewer than there are lengths, so
 that one is always free"""
 
 _HALF: Final = TICK_MODULUS // 2
 _TICK_SLACK_MS: Final = 5.0
-"""A request may wait in the adapter, and so may the next"""
+"""Tolerance [ms]: two consecutive requests may wait in the adapter"""
 _TICK_DRIFT: Final = 0.02
-"""The servo's clock against ours"""
+"""Relative drift of the servo's clock against ours"""
 _TICK_TRUST_NS: Final = 10_000_000_000
-"""After such a pause a tick that wraps every 33 s proves nothing"""
+"""Pause after which a tick, which wraps every 33 s, proves nothing"""
 _NEAR_NS: Final = 5_000_000
-"""Within which two samples of a cycle usually follow each other, and clocks agree"""
+"""Usual distance of two samples, within which the clocks agree"""
 _NEVER_NS: Final = -1 << 62
 _RESTART_PROOFS: Final = 2
-"""Samples in step with each other, and not with what was accepted, that prove a restart"""
+"""Consistent samples that contradict the accepted clock, to prove a restart"""
 
 
 class Sample(NamedTuple):
@@ -47,7 +47,7 @@ class Sample(NamedTuple):
 
 
 class ServoClock:
-    """A servo's millisecond tick against the instants at which it was asked for."""
+    """Compares a servo's millisecond tick with the instants of its requests."""
 
     __slots__ = ("_doubted", "_proofs", "_sent_ns", "_tick")
 
@@ -56,24 +56,24 @@ class ServoClock:
         self._sent_ns = _NEVER_NS
         """Tick and request instant of the last accepted sample"""
         self._doubted: tuple[int, int] | None = None
-        """The same of the last one refused"""
+        """The same of the last refused one"""
         self._proofs = 0
 
     @property
     def restarted(self) -> bool:
-        """Whether it runs on from another reading: the servo has restarted."""
+        """Whether the servo has restarted: its clock continues from another reading."""
         return self._proofs >= _RESTART_PROOFS
 
     def accept(self, tick: int, sent_ns: int) -> bool:
-        """Whether a tick has advanced by the time that passed since the last accepted one.
+        """Whether a tick has advanced by the time since the last accepted one.
 
         Args:
-            tick: What the servo says.
-            sent_ns: When it was asked [ns].
+            tick: The servo's tick.
+            sent_ns: When it was requested [ns].
         """
         passed_ns = sent_ns - self._sent_ns
         ahead_ns = (tick - self._tick) % TICK_MODULUS * 1_000_000 - passed_ns
-        near = -_NEAR_NS <= ahead_ns <= _NEAR_NS >= passed_ns  # so it is in step for certain
+        near = -_NEAR_NS <= ahead_ns <= _NEAR_NS >= passed_ns  # so the clocks surely agree
         if self._doubted is not None or not near:
             if not _in_step(self._tick, self._sent_ns, tick, sent_ns):
                 self._doubt(tick, sent_ns)
@@ -92,7 +92,7 @@ class ServoClock:
 
 
 def _in_step(before: int, before_ns: int, tick: int, sent_ns: int) -> bool:
-    """Whether one tick follows from another, each with the instant it was asked for [ns]."""
+    """Whether one tick follows from another, each with its request instant [ns]."""
     passed_ns = sent_ns - before_ns
     if passed_ns > _TICK_TRUST_NS:
         return True

@@ -1,12 +1,12 @@
-"""Setting up with dynamixel-sdk: ping, registers and reboot, over any line and clock.
+"""Sets a servo up with dynamixel-sdk: ping, registers and reboot, over any line and clock.
 
-The SDK is kept to set-up because it flushes what has arrived before each transmission, so no
-request can be in flight. Three of its habits are mended here. Its port waits 34 ms for a lost
-reply, spinning, on the wall clock: ``LinePort`` waits on the line's own clock, asleep, and not
+The SDK is used for set-up only, because it flushes received bytes before each transmission, so that
+no request can be in flight. This module corrects three of its faults. Its port waits 34 ms for a
+lost reply, spinning, on the wall clock: ``LinePort`` waits on the line's own clock, asleep, and not
 much longer than the reply takes. It returns 0 after a failed read: ``Sdk`` raises.
 
-It takes any status of the servo for the answer, and a checksum's byte for the value if that holds
-less than was asked for: ``_Packets`` takes only one that holds just as much.
+It takes any status of the servo for the answer, and a checksum's byte for the value if the status
+is too short: ``_Packets`` accepts only one of the expected length.
 
 It also does not stuff what it sends and may lose a byte un-stuffing what it receives. Neither can
 happen in registers of one or two bytes, and no others are accepted.
@@ -25,19 +25,20 @@ from haptic_wall.hw.dynamixel.wire import READ_REQUEST_BYTES, wire_ns
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 
 _PATIENCE_NS: Final = 3_000_000
-"""On top of the bytes' own time: the servo's return delay (0.5 ms) and the adapter's hold (1 ms)"""
+"""Time allowed beyond the bytes' own: the servo's return delay (0.5 ms) and the adapter's hold (1
+ms)"""
 _LAST_PATIENCE_NS: Final = 40_000_000
-"""For the last attempt: an adapter left at its 16 ms timer is to be found and named, not missed"""
+"""For the last attempt: with an adapter at its 16 ms timer the cause must be named"""
 _SILENCE_NS: Final = 20_000_000
 """Silence after which no reply is under way: more than an adapter's 16 ms timer"""
 _SETTLE_END_NS: Final = 200_000_000
-"""A bus that is never silent is not waited for"""
+"""Longest wait for a silence"""
 _ATTEMPTS: Final = 3
 _ALERT: Final = 0x80
 _PING_BYTES: Final = 3
-"""Data of a ping's answer: model number and firmware"""
+"""Data of a reply to a ping: model number and firmware"""
 _LENGTH_BESIDE_DATA: Final = 4
-"""What a status counts in its length beside its data: instruction, error, checksum"""
+"""Length of a status without its data: instruction, error, checksum"""
 
 
 class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -83,7 +84,7 @@ class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         return self._line.clock.now_ns() >= self._deadline_ns
 
     def settle(self) -> None:
-        """Let a late reply pass, so that it is not taken for the answer to another question."""
+        """Let a late reply pass, so that it is not taken for the answer to another request."""
         now_ns = self._line.clock.now_ns
         end = now_ns() + _SETTLE_END_NS
         while self._line.wait(min(now_ns() + _SILENCE_NS, end)) and now_ns() < end:
@@ -97,10 +98,10 @@ class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no 
         super().__init__()
         self._wanted = 0
         self._other: int | None = None
-        """Bytes of data in the last reply that was passed over"""
+        """Bytes of data in the last ignored reply"""
 
     def expect(self, size: int) -> None:
-        """The next question's answer holds so many bytes of data, or refuses it."""
+        """Set the expected bytes of data in the next answer."""
         self._wanted = size
         self._other = None
 
@@ -116,7 +117,7 @@ class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no 
             self._other = size
 
     def what_came(self, result: int) -> str:
-        """What became of the last question, for people."""
+        """Describe the result of the last request, for people."""
         if self._other is not None:
             return f"a reply with {self._other} bytes of data came, {self._wanted} wanted"
         text: str = self.getTxRxResult(result)
@@ -124,15 +125,15 @@ class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no 
 
 
 class Sdk:
-    """One servo's registers, through the SDK. What fails raises; nothing reads as 0 by default."""
+    """One servo's registers, through the SDK. Every failure raises; nothing reads as 0."""
 
     def __init__(self, line: Line, baud: int, servo_id: int, where: str) -> None:
         """Use ``line`` for one servo.
 
         Args:
             line: The bus.
-            baud: Its rate [bit/s], for the time a reply takes.
-            servo_id: Whom to talk to.
+            baud: Its rate [bit/s], for the time of a reply.
+            servo_id: The servo.
             where: Names the bus in messages, e.g. the port's path.
         """
         self._port = LinePort(line, baud)
@@ -141,10 +142,10 @@ class Sdk:
         self._name = f"id {servo_id} at {baud} baud on {where}"
 
     def ping(self) -> int:
-        """The servo's model number.
+        """Return the servo's model number.
 
         Raises:
-            ServoMissingError: Nothing answers.
+            ServoMissingError: No reply.
             UnfitServoError: The servo refuses.
         """
         for last in _attempts():
@@ -160,10 +161,10 @@ class Sdk:
         )
 
     def read(self, register: Register) -> int:
-        """The value of a register of one or two bytes.
+        """Return the value of a register of one or two bytes.
 
         Raises:
-            ServoLostError: No answer, though it answered before.
+            ServoLostError: No reply, though it replied before.
             UnfitServoError: The servo refuses.
         """
         size = _small(register)
@@ -179,10 +180,10 @@ class Sdk:
         raise self._silent(f"{_label(register)} was to be read", result)
 
     def write(self, register: Register, value: int) -> None:
-        """Write a register of one or two bytes and see the servo confirm it.
+        """Write a register of one or two bytes, and wait for the servo's confirmation.
 
         Raises:
-            ServoLostError: No answer, though it answered before.
+            ServoLostError: No reply, though it replied before.
             UnfitServoError: The servo refuses.
         """
         _small(register)
@@ -207,10 +208,10 @@ class Sdk:
         self._port.settle()
 
     def reboot(self) -> None:
-        """Restart the servo; it answers again after about a second.
+        """Restart the servo; it replies again after about a second.
 
         Raises:
-            ServoLostError: No answer, though it answered before.
+            ServoLostError: No reply, though it replied before.
             UnfitServoError: The servo refuses.
         """
         self._prepare(last=True)
@@ -225,7 +226,7 @@ class Sdk:
         self._port.patience_ns = _LAST_PATIENCE_NS if last else _PATIENCE_NS
 
     def _refuse_error(self, error: int, what: str) -> None:
-        """Raise for a refusal; a latched hardware error alone refuses nothing."""
+        """Raise for a refusal; a latched hardware error alone is none."""
         error &= ~_ALERT
         if error:
             reason = self._packets.getRxPacketError(error).removeprefix("[RxPacketError] ")
@@ -251,7 +252,7 @@ class Table:
         self.registers = registers
 
     def read(self, name: str) -> int:
-        """The value of a register; see ``Sdk.read``."""
+        """Return the value of a register; see ``Sdk.read``."""
         return self.sdk.read(self.registers[name])
 
     def write(self, name: str, value: int) -> None:
@@ -259,12 +260,12 @@ class Table:
         self.sdk.write(self.registers[name], value)
 
     def label(self, name: str) -> str:
-        """A register's name and address as the manual gives them."""
+        """Return a register's name and address as in the manual."""
         return _label(self.registers[name])
 
 
 def _attempts() -> list[bool]:
-    """For each attempt, whether it is the last."""
+    """Return for each attempt whether it is the last."""
     return [False] * (_ATTEMPTS - 1) + [True]
 
 
@@ -278,5 +279,5 @@ def _small(register: Register) -> int:
 
 
 def _label(register: Register) -> str:
-    """Name and address as the manual gives them."""
+    """Return name and address as in the manual."""
     return f"{register.name.replace('_', ' ').title()} ({register.address})"

@@ -1,4 +1,4 @@
-"""A serial port as a line: nothing but a file descriptor, perhaps inherited, and a clock."""
+"""A serial port as a line: a file descriptor, perhaps inherited, and a clock."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import ServoLostError
 
 _SPIN_NS: Final = 60_000
-"""The end of a wait is spun: a sleep this short returns late by its own length."""
+"""Final part of a wait that is spun: a sleep this short returns late by its own length."""
 _WRITE_PATIENCE_S: Final = 0.02
 """A port whose output buffer stays full this long has stopped sending."""
 
 
 class FdLine:
-    """A line on the descriptor of a serial port or pseudo-terminal that is already set up."""
+    """A line on the descriptor of a configured serial port or pseudo-terminal."""
 
     __slots__ = ("_arrived", "_descriptor", "_only", "_poll", "clock")
 
@@ -27,21 +27,21 @@ class FdLine:
 
         Args:
             descriptor: An open port, as ``haptic_wall.hw.dynamixel.port.open_port`` returns it.
-            clock: Tells the deadlines' time; bytes arrive in real time, so a real one.
+            clock: Clock of the deadlines; bytes arrive in real time, so a real one.
         """
         os.set_blocking(descriptor, False)
         self.clock = clock
         self._descriptor = descriptor
         self._only = (descriptor,)
         self._arrived = False
-        """Whether ``wait`` has just seen bytes"""
+        """``wait`` has just seen bytes"""
         poll = select.poll()
         poll.register(descriptor, select.POLLIN)
         self._poll = poll.poll
 
     @property
     def descriptor(self) -> int:
-        """Of the port; -1 once it is closed."""
+        """Return the port's descriptor; -1 once it is closed."""
         return self._descriptor
 
     def write(self, data: bytes) -> None:
@@ -60,12 +60,12 @@ class FdLine:
             self._write_rest(data[sent:])
 
     def read(self) -> bytes:
-        """All that has arrived, without waiting.
+        """Return the received bytes, without waiting.
 
         Raises:
             ServoLostError: The port is gone.
         """
-        # To look first takes a third of the time of the error that says there is nothing.
+        # Checking first takes a third of the time of the error for an empty buffer.
         if not self._arrived and not self._poll(0) and self._descriptor >= 0:
             return b""
         self._arrived = False
@@ -80,9 +80,9 @@ class FdLine:
         return data
 
     def wait(self, deadline_ns: int) -> bool:
-        """Wait for bytes until ``deadline_ns`` [ns]; whether there are any.
+        """Wait for bytes until ``deadline_ns`` [ns]; return whether there are any.
 
-        Sleeps while the kernel can wake it in time and spins for the rest, so that it neither
+        It sleeps while the kernel can wake it in time and spins for the rest, so that it neither
         oversleeps the deadline nor keeps a core busy.
 
         Raises:
@@ -106,7 +106,7 @@ class FdLine:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
-            self._only = (-1,)  # the number may soon be another file's
+            self._only = (-1,)  # the number may soon belong to another file
 
     def _write_rest(self, data: bytes) -> None:
         end = time.monotonic() + _WRITE_PATIENCE_S
@@ -125,7 +125,7 @@ class FdLine:
                 raise _lost(error) from error
 
     def _hung_up(self) -> bool:
-        """Whether an empty read means the end (without VMIN it may just mean nothing is there)."""
+        """Whether an empty read means a hang-up (without VMIN it may mean an empty buffer)."""
         gone = select.POLLHUP | select.POLLERR | select.POLLNVAL
         return any(event & gone for _, event in self._poll(0))
 

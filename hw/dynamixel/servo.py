@@ -1,4 +1,4 @@
-"""A Dynamixel servo behind the servo interface: torque in N·m to current units and back."""
+"""A Dynamixel servo behind the servo interface: torque in N·m, current units on the bus."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from haptic_wall.hw.dynamixel.cut import torque_off
 from haptic_wall.hw.dynamixel.drivable import drivable
 from haptic_wall.hw.dynamixel.hardware_errors import latched
 from haptic_wall.hw.dynamixel.health import HealthWatch
+from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.reach import Reach
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.vigil import Vigil
+from haptic_wall.hw.dynamixel.watchdog_monitor import WatchdogMonitor
 from haptic_wall.hw.errors import (
     ServoError,
     ServoLostError,
@@ -33,12 +33,12 @@ from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 
 _NAN: Final = math.nan
 _REPLY_PATIENCE: Final = 1.5
-"""A slow adapter's reply is given up after so many times what replies take: one that has just
+"""Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
 missed the timer comes with its next expiry"""
 
 
 class DynamixelServo:
-    """One servo on a line; it cannot tell a real one from an emulated one."""
+    """One servo on a line, real or emulated."""
 
     facts: Facts
     counts: BusCounts
@@ -50,7 +50,7 @@ class DynamixelServo:
 
         Raises:
             UnfitServoError: The model is unknown, cannot be driven in torque, or not as weakly as
-                the limit wants it.
+                the limit requires.
         """
         model, constant = drivable(settings)
         self._settings = settings
@@ -67,30 +67,30 @@ class DynamixelServo:
         self._link = Link(line, settings.id, baud=settings.baud)
         self._health = HealthWatch(self._link, model.registers, settings.baud, settings.period_s)
         self._now_ns = line.clock.now_ns
-        self._vigil = Vigil(settings, self._link, line.clock, self._name)
+        self._watchdog = WatchdogMonitor(settings, self._link, line.clock, self._name)
         self._most = 0.0
         """The largest torque that is sent [N·m], a whole number of steps"""
         self._goal = 0
         self._reply_ns = 0
-        """How long replies take, where that is several periods [ns]; 0: they come in time"""
+        """Time of a reply, where that is several periods [ns]; 0: replies are in time"""
         self._alert = False
         self._running = False
         self._known = False
-        """Whether it has answered as a model whose control table is known"""
+        """It has replied as a model with a known control table"""
         self._confirmed_off = False
         self.waited_ns = 0
         self.trouble = ""
         self.counts = self._link.counts
         self.facts = self._facts(model.current_limit, model.voltage)
-        self._reach = self._new_reach()
+        self._jump_filter = self._new_jump_filter()
 
     def start(self) -> list[Check]:
         """Run the checked start-up; then torque is on, at zero torque.
 
-        From here on the servo wants to hear something within every Bus Watchdog period, or it
-        drops its torque and refuses goals without a word. ``request`` notices a pause that long.
+        From here on the servo needs an instruction within every Bus Watchdog period; otherwise it
+        drops its torque and silently refuses goals. ``request`` detects such a pause.
 
-        ``facts.torque_limit`` is the servo's own from here on, if that is lower, and
+        From here on ``facts.torque_limit`` is the servo's own, if that is lower, and
         ``facts.reply_s`` says whether replies take several periods.
 
         Raises:
@@ -101,7 +101,7 @@ class DynamixelServo:
         """
         self._confirmed_off = self._alert = False
         self._goal = 0
-        self._reach.forget()
+        self._jump_filter.forget()
         self._link.forget()
         self._health.forget()
         self._reply_ns = self._link.patience_ns = 0
@@ -112,11 +112,11 @@ class DynamixelServo:
             ready = startup.run(number, self._health.describe())
             self._law = ready.law
             self._health.bounds = ready.bounds
-            self._vigil.heard_ns = self._now_ns()
-            self._vigil.look(0, under_torque=False)  # a stall in the start may have tripped it
+            self._watchdog.heard_ns = self._now_ns()
+            self._watchdog.look(0, under_torque=False)  # a stall in the start may have tripped it
         except ServoMissingError:
             self._off()
-            raise  # what never answered was never driven
+            raise  # a servo that never replied was never driven
         except ServoError as error:
             if isinstance(error, UnfitServoError) and not self._known:
                 raise StrangeServoError(str(error)) from error
@@ -133,19 +133,18 @@ class DynamixelServo:
             jitter_ns = 2e9 * self._settings.period_s
             self._link.patience_ns = round(_REPLY_PATIENCE * ready.reply_ns + jitter_ns)
         self.facts = self._facts(ready.current_limit, ready.volts)
-        self._reach = self._new_reach()
+        self._jump_filter = self._new_jump_filter()
         self._most = self.facts.torque_limit
         self.counts = self._link.counts = BusCounts()
-        self._vigil.begin()
+        self._watchdog.begin()
         self._running = True
         return ready.checks
 
     def request(self) -> None:
-        """Ask for the position. Does not wait, except where the Bus Watchdog may have tripped.
+        """Request the position. Does not wait, except where the Bus Watchdog may have tripped.
 
-        That is when no request was answered for most of its time, be it that none was sent or
-        that none was heard. If it has tripped, and the torque was zero, nothing is lost: it is
-        armed again.
+        That is when no request was answered for most of its time. If it has tripped while the
+        torque was zero, nothing is lost: it is armed again.
 
         Raises:
             ServoLostError: The port is gone.
@@ -154,10 +153,10 @@ class DynamixelServo:
         now_ns = self._now_ns()
         under_torque = self._goal != 0
         if self._reply_ns:
-            self._vigil.call(now_ns, under_torque=under_torque)
+            self._watchdog.call(now_ns, under_torque=under_torque)
             if self._link.waiting:
                 return
-        self._vigil.resume(now_ns, under_torque=under_torque)
+        self._watchdog.resume(now_ns, under_torque=under_torque)
         health = self._health
         health.asked = 0
         wide = health.length(now_ns) if now_ns >= health.due_ns and self._running else 0
@@ -166,9 +165,9 @@ class DynamixelServo:
     def collect(self, deadline_ns: int) -> Reading:
         """The answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
 
-        A position that the servo can have come to only faster than ``max_speed`` is refused: a
-        broken reply whose checksum happens to be right, or an encoder that jumps. If it persists it
-        is passed on, for it is no hiccup then, and the speed limit ends the run.
+        A position that implies a speed above ``max_speed`` is refused: a broken reply with a valid
+            checksum, or an encoder fault. A persistent one is passed on, because it is no hiccup,
+            and the speed limit ends the run.
 
         Raises:
             ServoLostError: The port is gone.
@@ -176,29 +175,29 @@ class DynamixelServo:
             ServoHealthError: The servo is in no state to be driven any longer.
             RuntimeError: There was no request.
         """
-        # A reply that takes several periods is not worth waiting for within one.
+        # Do not wait within a period for a reply that takes several.
         sample = self._link.collect(0 if self._reply_ns else deadline_ns)
         self.waited_ns = self._link.waited_ns
         if self._health.asked and sample.outcome is Outcome.OK and not sample.alert:
-            # What it has latched would say more than what follows from it.
+            # A latched error explains more than its consequences.
             self._judge_health()
         return self._reading(sample)
 
     def read_from(self, sample: Sample) -> Reading:
-        """A reading from a sample that somebody else collected, who reads several servos at once.
+        """Return a reading from a sample that a group of servos has collected.
 
         Raises:
             ServoLostError: The port is gone.
-            TorqueLostError: It was not heard for long, and its torque is gone.
+            TorqueLostError: It has not replied for long, and its torque is gone.
         """
-        silence_ns = sample.sampled_ns - self._vigil.heard_ns
-        if sample.outcome is Outcome.OK and silence_ns > self._vigil.most_ns:
-            self._vigil.look(silence_ns, under_torque=self._goal != 0)
+        silence_ns = sample.sampled_ns - self._watchdog.heard_ns
+        if sample.outcome is Outcome.OK and silence_ns > self._watchdog.most_ns:
+            self._watchdog.look(silence_ns, under_torque=self._goal != 0)
         return self._reading(sample)
 
     def resume(self) -> None:
-        """See to the Bus Watchdog after a pause; see ``request``."""
-        self._vigil.resume(self._now_ns(), under_torque=self._goal != 0)
+        """Examine the Bus Watchdog after a pause; see ``request``."""
+        self._watchdog.resume(self._now_ns(), under_torque=self._goal != 0)
 
     def _reading(self, sample: Sample) -> Reading:
         outcome, counts, current, alert, sampled_ns = sample
@@ -206,8 +205,8 @@ class DynamixelServo:
             if self._running and self._link.restarted:
                 self._raise_restarted()
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
-        self._vigil.heard_ns = sampled_ns
-        if not self._reach.holds(counts, sampled_ns):
+        self._watchdog.heard_ns = sampled_ns
+        if not self._jump_filter.holds(counts, sampled_ns):
             self.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
         self._alert = self._alert or alert
@@ -218,8 +217,8 @@ class DynamixelServo:
     def write(self, torque: float) -> float:
         """Send a torque [N·m], limited and rounded to the servo's current unit.
 
-        A servo that senses its supply's current gives it at a standstill; moving with it gives
-        less, moving against it more.
+        A servo that senses its supply's current gives this torque at a standstill, less when moving
+        along it, more against it.
 
         Returns:
             The torque really sent [N·m].
@@ -234,7 +233,7 @@ class DynamixelServo:
         return self._law.torque(goal)
 
     def goal(self, torque: float) -> int:
-        """The goal current for a torque [N·m], for somebody who sends it at once.
+        """Return the goal current for a torque [N·m], for a caller who sends it at once.
 
         Raises:
             ValueError: The torque is not a finite number.
@@ -249,18 +248,18 @@ class DynamixelServo:
         return goal
 
     def torque(self, goal: int) -> float:
-        """The torque [N·m] of a goal current, as ``write`` returns it."""
+        """Return the torque [N·m] of a goal current, as ``write`` returns it."""
         return self._law.torque(goal)
 
     def stop(self) -> bool:
-        """Zero torque at once, then torque off, read back. Safe at any time, and twice.
+        """Send zero torque, then switch torque off and read it back. Safe at any time, and twice.
 
         Returns:
             Whether torque off was read back; False too when the port is gone, and when no known
-            model has answered, to which nothing is written.
+            model has replied, to which nothing is written.
         """
         if not self._confirmed_off:
-            if not self._known:  # never started: it may have its torque from somebody else
+            if not self._known:  # never started: its torque may belong to another program
                 with suppress(ServoError):
                     self._meet(self._startup())
             self._off()
@@ -269,7 +268,7 @@ class DynamixelServo:
         return self._confirmed_off
 
     def close(self) -> None:
-        """Stop the servo if it was started and not stopped, and let go of the line."""
+        """Stop the servo if it was started and not stopped, and close the line."""
         try:
             if self._running:
                 self.stop()
@@ -277,13 +276,13 @@ class DynamixelServo:
             self._line.close()
 
     def idle(self) -> None:
-        """See ``Servo``: all there is to do needs the bus."""
+        """Do nothing: all work needs the bus."""
 
     def stand_in(self, clock: Clock) -> DynamixelServo:
         """See ``Servo``: the same driver on a line that nobody else is on."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
         other._most = other.facts.torque_limit
-        other._vigil.heard_ns = clock.now_ns()
+        other._watchdog.heard_ns = clock.now_ns()
         other._running = other._known = True
         return other
 
@@ -291,23 +290,23 @@ class DynamixelServo:
         return Startup(self._settings, self._model, self._line, self._link, self._constant)
 
     def _meet(self, startup: Startup) -> int:
-        """Ask for the model number, and note whether its control table is known."""
+        """Read the model number, and note whether its control table is known."""
         number = startup.model_number()
         self._known = model_by_number(number) is not None
         return number
 
     def _off(self) -> bool:
-        """Zero goal if torque is ours, torque off, read back.
+        """Set a zero goal if torque is ours, switch torque off, and read it back.
 
-        Nothing is written where it is not known what stands at which address.
+        Nothing is written to a servo with an unknown control table.
         """
         if not self._known:
             return False
         try:
             if self._running:
                 self._running = False
-                self._vigil.end()
-                with suppress(ServoLostError):  # torque off, which comes next, is what counts
+                self._watchdog.end()
+                with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self._link.send_current(0)
             self._confirmed_off = torque_off(self._line, self._link)
         except ServoLostError:
@@ -318,24 +317,24 @@ class DynamixelServo:
         try:
             good = self._health.judge(self._link.block, self.facts.name)
         except TorqueLostError as error:
-            raise self._vigil.explained(error) from error
+            raise self._watchdog.explained(error) from error
         if not good:
-            self._vigil.look(0, under_torque=self._goal != 0)
+            self._watchdog.look(0, under_torque=self._goal != 0)
 
     def _raise_restarted(self) -> None:
-        raise self._vigil.explained(
+        raise self._watchdog.explained(
             TorqueLostError(
                 f"The {self.facts.name} has restarted, which its clock shows, so its torque is "
                 "off: check the supply, its current limit and the plugs."
             )
         )
 
-    def _new_reach(self) -> Reach:
+    def _new_jump_filter(self) -> JumpFilter:
         most = self._settings.max_speed
-        return Reach(self.facts.fastest if most is None else most)
+        return JumpFilter(self.facts.fastest if most is None else most)
 
     def _facts(self, current_limit: int, volts: float) -> Facts:
-        """The facts, with the torque limit a whole number of steps within every limit."""
+        """Return the facts, with the torque limit a whole number of steps within every limit."""
         steps = current_limit
         if self._settings.torque_limit > 0.0:
             steps = min(steps, self._law.within(self._settings.torque_limit))

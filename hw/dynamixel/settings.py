@@ -1,4 +1,4 @@
-"""What the driver of a Dynamixel must be told; it cannot tell a real one from an emulated one."""
+"""The settings of the Dynamixel driver, the same for real and emulated servos."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ class DynamixelSettings:
     torque_constant: float = 0.0
     """[N·m/A]; 0: the model's stall ratio"""
     torque_limit: float = 0.0
-    """[N·m]; 0: what the servo's own Current Limit allows"""
+    """[N·m]; 0: the servo's own Current Limit"""
     watchdog_s: float = 0.04
     """Bus Watchdog [s], in steps of 0.02"""
     probe_torque: float = 0.3
-    """Largest torque of the probe that proves the torque's sign [N·m]; 0: no probe"""
+    """Largest torque of the probe that verifies the torque's sign [N·m]; 0: no probe"""
     probe_direction: int = -1
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
-    """Of the loop that will drive it [s]: what fits on the bus beside a sample"""
+    """Of the loop that will drive it [s]: limits the additional bytes beside a sample"""
     max_speed: float | None = 0.0
-    """Positions that it could reach only faster are refused [rad/s]; 0: none are; None: faster
-    than ``Facts.fastest``"""
+    """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
+    ``Facts.fastest``"""
     speed_asked: bool = False
-    """``max_speed`` is what somebody has asked for: the start-up says where it is above the servo's
-    no-load speed"""
+    """A user has set ``max_speed``: the start-up reports where it is above the servo's no-load
+    speed"""
 
     @classmethod
     def of(cls, settings: ServoSettings) -> Self:
-        """What the driver needs of a servo's settings; no truth of an emulated one is in it."""
+        """Return the driver's part of a servo's settings, without true parameters."""
         return cls(**{part.name: getattr(settings, part.name) for part in fields(cls)})

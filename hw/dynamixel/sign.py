@@ -1,4 +1,4 @@
-"""The torque's sign, proved by a small push before anything relies on it: a line of the start."""
+"""Verifies the torque's sign by a small push, as a line of the start-up checks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
 
 _PUSHES: Final = 3
-"""A machine that is not set up for real time may stall for longer than the Bus Watchdog allows"""
+"""Number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
 
 
 def prove_the_sign(
@@ -29,20 +29,20 @@ def prove_the_sign(
     clock: Clock,
     name: str,
 ) -> None:
-    """See a small torque away from the wall move the shaft away from the wall.
+    """Check that a small torque away from the wall moves the shaft away from the wall.
 
     Args:
-        settings: Which torque, and which way.
+        settings: Torque and direction.
         law: Between torque and goal current.
         current_limit: The servo's own.
         table: The servo, with torque on at zero torque.
         link: The same, for goals and positions.
-        checklist: Where to put what was found.
+        checklist: Receives the result.
         clock: Tells the time.
         name: Of the servo, for messages.
 
     Raises:
-        ServoLostError: It stops answering.
+        ServoLostError: It stops replying.
     """
     if settings.probe_torque <= 0.0:
         checklist.add("torque sign", True, "not probed", "not asked for")
@@ -65,7 +65,7 @@ def prove_the_sign(
 
 
 def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[str, str]:
-    """What was found, and what to do if that is wrong."""
+    """Return the result, and the remedy if it is wrong."""
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
         return found, (

@@ -1,4 +1,4 @@
-"""A line on which a servo answers at once that it moves slowly to and fro: for rehearsals only."""
+"""A dry-run line with a servo that replies at once and moves slowly: for cache warm-ups only."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from haptic_wall.hw.dynamixel.samples import SAMPLE
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 
 _MIDDLE: Final = 2048
-_SWING: Final = 256
-"""A count a request, to either side of the middle: as slow as a hand"""
+_SPAN: Final = 256
+"""Amplitude of the motion [counts], at a count per request: as slow as a hand"""
 _READ_BYTES: Final = 14
 
 
 class StandInLine:
-    """Takes what is written, and has the answer ready to each request for a sample.
+    """Accepts requests for a sample, and replies at once.
 
     Args:
-        servo_id: Who seems to answer.
-        clock: The time that the servo's own clock shows.
+        servo_id: Id in the replies.
+        clock: Time of the servo's own clock.
     """
 
     __slots__ = ("_answer", "_counts", "_id", "_step", "clock")
@@ -33,18 +33,18 @@ class StandInLine:
         self._step = 1
 
     def write(self, data: bytes) -> None:
-        """See ``Line``."""
+        """Take a frame; see ``Line``."""
         if len(data) != _READ_BYTES or data[7] != Instruction.READ:
             return
         self._counts += self._step
-        if abs(self._counts - _MIDDLE) >= _SWING:
+        if abs(self._counts - _MIDDLE) >= _SPAN:
             self._step = -self._step
         tick = self.clock.now_ns() // 1_000_000 % TICK_MODULUS
         sample = SAMPLE.pack(tick, 0, 0, 0, self._counts)
         self._answer = encode_status(self._id, 0, sample.ljust(data[10], b"\0"))
 
     def read(self) -> bytes:
-        """See ``Line``."""
+        """Return the reply; see ``Line``."""
         answer, self._answer = self._answer, b""
         return answer
 
@@ -53,4 +53,4 @@ class StandInLine:
         return bool(self._answer)
 
     def close(self) -> None:
-        """See ``Line``."""
+        """Do nothing; see ``Line``."""

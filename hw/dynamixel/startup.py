@@ -1,9 +1,9 @@
-"""Everything that must hold before a servo may have torque, checked and put down line by line.
+"""Runs the start-up: checks and records every condition, line by line, before torque is enabled.
 
-The order matters. Torque goes off first, since EEPROM is locked while it is on. What only a person
-should change (drive mode, start-up configuration) is checked before anything is written. The goal
-current is zeroed *after* the mode change, which sets it to Current Limit. Torque goes on last, and
-then a small push proves its sign.
+The order matters. Torque goes off first, since EEPROM is locked while it is on. Settings that only
+a person should change (drive mode, start-up configuration) are checked before anything is written.
+The goal current is zeroed *after* the mode change, which sets it to Current Limit. Torque goes on
+last, and then a small push verifies its sign.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from haptic_wall.hw.servo import Check, Outcome
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _REPLIES: Final = 5
-"""Whose median tells whether replies come in time"""
+"""Number of replies whose median decides whether replies come in time"""
 _IN_TIME: Final = 1.8
-"""Periods that a reply may take: the one in which it was asked for, and 0.8 of the next"""
+"""Periods that a reply may take: the one of its request, and 0.8 of the next"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +49,20 @@ class Ready:
     current_limit: int
     """The servo's own, in the model's current unit"""
     bounds: Bounds
-    """Within which it may be driven"""
+    """The range in which it may be driven"""
     law: TorqueLaw
-    """Between torque and goal current, at the supply that was found"""
+    """Between torque and goal current, at the present supply"""
     volts: float
-    """That supply [V]"""
+    """Present supply [V]"""
     reply_ns: int
-    """How long a reply takes, if longer than the schedules have for it [ns]; 0: it does not"""
+    """Time of a reply, if longer than the schedules allow [ns]; else 0"""
 
 
 class Startup:
-    """The start of one servo. Whoever runs it switches the torque off when it raises.
+    """The start-up of one servo. The caller switches the torque off when it raises.
 
     Args:
-        settings: What is wanted.
+        settings: The wanted settings.
         model: The configured model.
         line: The bus, for the set-up.
         link: The same bus, for positions and the probe.
@@ -93,23 +93,23 @@ class Startup:
         self.list = Checklist(self._name)
 
     def model_number(self) -> int:
-        """Who answers; nothing but this is asked of a servo that may be of any kind.
+        """Return the model number; nothing else is requested from a servo of unknown kind.
 
         Raises:
-            ServoMissingError: Nothing answers.
-            UnfitServoError: It refuses to.
+            ServoMissingError: No reply.
+            UnfitServoError: It refuses.
         """
         return self.table.sdk.ping()
 
     def run(self, number: int, watch: tuple[str, str]) -> Ready:
-        """Check everything, set up what the driver may set up, and enable torque at zero torque.
+        """Check everything, set what the driver may set, and enable torque at zero torque.
 
         Args:
-            number: As ``model_number`` found it.
-            watch: What of the servo's state will be watched, and what would be with time for all.
+            number: From ``model_number``.
+            watch: Descriptions of what is watched, and of what would be with enough time.
 
         Raises:
-            ServoLostError: It stops answering.
+            ServoLostError: It stops replying.
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self.report_adapter()
@@ -129,7 +129,7 @@ class Startup:
         return Ready(self.list.checks, self.current_limit, bounds, self.law, self.volts, reply_ns)
 
     def report_adapter(self) -> None:
-        """How long the adapter keeps short replies; what it means shows in the samples' age."""
+        """Report how long the adapter holds short replies; the samples' age shows the effect."""
         port = self._settings.port
         latency_ms, found = None, "none"
         if port:
@@ -138,21 +138,21 @@ class Startup:
             found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
         self.list.add("latency timer", True, found, "1 ms, or none")
 
-    # What the driver sets up
+    # Settings of the driver
 
     def set_up(self) -> None:
-        """Mode, return delay, goal, watchdog: written where they differ, and read back."""
-        self.table.write("bus_watchdog", 0)  # one that has tripped refuses every goal, 0 included
+        """Set mode, return delay, goal and watchdog where they differ, and read them back."""
+        self.table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
         self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
         self._settle_at("return delay", "return_delay_time", 0)
         self.table.write("goal_current", 0)  # the mode change has set it to Current Limit
         self._settle_at("goal current", "goal_current", 0)
-        # It caps the current in this mode too, and stays as another program has left it.
+        # It limits the current in this mode too, and keeps another program's value.
         self._settle_at("goal pwm", "goal_pwm", self.table.read("pwm_limit"))
         self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
 
     def judge_limits_and_position(self) -> None:
-        """The servo's own limit on torque, and where it stands."""
+        """Check the servo's own torque limit, and its position."""
         self.current_limit = self.table.read("current_limit")
         self.volts = self.table.read("present_input_voltage") / 10
         if self._model.senses_supply_current:
@@ -190,7 +190,7 @@ class Startup:
         self.list.add("position", True, f"{position:.3f} rad", "known")
 
     def _report_speed(self) -> None:
-        """What it reaches by itself, and whether the speed that trips is below that."""
+        """Report the speed it reaches by itself, and whether the trip speed is below that."""
         alone, most = self._model.no_load_at(self.volts), self._settings.max_speed
         found = f"{alone:.3g} rad/s at {self.volts:g} V"
         if self._settings.speed_asked and most is not None and most > alone:
@@ -201,10 +201,10 @@ class Startup:
         self.list.add("no-load speed", True, found, "above the speed that trips")
 
     def measure_reply(self) -> int:
-        """How long a reply takes, if longer than the schedules have for it [ns]; else 0.
+        """Return the time of a reply, if longer than the schedules allow [ns]; else 0.
 
-        Each is asked for right after another has come, when an adapter's timer has just started: so
-        it takes as long as one can. The median, because a machine may stall.
+        Each is requested right after another has come, when an adapter's timer has just started, so
+        that it takes the longest possible time. The median is used, because a machine may stall.
         """
         times = []
         for _ in range(_REPLIES):
@@ -239,7 +239,7 @@ class Startup:
         self.list.refuse_if_unfit()
 
     def prove_the_sign(self) -> None:
-        """See a small torque away from the wall move the shaft away from the wall."""
+        """Check that a small torque away from the wall moves the shaft away from the wall."""
         prove_the_sign(
             self._settings,
             self.law,
@@ -271,7 +271,7 @@ class Startup:
         )
 
     def _sample(self) -> Sample:
-        """A position, over the same path that the running cycle will use."""
+        """Return a position, over the same path as the running cycle."""
         for _ in range(_SAMPLE_ATTEMPTS):
             self._link.request()
             sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)

@@ -1,14 +1,14 @@
-"""Samples of several servos in one cycle: by fast sync read, by sync read, or one by one.
+"""Exchanges samples and goals with several servos in one cycle, in the fastest way they support.
 
-A servo that does not answer costs its own reading alone. In a fast sync read every servo appends
-its share to one frame, each with a checksum over all before it, so shares in front of a missing one
-are whole. Those behind it are never sent: so a servo that has not answered is asked last.
+A servo that does not reply loses only its own reading. In a fast sync read every servo appends its
+part to one frame, each with a checksum over all before it, so parts before a missing one are valid.
+Those after it are never sent: so a servo that has not replied is requested last.
 
-Replies are matched to requests as ``link`` does it: by a length that changes, and by each servo's
-own clock; those that come late, or again, are counted for each whose share is whole.
+Replies are matched to requests as in ``link``: by a changing length, and by each servo's own clock;
+late or repeated ones are counted for each servo whose part is valid.
 
-What a quiet bus repeats is prepared: the requests, what their joint reply must look like, and all
-but the values of the goals.
+The frames of an undisturbed bus are prepared: the requests, the pattern of their joint reply, and
+all but the values of the goals.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from haptic_wall.hw.servo import BusCounts, Outcome
 
 _GOAL_CURRENT: Final = 102
 _GRACE_NS: Final = 200_000
-"""How long those that stay away are waited for when all others have answered"""
-_OK: Final = Outcome.OK  # to look it up takes as long as to make a sample
+"""Additional wait for missing servos when all others have replied"""
+_OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 
 
 class Way(Enum):
-    """How several servos are read, from the quickest."""
+    """Ways to read several servos, from the fastest."""
 
     FAST = Instruction.FAST_SYNC_READ
     """One request, one joint reply; firmware 45 or later, X330 46"""
@@ -50,20 +50,20 @@ class Way(Enum):
 
 
 class Together:
-    """The samples and goal currents of several servos on one line.
+    """Exchanges the samples and goal currents of several servos on one line.
 
     Args:
         line: The bus.
-        ids: Whose; readings and goals are in this order.
+        ids: Of the servos; readings and goals are in this order.
         way: How they are read.
     """
 
     def __init__(self, line: Line, ids: Sequence[int], way: Way) -> None:
         self.way = way
         self.counts = [BusCounts() for _ in ids]
-        """What happened to each servo's readings"""
+        """Counts of each servo's readings"""
         self.waited_ns = 0
-        """How long the last ``collect`` waited for bytes [ns]"""
+        """Waiting time of the last ``collect`` [ns]"""
         self._line = line
         self._now_ns = line.clock.now_ns
         self._ids = tuple(ids)
@@ -79,22 +79,22 @@ class Together:
         self._found: dict[int, Sample] = {}
         self._broken: set[int] = set()
         self._raw = bytearray()
-        """What has come of a joint reply"""
+        """Received bytes of a joint reply"""
         self._begun: tuple[int, ...] = ()
-        """Whose shares of it have come, if only in part"""
+        """Servos whose parts of it have come, partial ones included"""
         self._corrupt_before = 0
-        """What the parser had given up before the last request"""
+        """The parser's count before the last request"""
         self._goals = SyncWrite(_GOAL_CURRENT, self._ids)
         self._requests = {size: self._request_frame(size, self._ids) for size in LENGTHS}
         self._expected = {size: JointReply(self._ids, size) for size in LENGTHS}
 
     @property
     def restarted(self) -> list[int]:
-        """Ids of those whose clock runs on from another reading: they have restarted."""
+        """Return ids of servos that have restarted: their clock continues from another reading."""
         return [id_ for id_, clock in self._clocks.items() if clock.restarted]
 
     def request(self) -> None:
-        """Ask all for a sample. Does not wait; a request not yet collected is given up.
+        """Request all samples. Does not wait; a request not yet collected is given up.
 
         Raises:
             ServoLostError: The port is gone.
@@ -110,7 +110,7 @@ class Together:
         self._found.clear()
         self._broken.clear()
         number = self._number
-        size = LENGTHS.start  # found in two steps while nothing goes wrong
+        size = LENGTHS.start  # found in two steps on an undisturbed bus
         while self._free_at[size] > number:
             size += 1
         self._length = size
@@ -125,7 +125,7 @@ class Together:
         self._line.write(request)
 
     def collect(self, deadline_ns: int) -> list[Sample]:
-        """The answers to the last request, waiting until ``deadline_ns`` [ns] at most.
+        """Return the answers to the last request, waiting until ``deadline_ns`` [ns] at most.
 
         Raises:
             ServoLostError: The port is gone.
@@ -149,7 +149,7 @@ class Together:
         return self._close()
 
     def send_currents(self, goals: Sequence[int]) -> None:
-        """Send each its goal current, in its model's unit, in one frame that is never answered.
+        """Send each its goal current, in its model's unit, in one frame without a reply.
 
         Raises:
             ServoLostError: The port is gone.
@@ -157,14 +157,14 @@ class Together:
         self._line.write(self._goals.encode(goals))
 
     def _request_frame(self, size: int, order: Sequence[int]) -> bytes:
-        """The request for so many bytes; of the first alone where they are asked one by one."""
+        """Return the request for so many bytes; of the first servo only in mode ``PLAIN``."""
         block = struct.pack("<HH", SAMPLE_ADDRESS, size)
         if self.way is Way.PLAIN:
             return encode(order[0], Instruction.READ, block)
         return encode(BROADCAST, self.way.value, block + bytes(order))
 
     def _collect_one_by_one(self, deadline_ns: int) -> None:
-        """Each in turn; who answers is not kept waiting by who does not."""
+        """Collect each in turn; a missing servo does not delay the others."""
         block = struct.pack("<HH", SAMPLE_ADDRESS, self._length)
         share_ns = (deadline_ns - self._now_ns()) // len(self._order)
         for place, id_ in enumerate(self._order):
@@ -173,17 +173,17 @@ class Together:
                 self._sent_ns[id_] = now_ns
                 self._line.write(encode(id_, Instruction.READ, block))
             self._gather((id_,), min(deadline_ns, now_ns + share_ns))
-            self._parser.reset()  # what it begins is no part of the next one's answer
+            self._parser.reset()  # a partial frame is no part of the next one's answer
 
     def _next(self, deadline_ns: int) -> bytes | None:
-        """What comes next; None where nothing does until ``deadline_ns``."""
+        """Return the next bytes; None: none come until ``deadline_ns``."""
         began_ns = self._now_ns()
         come = self._line.wait(deadline_ns)
         self.waited_ns += self._now_ns() - began_ns
         return self._line.read() if come else None
 
     def _gather(self, ids: Sequence[int], deadline_ns: int) -> None:
-        """Take in what comes until all of ``ids`` have answered or time is up."""
+        """Process received bytes until all of ``ids`` have replied or time is up."""
         now_ns = self._now_ns
         broken = self._parser.corrupt
         patient = self._turns.expected(ids)
@@ -196,7 +196,7 @@ class Together:
             data = self._next(end_ns)
             if data is not None:
                 self._take_in(data)
-            if data is None or began_ns >= end_ns:  # without a servo it may never be silent
+            if data is None or began_ns >= end_ns:  # a noisy bus may never be silent
                 break
         if self.way is not Way.FAST:
             self._lay_to(ids, self._parser.corrupt - broken + (not self._parser.idle))
@@ -205,12 +205,12 @@ class Together:
         return all(id_ in self._found or id_ in self._broken for id_ in ids)
 
     def _lay_to(self, ids: Sequence[int], count: int) -> None:
-        """Count so many replies that came broken as those of the first who are missing."""
+        """Count broken replies as those of the first missing servos."""
         missing = [id_ for id_ in ids if id_ not in self._found and id_ not in self._broken]
         self._broken.update(missing[:count])
 
     def _take_in(self, data: bytes) -> None:
-        """Whatever it holds of the answers."""
+        """Process received bytes."""
         if self.way is Way.FAST:
             self._raw += data
             self._take_joint_reply()
@@ -219,7 +219,7 @@ class Together:
                 self._take_frame(frame)
 
     def _take_expected(self, data: bytes) -> list[Sample] | None:
-        """The samples, if ``data`` is just the joint reply of all; None if it is anything else."""
+        """Return the samples if ``data`` is exactly the joint reply of all; None otherwise."""
         values = self._expected[self._length].values(data)
         if values is None:
             return None
@@ -241,7 +241,7 @@ class Together:
         return list(found.values())
 
     def _take_joint_reply(self) -> None:
-        """The shares in what has come so far of a fast sync read's reply."""
+        """Process the received parts of a fast sync read's reply."""
         come = shares(self._raw, len(self._order), self._length)
         for id_, share in zip(self._order, come.good, strict=False):
             if share.id == id_ and id_ not in self._broken:
@@ -253,21 +253,21 @@ class Together:
             self._broken_off()
 
     def _broken_off(self) -> None:
-        """What has begun to come and is no answer will not become one."""
+        """Give up a partial reply that can no longer be completed."""
         self._broken.update(id_ for id_ in self._begun if id_ not in self._found)
 
     def _take_frame(self, frame: Frame) -> None:
-        """A reply of one servo."""
+        """Process a reply of one servo."""
         if frame.instruction != Instruction.STATUS or frame.id not in self._clocks:
             return
-        refused = frame.error & 0x7F != 0  # it does not say of what, and holds nothing
+        refused = frame.error & 0x7F != 0  # it does not name its request, and has no data
         if refused or (len(frame.params) == self._length and frame.id not in self._found):
             self._take(frame.id, frame.error, frame.params)
         elif len(frame.params) in LENGTHS:
             self._count_late(frame.id)
 
     def _take(self, id_: int, error: int, data: bytes) -> None:
-        """A servo's answer, if it is one and its clock agrees."""
+        """Process a servo's answer, if it is one and its clock agrees."""
         if id_ in self._found:
             return
         if error & 0x7F or len(data) != self._length:
@@ -279,7 +279,7 @@ class Together:
             self._found[id_] = Sample(Outcome.OK, position, current, error != 0, sent_ns)
 
     def _close(self) -> list[Sample]:
-        """Stop waiting; the samples in the order of ids."""
+        """Stop waiting; return the samples in the order of ids."""
         samples = []
         whole = True
         if self._raw:
@@ -299,13 +299,13 @@ class Together:
             samples.append(found)
         if not whole or not self._turns.all_heard:
             self._turns.heard(self._order, self._found, chained=self.way is Way.FAST)
-        # A late reply, or a copy, must not meet a request of its own length.
+        # A late reply, or a copy, must not coincide with a request of its own length.
         self._free_at[self._length] = self._number + (1 if whole and not cut else QUARANTINE)
         self._length = 0
         return samples
 
     def _sort_out_the_rest(self) -> None:
-        """What came beside the joint reply that was waited for, or in place of it."""
+        """Process bytes beside the awaited joint reply, or in place of it."""
         raw, size, count = self._raw, self._length, len(self._ids)
         if len(self._found) == count and len(raw) == joint_bytes(count, size):
             return
@@ -316,7 +316,7 @@ class Together:
             self._begun = self._order[: spoilt(raw, size)]
 
     def _count_stale(self, data: bytes) -> None:
-        """Count what comes after it was given up."""
+        """Count replies that come after they were given up."""
         if self.way is Way.FAST:
             for share in strays(data, len(self._ids), 0):
                 self._count_late(share.id)

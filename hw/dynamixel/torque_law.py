@@ -1,9 +1,9 @@
-"""Torque and Goal Current: in proportion, or by the root where the supply's current is sensed.
+"""Converts torque to Goal Current and back: linear, or a square root for X330 servos.
 
 Most models regulate the current of their motor, and torque is in proportion to it. Those of the
 X330 family measure the current of the supply. Through the inverter ``U i_s = (duty U) i``, so
-``i_s = duty i``, with ``duty U = R i + k_e w``: at a standstill the torque goes with the square
-root of the current that is sensed.
+``i_s = duty i``, with ``duty U = R i + k_e w``: at a standstill the torque is proportional to the
+square root of the sensed current.
 
 Source: ROBOTIS e-Manual, "Goal Current" of the XL330 and XC330 (that it is the supply's current);
 the law is the balance of power of an ideal inverter.
@@ -18,76 +18,76 @@ from typing import Protocol
 from haptic_wall.hw.dynamixel.tables import Model
 
 _WHOLE = 1e-9
-"""Keeps a torque of exactly so many units from losing one to rounding"""
+"""Tolerance, so that rounding does not take a unit from an exact torque"""
 _HUGE = 1e9
 """More than any limit, and still a whole number where a ratio or its square is infinite"""
 
 
 class TorqueLaw(Protocol):
-    """How goal currents [current units] and torques [N·m] belong together; odd in both."""
+    """Relation of goal currents [current units] and torques [N·m]; odd in both."""
 
     @property
     def step(self) -> float:
-        """The torque of the smallest goal, and the largest difference between neighbours [N·m]."""
+        """Return the torque of the smallest goal, the largest difference of neighbours [N·m]."""
 
     def goal(self, torque: float) -> int:
-        """The goal that is sent for a torque within a servo's limit [N·m]."""
+        """Return the goal for a torque within a servo's limit [N·m]."""
 
     def within(self, torque: float) -> int:
-        """The largest goal whose torque is not above this one [N·m], >= 0."""
+        """Return the largest goal whose torque does not exceed this one [N·m], >= 0."""
 
     def torque(self, goal: int) -> float:
-        """Torque of a goal, or of a current that was measured, at a standstill [N·m]."""
+        """Return the torque of a goal, or of a measured current, at a standstill [N·m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proportional:
-    """Of a servo that senses its motor's current."""
+    """The law of a servo that senses its motor's current."""
 
     step: float
 
     def goal(self, torque: float) -> int:
-        """The nearest."""
+        """Return the nearest goal."""
         return round(torque / self.step)
 
     def within(self, torque: float) -> int:
-        """The largest that makes no more."""
+        """Return the largest goal that gives no more."""
         return math.floor(min(torque / self.step + _WHOLE, _HUGE))
 
     def torque(self, goal: int) -> float:
-        """In proportion."""
+        """Return the proportional torque."""
         return goal * self.step
 
 
 @dataclass(frozen=True, slots=True)
 class Root:
-    """Of a servo that senses its supply's current, at a standstill.
+    """The law of a servo that senses its supply's current, at a standstill.
 
-    One unit of current makes ``step``, four make twice that: torques between zero and ``step``
-    cannot be had. Goals are rounded toward zero, so that no more acts than was asked for.
+    One unit of current makes ``step``, four make twice that: torques between zero and ``step`` are
+    not possible. Goals are rounded toward zero, so that no more acts than was requested.
     """
 
     step: float
 
     def goal(self, torque: float) -> int:
-        """The next toward zero."""
+        """Return the next goal toward zero."""
         ratio = torque / self.step
         return int(math.copysign(min(ratio * ratio + _WHOLE, _HUGE), ratio))
 
     def within(self, torque: float) -> int:
-        """The largest that makes no more."""
+        """Return the largest goal that gives no more."""
         return self.goal(torque)
 
     def torque(self, goal: int) -> float:
-        """By the root."""
+        """Return the torque by the square root."""
         return math.copysign(math.sqrt(abs(goal)), goal) * self.step
 
 
 def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
-    """The law of a model.
+    """Return the law of a model.
 
     Args:
-        model: Its unit of current, what it senses, and its published stall current.
+        model: Its unit of current, the sensed current, and its published stall current.
         constant: k_t, torque per current of the motor [N·m/A].
         volts: Of the supply [V], where the supply's current is sensed.
     """
@@ -98,10 +98,10 @@ def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
 
 
 def resistance(model: Model) -> float:
-    """R of winding and inverter: supply over stall current [ohm].
+    """Return R of winding and inverter: supply over stall current [ohm].
 
-    Models without published figures have a stall current of their largest Current Limit: an
-    assumption. Where figures are published, it is 12 to 40 % high.
+    For models without published figures the stall current is assumed to be their largest Current
+    Limit. Where figures are published, that is 12 to 40 % too high.
     """
     return model.voltage / (
         model.stall_current or model.current_limit * model.current_unit_ma * 1e-3
@@ -111,7 +111,7 @@ def resistance(model: Model) -> float:
 def supply_current(
     current: float, volts: float, speed: float, resistance: float, back_emf: float
 ) -> float:
-    """Current sensed at the supply [A] when ``current`` [A] flows through the motor.
+    """Return the current sensed at the supply [A] when ``current`` [A] flows through the motor.
 
     It has the sign of the motor's, as a direction; the manual's Goal Current has one too.
 
@@ -128,10 +128,11 @@ def supply_current(
 def motor_current(
     sensed: float, volts: float, speed: float, resistance: float, back_emf: float
 ) -> float:
-    """The motor current [A] at which ``sensed`` [A] is measured at the supply; 0 for 0.
+    """Return the motor current [A] at which ``sensed`` [A] is measured at the supply; 0 for 0.
 
-    Where the shaft is driven against the wanted direction, at least the current of a motor that is
-    shorted flows: the supply does not see that part.
+    Where the shaft is driven against the wanted direction, at least the current of a shorted motor
+    flows:
+    the supply does not see that part.
 
     Args:
         sensed: Current of the supply [A].

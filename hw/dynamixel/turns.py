@@ -1,7 +1,7 @@
-"""In which order servos on one bus are asked: who answers first, then by turns who does not.
+"""Decides the order in which servos on one bus are requested: those that reply first.
 
-In a chain of answers one that is missing keeps those behind it from being heard. Of several that do
-not answer another is asked first each time, or those behind it would never be heard again.
+In a chain of replies a missing servo silences those after it. Of several missing servos another one
+is requested first each time, or those after it would never be heard again.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Container, Sequence
 from typing import Final
 
 _GONE: Final = 3
-"""Readings lost in a row after which a servo is not waited for as long"""
+"""Consecutive lost readings after which the wait for a servo is shorter"""
 
 
 class Turns:
-    """Who has been heard lately.
+    """Tracks which servos have replied lately.
 
     Args:
         ids: Of the servos, in the usual order.
@@ -23,12 +23,12 @@ class Turns:
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
         self._unheard = dict.fromkeys(ids, 0)
-        """Readings lost in a row, by its own fault"""
+        """Consecutive lost readings by a servo's own fault"""
         self.all_heard = True
-        """None stays away, so they are asked in the usual order"""
+        """No servo is missing, so the usual order is used"""
 
     def order(self, number: int) -> tuple[int, ...]:
-        """The order for the request of this number."""
+        """Return the order for the request of this number."""
         silent = [id_ for id_ in self._ids if self._unheard[id_]]
         if not silent:
             return self._ids
@@ -37,11 +37,11 @@ class Turns:
         return (*heard, *silent[turn:], *silent[:turn])
 
     def expected(self, ids: Sequence[int]) -> list[int]:
-        """Those worth waiting for."""
+        """Return the servos worth waiting for."""
         return [id_ for id_ in ids if self._unheard[id_] < _GONE]
 
     def heard(self, order: Sequence[int], found: Container[int], *, chained: bool) -> None:
-        """Note who has answered; behind the first one missing in a chain nobody could."""
+        """Record which servos have replied; after the first missing one in a chain none could."""
         for id_ in order:
             if id_ in found:
                 self._unheard[id_] = 0

@@ -1,4 +1,4 @@
-"""The Bus Watchdog: how it is set, looked at after a pause, armed again if nothing was lost."""
+"""Sets the Bus Watchdog, examines it after a pause, and arms it again if no torque was lost."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
 _PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
-"""For each reply of each attempt [ns], beside its time on the wire; the last outlasts an adapter's
-16 ms timer"""
+"""Time allowed for each reply of each attempt [ns], without its time on the wire; the last outlasts
+an adapter's 16 ms timer"""
 _LOOK_BYTES: Final = 11
-"""Read from Bus Watchdog on, one more at each attempt: lengths of no other request, so that no late
-reply to one, and none to an earlier attempt, is taken for the answer"""
+"""Bytes read from Bus Watchdog on, one more at each attempt: lengths of no other request, so that
+no late reply is taken for the answer"""
 
 
 class Armed(Enum):
-    """How a Bus Watchdog was found."""
+    """The state of a Bus Watchdog."""
 
     YES = "armed"
-    """It is as it was set, or has been armed again at zero torque"""
+    """It has its setting, or has been armed again at zero torque"""
     NO = "not armed"
     """It has tripped or was changed, and there was a torque to lose"""
     UNKNOWN = "unknown"
-    """The servo does not answer"""
+    """The servo does not reply"""
 
 
 def watchdog_units(settings: DynamixelSettings) -> int:
-    """The configured Bus Watchdog in the register's unit.
+    """Return the configured Bus Watchdog in the register's unit.
 
     Raises:
-        UnfitServoError: No servo has such a one.
+        UnfitServoError: The register cannot hold it.
     """
     units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
     if not 1 <= units <= _MOST_UNITS:
@@ -51,19 +51,19 @@ def watchdog_units(settings: DynamixelSettings) -> int:
 
 
 def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
-    """See whether the servo still takes goals; make it so if nothing was lost.
+    """Check whether the servo still accepts goals; arm it again if no torque was lost.
 
-    A watchdog that has tripped refuses every goal without a word. Under torque it is left so: to
-    bring the torque back after motion that nobody watched would be a blow. It is written to only
-    after it was read.
+    A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return of
+    the torque after an unobserved motion would be an impact. It is written only after it was read.
 
-    One that has tripped takes no goal before it is cleared, and the one it tripped at may come back
-    then, with nothing to end it: so torque is off meanwhile. Every write is confirmed.
+    A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
+    nothing
+    to end it: so torque is off meanwhile. Every write is confirmed.
 
     Args:
         link: The servo.
         clock: Tells the time.
-        units: What it was set to [20 ms].
+        units: Its setting [20 ms].
         under_torque: The last goal was not zero.
 
     Raises:
@@ -78,7 +78,7 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
         size = _LOOK_BYTES + attempt
         patience = least_ns + link.wire_ns(ASKING_BYTES + size)
         block = link.read_block(_BUS_WATCHDOG.address, size, now_ns() + patience)
-        if block is None:  # whether there is a torque to bring back is not known
+        if block is None:  # unknown whether there is a torque to lose
             continue
         if block[0] == units and not begun:
             return Armed.YES
@@ -97,13 +97,13 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
 
 
 def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:
-    """Message about a watchdog that was not found armed.
+    """Return the error for a watchdog that was not armed.
 
     Args:
-        found: How it was found.
+        found: Its state.
         name: Of the servo.
-        silence_ns: How long the servo heard nothing [ns]; 0: it was talked to.
-        watchdog_s: What it was set to [s].
+        silence_ns: Time without an instruction [ns]; 0: there was none.
+        watchdog_s: Its setting [s].
     """
     silence = f"{silence_ns * 1e-6:.0f} ms"
     if found is Armed.UNKNOWN:

@@ -1,4 +1,4 @@
-"""Frames on a Dynamixel bus's wire in one cycle, and how long bytes take on it.
+"""Counts the bytes of a cycle on a Dynamixel bus, and computes their time on the wire.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (frame layout).
 """
@@ -15,9 +15,9 @@ _FRAME: Final = 4 + 1 + 2 + 1 + 2
 READ_REQUEST_BYTES: Final = _FRAME + 2 + 2
 """Address and length"""
 EMPTY_REPLY_BYTES: Final = _FRAME + 1
-"""An error byte; data comes on top"""
+"""With an error byte; data adds to it"""
 ASKING_BYTES: Final = READ_REQUEST_BYTES + EMPTY_REPLY_BYTES
-"""A read and its reply, but for the data; a byte's write and its reply are shorter"""
+"""A read and its reply, without the data; a byte's write and its reply are shorter"""
 SAMPLE_BYTES: Final = 16
 """From the servo's clock to its position"""
 GOAL_BYTES: Final = _FRAME + 2 + 2 + 1 + 2
@@ -27,17 +27,17 @@ CYCLE_BYTES: Final = ASKING_BYTES + SAMPLE_BYTES + GOAL_BYTES
 
 
 def wire_ns(count: int, baud: int) -> int:
-    """How long so many bytes are on the wire [ns].
+    """Return the time of so many bytes on the wire [ns].
 
     Args:
-        count: Of bytes.
+        count: Number of bytes.
         baud: Bits per second, > 0.
     """
     return count * BYTE_AT_ONE_BAUD_NS // baud
 
 
 def cycle_s(baud: float) -> float:
-    """How long the frames of one cycle are on the wire [s].
+    """Return the time of one cycle's frames on the wire [s].
 
     Args:
         baud: Bits per second, > 0.

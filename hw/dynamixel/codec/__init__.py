@@ -1,4 +1,4 @@
-"""Dynamixel Protocol 2.0 as pure functions: bytes to frames and back, no port and no clock.
+"""Encodes and decodes Dynamixel Protocol 2.0: pure functions, without port and clock.
 
 Shared by the driver and the emulated bus.
 

@@ -1,7 +1,7 @@
-"""Frames that a running cycle repeats with other data: recognised or built in a few steps.
+"""Builds and recognises the frames that a running cycle repeats, in a few steps.
 
-All but the data is known before the first one, its part of the checksum too. Whatever differs from
-what is expected is left to the ``Parser``; what is built here is what ``encode`` builds.
+All but the data is known beforehand, including its part of the checksum. Any other frame is left to
+the ``Parser``; the frames built here equal those of ``encode``.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from haptic_wall.hw.dynamixel.codec.frames import (
     encode,
 )
 
-_STATUS: Final = Instruction.STATUS  # to look it up takes as long as to make a frame
+_STATUS: Final = Instruction.STATUS  # a lookup takes as long as making a frame
 _FIXED: Final = 8
-"""Bytes of a reply in front of its error byte: header, id, length, instruction"""
+"""Bytes of a reply before its error byte: header, id, length, instruction"""
 
 
 class ExpectedReply:
-    """Recognises the one reply that a cyclic request should get, in half the time of a search.
+    """Recognises the one reply that a cyclic request expects, in half the time of a search.
 
     Args:
-        id: Of the servo asked.
-        size: Bytes of data asked for.
+        id: Of the requested servo.
+        size: Requested bytes of data.
     """
 
     __slots__ = ("_crc", "_prefix", "_size")
@@ -41,7 +41,7 @@ class ExpectedReply:
         self._crc = crc16(self._prefix)
 
     def match(self, data: bytes) -> Frame | None:
-        """The reply, if ``data`` is just that; None for whatever needs a ``Parser``."""
+        """Return the reply if ``data`` is exactly that; None: use a ``Parser``."""
         prefix = self._prefix
         if len(data) != self._size or not data.startswith(prefix):
             return None
@@ -52,11 +52,11 @@ class ExpectedReply:
 
 
 class ExpectedFastReply:
-    """Recognises the joint reply of all servos that a cyclic fast sync read should get.
+    """Recognises the expected joint reply of all servos to a cyclic fast sync read.
 
     Args:
-        ids: Of the servos asked, in the order asked.
-        size: Bytes of data asked of each.
+        ids: Of the requested servos, in the requested order.
+        size: Requested bytes of each.
     """
 
     __slots__ = ("_crc", "_ids", "_prefix", "_share", "_size")
@@ -70,9 +70,9 @@ class ExpectedFastReply:
         self._crc = crc16(self._prefix)
 
     def match(self, data: bytes) -> bool:
-        """Whether ``data`` is just that, with a share of each; if not, it needs a closer look.
+        """Whether ``data`` is exactly that, with a part of each servo; else it needs a parser.
 
-        The shares begin at the ninth byte: error, id, data, CRC. The last CRC covers all of them.
+        The parts begin at the ninth byte: error, id, data, CRC. The last CRC covers all of them.
         """
         return (
             len(data) == self._size
@@ -101,11 +101,11 @@ class SyncWrite:
         self._crc = crc16(self._prefix)
 
     def encode(self, values: Sequence[int]) -> bytes:
-        """The frame with a value for each servo, in the order of the ids.
+        """Return the frame with a value for each servo, in the order of the ids.
 
         Raises:
-            ValueError: There is not one for each.
-            struct.error: A value does not fit in 16 bits with a sign.
+            ValueError: The number of values differs from the number of ids. struct.error: A value
+            does not fit in 16 bits with a sign.
         """
         fields = self._fields
         fields[1::2] = values
@@ -116,5 +116,5 @@ class SyncWrite:
 
 
 def _reply_prefix(id_: int, length: int) -> bytes:
-    """What a reply begins with, up to its instruction."""
+    """Return the beginning of a reply, up to its instruction."""
     return HEADER + bytes((id_, length & 0xFF, length >> 8, Instruction.STATUS))

@@ -1,6 +1,6 @@
-"""The joint reply to a fast sync or bulk read: one frame to which every servo appends its share.
+"""Encodes and decodes the joint reply to a fast read: one frame with a part of every servo.
 
-It is never stuffed, and each share ends with the CRC of everything before it.
+It is never stuffed, and each part ends with the CRC of everything before it.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0", fast sync read and fast bulk read.
 """
@@ -21,7 +21,7 @@ from haptic_wall.hw.dynamixel.codec.frames import (
 
 
 class FastReply(NamedTuple):
-    """One servo's share of the joint reply."""
+    """One servo's part of the joint reply."""
 
     id: int
     error: int
@@ -29,7 +29,7 @@ class FastReply(NamedTuple):
 
 
 def encode_fast_status(replies: Iterable[FastReply]) -> bytes:
-    """The joint reply, as if every servo had appended its share.
+    """Return the joint reply, as if every servo had appended its part.
 
     Raises:
         ValueError: The replies do not fit in a frame.
@@ -51,16 +51,16 @@ def encode_fast_status(replies: Iterable[FastReply]) -> bytes:
 
 
 def decode_fast_status(frame: Frame, size: int) -> list[FastReply]:
-    """Each servo's share of a fast sync read reply.
+    """Return each servo's part of a fast sync read reply.
 
     The frame's last CRC, which the parser has checked, covers all of them.
 
     Args:
         frame: A reply from the broadcast id.
-        size: Bytes asked of each servo.
+        size: Requested bytes of each servo.
 
     Returns:
-        The shares in the order asked for; empty when this is not such a reply.
+        The parts in the requested order; empty when this is not such a reply.
     """
     block = size + 4
     count, rest = divmod(len(frame.params) + 3, block)

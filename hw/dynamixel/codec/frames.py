@@ -1,8 +1,8 @@
-"""One frame: its numbers, its checksum, its stuffing, its bytes.
+"""Encodes and decodes one frame: fields, checksum, byte stuffing.
 
 Frames on the wire are
 ``FF FF FD 00 | id | length (2) | instruction | parameters ... | CRC (2)``, little endian;
-the length counts everything behind itself.
+the length counts everything after itself.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 BROADCAST: Final = 0xFE
 MAX_ID: Final = 252
 MAX_LENGTH: Final = 2048
-"""Longest believable length field: more is taken for garbage, so a broken length cannot make the
+"""Largest plausible length field: a larger one is garbage, so that a broken length cannot make the
 parser wait for 64 kB (a whole control table is 662 bytes)."""
 
 HEADER: Final = b"\xff\xff\xfd\x00"
@@ -27,7 +27,7 @@ PREAMBLE: Final = 7
 
 
 class Instruction(IntEnum):
-    """Instruction of a frame, or that it is a reply (``STATUS``)."""
+    """Instruction of a frame; ``STATUS`` marks a reply."""
 
     PING = 0x01
     READ = 0x02
@@ -48,7 +48,7 @@ class Instruction(IntEnum):
 
 
 class ErrorCode(IntEnum):
-    """Why a servo refused, in the low seven bits of a reply's error byte."""
+    """Reason of a servo's refusal, in the low seven bits of a reply's error byte."""
 
     NONE = 0
     RESULT_FAIL = 1
@@ -65,13 +65,13 @@ ALERT: Final = 0x80
 
 
 class Frame(NamedTuple):
-    """One frame off the wire."""
+    """One decoded frame."""
 
     id: int
     instruction: int
     error: int
     """The error byte of a reply; 0 for an instruction, except ``ErrorCode.CRC`` where the parser
-    was asked to report what failed its CRC."""
+    reports frames with a wrong CRC."""
     params: bytes
     """Un-stuffed, without the error byte of a reply."""
 
@@ -82,12 +82,12 @@ _FACTOR: Final = 0x8003
 
 @cache
 def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
-    """How to bring so many bytes down to 15 bits: cut, mask below it, shift of what is above."""
+    """Return the steps that reduce so many bytes to 15 bits: cut, mask below it, shift above it."""
     bits = 8 * size + 16
     step = 1 << max(0, (bits // 15).bit_length() - 1)
     folds = []
     while step:
-        # A little above the cut is left to the next step, which is cheaper.
+        # A few bits above the cut are left to the next step, which is cheaper.
         while bits > (22 * step if step > 1 else 15):
             folds.append((15 * step, (1 << 15 * step) - 1, step))
             bits = max(15 * step, bits - 14 * step)
@@ -96,18 +96,18 @@ def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
 
 
 def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
-    """Checksum of a frame: polynomial 0x8005, most significant bit first, no reflection.
+    """Return the checksum of a frame: polynomial 0x8005, most significant bit first, no reflection.
 
-    The remainder of the bytes, as one polynomial, without a table: a cycle finds one that it has
-    not used for a period in no cache. Modulo the factor p = x^15 + x + 1, x^15 is x + 1, and as
-    squaring is linear, x^(15 n) is x^n + 1 for every power of two n: so what lies above a cut is
-    folded onto what lies below it, half of the bytes at first. Modulo the factor x + 1 a polynomial
-    is its number of bits, modulo 2. The two remainders give the one wanted, which is the first or
-    p more.
+    It is the remainder of the bytes, as one polynomial, computed without a table: a table unused
+    for a period is in no cache. Modulo the factor p = x^15 + x + 1, x^15 is x + 1, and as squaring
+    is linear, x^(15 n) is x^n + 1 for every power of two n: the part above a cut is folded onto the
+    part below it, half of the bytes at first. Modulo the factor x + 1 a polynomial is its number of
+    bits, modulo
+    2. The two remainders determine the result, which is the first or p more.
 
     Args:
         data: The bytes.
-        crc: Checksum of what came before; 0 at the start.
+        crc: Checksum of the preceding bytes; 0 at the start.
     """
     size = len(data)
     value = int.from_bytes(data, "big") << 16 ^ crc << 8 * size
@@ -119,7 +119,7 @@ def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
 
 
 def encode(id: int, instruction: int, params: bytes = b"") -> bytes:  # noqa: A002
-    """An instruction frame, stuffed and with its CRC.
+    """Return an instruction frame, stuffed and with its CRC.
 
     Raises:
         ValueError: The id is not one (0 to 252, 254), or the parameters do not fit in a frame.
@@ -128,7 +128,7 @@ def encode(id: int, instruction: int, params: bytes = b"") -> bytes:  # noqa: A0
 
 
 def encode_status(id: int, error: int, params: bytes = b"") -> bytes:  # noqa: A002
-    """A reply, stuffed and with its CRC.
+    """Return a reply, stuffed and with its CRC.
 
     Raises:
         ValueError: The id is not one (0 to 252, 254), or the parameters do not fit in a frame.
@@ -148,7 +148,7 @@ def _frame(id: int, body: bytes) -> bytes:  # noqa: A002
 
 
 def decode(frame: bytes) -> Frame | None:
-    """A whole frame whose CRC holds; None for a reply too short to hold its error byte."""
+    """Decode a whole frame with a valid CRC; None for a reply without an error byte."""
     id_, body = frame[4], frame[PREAMBLE:-2]
     fast = id_ == BROADCAST and body[0] == Instruction.STATUS
     if MARK in body and not fast:

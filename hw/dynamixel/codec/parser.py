@@ -1,4 +1,4 @@
-"""Frames found in a stream of bytes, however it is cut, and whatever lies between them."""
+"""Finds frames in a stream of bytes, however it is divided, and whatever lies between them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from haptic_wall.hw.dynamixel.codec.frames import (
 
 
 class Parser:
-    """Finds frames in a stream of bytes, however it is cut, and whatever lies between them.
+    """Finds frames in a stream of bytes, however it is divided, and whatever lies between them.
 
-    A broken frame costs itself alone: after a wrong CRC the search goes on right behind its
-    header, and a frame that is cut short is given up as soon as the next header is seen, or, where
-    headers may be data, as soon as a frame behind it is whole.
+    A broken frame has no effect on others: after a wrong CRC the search continues right after its
+    header. A truncated frame is given up when the next header is seen or, where headers may be
+    data, when a frame after it is complete.
     """
 
     __slots__ = ("_buffer", "_joint", "_report_crc", "_skipping", "_unstuffed", "corrupt")
@@ -28,15 +28,15 @@ class Parser:
     def __init__(
         self, *, report_crc: bool = False, unstuffed: bool = False, joint: bool = True
     ) -> None:
-        """Start with nothing received.
+        """Start with an empty buffer.
 
         Args:
-            report_crc: Return a frame that fails its CRC too, with ``ErrorCode.CRC`` as its error
+            report_crc: Also return a frame with a wrong CRC, with ``ErrorCode.CRC`` as its error
                 and no parameters (a servo answers those).
-            unstuffed: Take a header inside of a frame for data if that makes the frame's CRC right
+            unstuffed: Take a header inside a frame for data if that makes the frame's CRC correct
                 (a servo counts bytes; some hosts do not stuff).
-            joint: Wait for the rest of a fast read's reply although it holds a header. Where nobody
-                asks for such, only noise begins like one, and would swallow the replies behind it.
+            joint: Wait for the rest of a fast read's reply although it contains a header. Without
+                fast reads only noise begins like one, and would swallow the replies after it.
         """
         self._buffer = bytearray()
         self._report_crc = report_crc
@@ -44,20 +44,20 @@ class Parser:
         self._joint = joint
         self._skipping = False
         self.corrupt = 0
-        """Frames with a wrong CRC, frames cut short, and runs of bytes that belong to none."""
+        """Frames with a wrong CRC, truncated frames, and runs of bytes that belong to none."""
 
     @property
     def idle(self) -> bool:
-        """Whether nothing of a frame is waiting for its rest."""
+        """Whether no partial frame is waiting for its rest."""
         return not self._buffer and not self._skipping
 
     def reset(self) -> None:
-        """Forget a frame that has come in part only. Does not count as corrupt."""
+        """Discard a partial frame. Does not count as corrupt."""
         self._buffer.clear()
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take in bytes; the frames they complete, in order."""
+        """Process bytes; return the completed frames, in order."""
         buffer = self._buffer
         seen = len(buffer)
         buffer += data
@@ -102,13 +102,13 @@ class Parser:
         return frames
 
     def _skip(self, count: int) -> None:
-        """Count a run of garbage once; what follows a rejected header was counted with it."""
+        """Count a run of garbage once; bytes after a rejected header were counted with it."""
         if count and not self._skipping:
             self.corrupt += 1
             self._skipping = True
 
     def _reject(self, start: int) -> int:
-        """Count the frame at ``start`` as broken; where to search on."""
+        """Count the frame at ``start`` as broken; return where the search continues."""
         self.corrupt += 1
         self._skipping = True
         return start + len(HEADER)
@@ -116,9 +116,10 @@ class Parser:
     def _cut_short(self, start: int, seen: int) -> bool:
         """Whether the incomplete frame at ``start`` will never be completed.
 
-        Stuffing keeps headers out of frames, so a further one means the sender began anew. A fast
-        read's reply is not stuffed and may hold one; so may anything where hosts do not stuff, and
-        then only a whole frame counts. Those that were whole at ``seen`` bytes have been found.
+        Stuffing keeps headers out of frames, so another header means that the sender began anew. A
+        fast read's reply is not stuffed and may contain one; so may anything where hosts do not
+        stuff, and then only a whole frame counts. Frames that were complete at ``seen`` bytes have
+        been found.
         """
         buffer = self._buffer
         if self._unstuffed:
@@ -145,7 +146,7 @@ class Parser:
 
 
 def _header_prefix(buffer: bytearray, at: int) -> int:
-    """How many bytes at the end of ``buffer[at:]`` may be the beginning of a header."""
+    """Return how many bytes at the end of ``buffer[at:]`` may be the beginning of a header."""
     for count in (3, 2, 1):
         if len(buffer) - at >= count and buffer.endswith(HEADER[:count]):
             return count

@@ -1,1 +1,1 @@
-"""Looking at a bus and its servos without driving them: what scan and doctor are made of."""
+"""Examines a bus and its servos without driving them: the basis of scan and doctor."""

@@ -1,6 +1,6 @@
-"""The adapter between the computer and the bus: which there are, of what kind, whose, how slow.
+"""Finds the serial adapters of this machine, and their kind, user and latency.
 
-What is known of an adapter is what Linux tells of it in ``/sys`` and ``/proc``. Nothing is sent.
+All information comes from Linux, in ``/sys`` and ``/proc``. Nothing is sent.
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ _MAKERS: Final[Mapping[int, str]] = MappingProxyType(
 
 
 class Adapter(NamedTuple):
-    """A serial adapter that is plugged in."""
+    """A connected serial adapter."""
 
     device: str
     kind: str
-    """For people: maker and part, or as the device calls itself"""
+    """For people: maker and part, or the device's own name"""
 
     def __str__(self) -> str:
         return f"{self.device}: {self.kind}"
 
 
 def adapters() -> list[Adapter]:
-    """The USB serial adapters of this machine, by their device paths, in order."""
+    """Return the USB serial adapters of this machine by device path, in order."""
     found = [
         Adapter(port.device, kind_of(port.vid, port.pid, port.product))
         for port in list_ports.comports()
@@ -71,7 +71,7 @@ def adapters() -> list[Adapter]:
 
 
 def only_adapter(found: Iterable[Adapter] | None = None) -> str:
-    """The device of the one adapter there is.
+    """Return the device of the only adapter.
 
     Args:
         found: The adapters to choose from; None: those of this machine.
@@ -121,7 +121,7 @@ def kind_of_port(path: str) -> str:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """Whether a path leads to a pseudo-terminal; False where there is nothing."""
+    """Whether a path leads to a pseudo-terminal; False if it leads nowhere."""
     try:
         found = Path(path).stat()
     except OSError:
@@ -130,10 +130,10 @@ def is_pseudo_terminal(path: str) -> bool:
 
 
 def examine_port(path: str) -> list[Finding]:
-    """Whether a port is there, may be used, is free, and what it is; stops at the first wrong.
+    """Check whether a port exists, is permitted and free, and its kind; stop at the first fault.
 
-    The port is opened for a moment, without setting it up, and nothing is sent; one that is in use
-    is not opened.
+    The port is opened briefly, without changing its settings, and nothing is sent; a port in use is
+    not opened.
 
     Args:
         path: The device, e.g. ``/dev/ttyUSB0``.
@@ -149,7 +149,7 @@ def examine_port(path: str) -> list[Finding]:
     checks = [Finding("port", True, path if real == path else f"{path} -> {real}", "a device")]
     used_by = _used_by(path, found.st_rdev)
     if not used_by.ok and is_terminal(found.st_rdev):
-        return [*checks, used_by]  # to open it would disturb a wall that is on there
+        return [*checks, used_by]  # opening it would disturb a wall in use there
     checks.append(_rights(path))
     if checks[-1].ok:
         checks.append(Finding("adapter", True, kind_of_port(path), "a serial adapter"))
@@ -158,7 +158,7 @@ def examine_port(path: str) -> list[Finding]:
 
 
 def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
-    """How long an FTDI adapter holds short replies; the port must be open in low-latency mode.
+    """Check how long an FTDI adapter holds short replies; the port is open in low-latency mode.
 
     Args:
         path: The port.

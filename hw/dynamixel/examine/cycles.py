@@ -1,10 +1,11 @@
-"""Whether replies come in time, in both schedules and at every phase of the loop's grid.
+"""Measures whether replies come in time, in both schedules and at every phase of the loop's grid.
 
-An adapter hands bytes on by a timer of its own. Where the loop's grid lies in that timer's period
-decides whether a reply makes its tick, and the two drift against each other slowly: a loop that
-runs well now may lose every reply an hour later. So short series are run with the grid shifted.
+An adapter forwards bytes by its own timer. The phase of the loop's grid in that timer's period
+decides
+whether a reply makes its tick, and the two drift slowly: a loop that runs well now may lose every
+reply an hour later. So short series are run with a shifted grid.
 
-Nothing but reads is sent, the reads of the running cycle; the goal's time on the wire is computed.
+It sends only the reads of the running cycle; the goal's time on the wire is computed.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from haptic_wall.hw.settings import Schedule
 SCHEDULES: Final[tuple[Schedule, ...]] = get_args(Schedule)
 
 _LATE_SHARE: Final = 4
-"""A tick that is served later than a period over this says nothing of the adapter"""
+"""A tick later than a period over this is no evidence about the adapter"""
 _DOUBTFUL: Final = 0.02
-"""A phase that misses a larger share is run again"""
+"""Largest fraction of misses at which a phase is not repeated"""
 _RUNS: Final = 3
-"""A stall of the machine strikes once; what the adapter spoils stays spoiled"""
+"""Number of runs of a phase: a stall of the machine occurs once, an adapter's fault persists"""
 Wait = Callable[[int], int]
-"""Waits until an instant [ns]; the present time [ns]"""
+"""Waits until an instant [ns]; returns the present time [ns]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +38,17 @@ class Phase:
     """One series of cycles with the grid at one phase."""
 
     offset_ns: int
-    """Of the grid, against that of the first series"""
+    """Of the grid, relative to the first series"""
     cycles: int
     missed: int
-    """Replies that did not come in time for their tick"""
+    """Replies that were too late for their tick"""
     ages_ns: list[int]
-    """From the request of the sample in use, an older one where a reply was missed, to the tick
-    that used it, in order of size"""
+    """From the request of the used sample, an older one where a reply was missed, to the tick that
+    used it, in order of size"""
 
     @property
     def share(self) -> float:
-        """Of replies missed; there must be cycles."""
+        """Return the fraction of missed replies; there must be cycles."""
         return self.missed / self.cycles
 
 
@@ -58,25 +59,25 @@ class Series:
     schedule: Schedule
     phases: list[Phase]
     lateness_ns: list[int]
-    """Of all wake-ups behind their deadlines, in order of size"""
+    """Lateness of all wake-ups, in order of size"""
     skipped: int
-    """Ticks that came too late to say anything of the bus"""
+    """Ticks too late to be evidence about the bus"""
     repeated: int = 0
-    """Runs of a phase beyond its first, since many replies were missed; the best one counts"""
+    """Repeated runs of phases with many misses; the best one counts"""
 
     @property
     def worst(self) -> float:
-        """The share of replies missed at the worst phase."""
+        """Return the fraction of missed replies at the worst phase."""
         return max((phase.share for phase in self.phases if phase.cycles), default=1.0)
 
     @property
     def oldest_median_ns(self) -> int:
-        """The median age at the phase where it is the longest; there must be ages."""
+        """Return the median age at the phase where it is the longest; there must be ages."""
         return max(percentile(phase.ages_ns, 0.5) for phase in self.phases if phase.ages_ns)
 
     @property
     def ages_ns(self) -> list[int]:
-        """Of all phases, in order of size."""
+        """Return the ages of all phases, in order of size."""
         return sorted(age for phase in self.phases for age in phase.ages_ns)
 
 
@@ -96,15 +97,15 @@ def run_series(
 
     Args:
         line: The bus.
-        servo_id: Whom to ask.
-        schedule: ``immediate`` asks and collects in one tick; ``pipelined`` collects what it asked
-            for in the tick before.
+        servo_id: The servo.
+        schedule: ``immediate`` requests and collects in one tick; ``pipelined`` collects the
+            request of the tick before.
         wait: Waits for a deadline on the line's clock.
         period_ns: Of the grid [ns].
-        collect_ns: How long after its wake-up a tick gives a reply up [ns].
-        longer_ns: The same after a pipelined reply was lost, until another one is [ns].
-        phases: How many shifts, evenly over a period.
-        cycles: At each of them.
+        collect_ns: Time after its wake-up at which a tick gives a reply up [ns].
+        longer_ns: The same time after a pipelined reply was lost, until another one is lost [ns].
+        phases: Number of shifts, evenly over a period.
+        cycles: Number of cycles at each.
 
     Raises:
         ServoLostError: The port is gone.
@@ -125,7 +126,7 @@ def run_series(
 
 
 def _badness(phase: Phase) -> float:
-    """The share of replies missed; a run in which no tick was punctual is worse than any."""
+    """Return the fraction of missed replies; a run without a punctual tick is the worst."""
     return phase.share if phase.cycles else math.inf
 
 
@@ -150,7 +151,7 @@ class _Runner:
         self._origin_ns = self._now_ns()
 
     def run(self, offset_ns: int, cycles: int) -> Phase:
-        """One series on the grid that lies ``offset_ns`` behind the first one's."""
+        """Run one series on the grid at ``offset_ns`` after the first one."""
         link, now_ns, period_ns = self._link, self._now_ns, self._period_ns
         behind_ns = now_ns() + period_ns - self._origin_ns - offset_ns
         deadline_ns = self._origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
@@ -160,7 +161,7 @@ class _Runner:
         collect_ns, other_ns = self._collect_ns
         if self._pipelined:
             link.request()
-        valid = not self._pipelined  # the first answer has had more than a period
+        valid = not self._pipelined  # the first reply has had more than a period
         for _ in range(cycles + 1):
             woke_ns = self._wait(deadline_ns)
             self.lateness.append(woke_ns - deadline_ns)

@@ -1,4 +1,4 @@
-"""Findings of an examination: found, wanted, and how to mend it."""
+"""The findings of an examination: found, wanted, and the remedy."""
 
 from __future__ import annotations
 
@@ -7,47 +7,47 @@ from typing import NamedTuple
 
 
 class Finding(NamedTuple):
-    """One check. Where ``ok`` holds and ``fix`` is not empty, it is advice: well, but not best."""
+    """One check. With ``ok`` and a ``fix`` it is advice: it works, but could be better."""
 
     name: str
     ok: bool
     found: str
     wanted: str
     fix: str = ""
-    """What to do; empty where there is nothing to do"""
+    """The remedy; empty: none is needed"""
     applies: bool = True
-    """False: there is no such thing here, ``found`` says why"""
+    """False: it does not exist here; ``found`` gives the reason"""
     fixable: bool = False
     """Whether ``--fix`` can do it"""
 
 
 def of_error(name: str, error: Exception, wanted: str, otherwise: str) -> Finding:
-    """A check that ended in an error, whose message says "what was found: what to do.".
+    """Return a check that ended in an error, whose message has the form "found: remedy.".
 
     Args:
         name: Of the check.
-        error: What came.
-        wanted: Instead.
-        otherwise: What to do where the message does not say.
+        error: The error.
+        wanted: The wanted value.
+        otherwise: The remedy where the message has none.
     """
     found, _, fix = str(error).rstrip(".").partition(": ")
     return Finding(name, False, found, wanted, fix or otherwise)
 
 
 def not_applicable(name: str, why: str) -> Finding:
-    """A check of something that is not there to be checked."""
+    """Return a check of something that does not exist here."""
     return Finding(name, True, f"does not apply: {why}", "", "", False)
 
 
 class Change(NamedTuple):
-    """One thing that was mended, or was to be."""
+    """One repair, made or attempted."""
 
     name: str
     before: str
     after: str
-    """As read back"""
+    """The value read back"""
     verified: bool
-    """Whether what was read back is what was wanted"""
+    """Whether the value read back is the wanted one"""
 
     def __str__(self) -> str:
         end = "read back" if self.verified else "NOT AS WANTED"
@@ -56,12 +56,12 @@ class Change(NamedTuple):
 
 @dataclass(slots=True)
 class Findings:
-    """Findings in the order they were made; a later one of the same name replaces the first."""
+    """Findings in order; a later one of the same name replaces the first."""
 
     checks: list[Finding] = field(default_factory=list)
 
     def add(self, *findings: Finding) -> None:
-        """Put findings down, in the place of earlier ones of the same name."""
+        """Record findings, in the place of earlier ones of the same name."""
         for finding in findings:
             for place, before in enumerate(self.checks):
                 if before.name == finding.name:
@@ -72,5 +72,5 @@ class Findings:
 
     @property
     def wrong(self) -> list[Finding]:
-        """Those that found something wrong."""
+        """Return the findings of faults."""
         return [finding for finding in self.checks if not finding.ok]

@@ -1,6 +1,7 @@
-"""Registers that make a good wall bad or a safe one dangerous: what of them is wrong, and its fix.
+"""Judges registers that make a good wall bad or a safe one dangerous, and names the repair.
 
-Pure: values in, findings out. The names are those of the checked start-up where it has them.
+Pure functions: values in, findings out. The names are those of the checked start-up where it has
+them.
 """
 
 from __future__ import annotations
@@ -29,36 +30,36 @@ _MODES: Final = {
     16: "PWM",
 }
 _WARM: Final = 10
-"""Degrees below the limit from where on a person should know"""
+"""Distance to the temperature limit from which it is reported [°C]"""
 
 
 class Repair(NamedTuple):
-    """Repair of a finding: some bits of a register, or with no register a reboot."""
+    """The repair of a finding: bits of a register, or a reboot where no register is named."""
 
     register: str = ""
     value: int = 0
     mask: int = 0xFFFF
-    """The bits of ``value`` that are meant"""
+    """The affected bits of ``value``"""
 
 
 class Judgement(NamedTuple):
-    """A finding, and what would mend it."""
+    """A finding, and its repair."""
 
     finding: Finding
     repair: Repair | None = None
 
 
 def in_order_of_repair(judged: Iterable[Judgement]) -> list[Judgement]:
-    """Those that can be mended: torque first, which locks EEPROM, and a reboot last of all.
+    """Return the repairable findings: torque first, which locks EEPROM, and a reboot last.
 
-    A reboot does what Startup Configuration says, so that is to be mended before.
+    A reboot follows Startup Configuration, so that is repaired before.
     """
     repairs = [one for one in judged if one.repair is not None]
     return sorted(repairs, key=lambda one: one.repair == Repair())
 
 
 class Examined(NamedTuple):
-    """A servo's registers as read; None where it has no such register, or did not answer."""
+    """A servo's registers as read; None: it has no such register, or did not reply."""
 
     model: Model
     firmware: int
@@ -66,11 +67,11 @@ class Examined(NamedTuple):
 
 
 def judge(examined: Examined, torque_limit: float, constant: float) -> list[Judgement]:
-    """Judge the registers: what is wrong with them, and what would mend it.
+    """Judge the registers, and name the repairs.
 
     Args:
         examined: The registers.
-        torque_limit: What the configuration asks for [N·m]; 0: whatever the servo allows.
+        torque_limit: The configured one [N·m]; 0: the servo's own.
         constant: Torque per current of the motor [N·m/A].
     """
     return [

@@ -1,7 +1,7 @@
-"""Registers of a servo, read all at once without driving it, and mended on request.
+"""Reads all registers of a servo without driving it, and repairs them on request.
 
 Reading changes nothing in the servo. ``mend`` writes one register, or reboots, and reads back; it
-never writes Torque Enable 1, and reboots no servo that may start with its torque on.
+never writes Torque Enable 1, and never reboots a servo that may start with its torque on.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _BOOT_STEP_NS: Final = 100_000_000
 
 
 class Contact(NamedTuple):
-    """A servo, by both of the ways it is talked to."""
+    """A servo, with both ways of access."""
 
     line: Line
     table: Table
@@ -55,29 +55,29 @@ class Contact(NamedTuple):
 
     @classmethod
     def of(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Contact:
-        """The servo with this id on a line.
+        """Return the servo with this id on a line.
 
         Args:
             line: The bus.
             baud: Its rate [bit/s].
-            servo_id: Whom to talk to.
+            servo_id: The servo's id.
             where: Names the bus in messages.
-            model: What it is.
+            model: Its model.
         """
         table = Table(Sdk(line, baud, servo_id, where), model.registers)
         return cls(line, table, Link(line, servo_id))
 
 
 def read_all(servo: Contact, model: Model, firmware: int) -> Examined:
-    """Read what is judged.
+    """Read the registers to judge.
 
     Args:
-        servo: Whom to read.
-        model: What it is.
-        firmware: What decides which registers it has.
+        servo: The servo.
+        model: Its model.
+        firmware: Decides which registers it has.
 
     Raises:
-        ServoLostError: It stops answering.
+        ServoLostError: It stops replying.
     """
     known = model.registers_at(firmware)
     image = _image(servo)
@@ -86,13 +86,13 @@ def read_all(servo: Contact, model: Model, firmware: int) -> Examined:
 
 
 def _image(servo: Contact) -> bytes:
-    """All registers up to the temperature, in one reply.
+    """Return all registers up to the temperature, in one reply.
 
-    A reply says neither of which register it is nor to which request; one of this length can only
-    be the answer to this one. A late or doubled reply to a read of one byte would pass for another.
+    A reply names neither its register nor its request; one of this length can only be the answer to
+    this request. A late or repeated reply to a read of one byte would be mistaken for another.
 
     Raises:
-        ServoLostError: No such answer comes.
+        ServoLostError: No such reply comes.
     """
     for _ in range(_ATTEMPTS):
         deadline_ns = servo.line.clock.now_ns() + _PATIENCE_NS
@@ -110,12 +110,12 @@ def _decode(image: bytes, register: Register) -> int:
 
 
 def mend(servo: Contact, name: str, repair: Repair) -> Change:
-    """Write one register, or reboot, and read back what came of it.
+    """Write one register, or reboot, and read back the result.
 
     Args:
-        servo: Whom to mend.
+        servo: The servo.
         name: Of the finding.
-        repair: What to do.
+        repair: The repair.
     """
     table = servo.table
     try:
@@ -137,7 +137,7 @@ def _reboot(servo: Contact, name: str) -> Change:
     image = _image(servo)
     before = _decode(image, register)
     startup = table.registers.get("startup_configuration")
-    if startup is not None and _decode(image, startup):  # bit 0 does, bit 1 restores who knows what
+    if startup is not None and _decode(image, startup):  # bit 0 does, bit 1 restores unknown values
         why = "not rebooted: its Startup Configuration (60) may switch its torque on"
         return Change(name, f"0x{before:02x}", why, False)
     begun = clock.now_ns()
@@ -158,7 +158,7 @@ def _reboot(servo: Contact, name: str) -> Change:
 
 
 def set_status_level(servo: Contact) -> Change:
-    """Have a servo answer writes, and reads, which at level 0 it does not."""
+    """Make a servo reply to writes, and to reads, which it does not at level 0."""
     table = servo.table
     register = table.registers["status_return_level"]
     try:

@@ -1,7 +1,7 @@
-"""How long single replies take, whatever the loop has time for.
+"""Measures how long single replies take, independent of the loop's time limit.
 
-An adapter's timer spreads them evenly between nothing and its whole time; a stall of the machine
-strikes some and leaves the rest alone. So what is widely spread is timed again.
+An adapter's timer spreads them evenly between zero and its period; a stall of the machine delays a
+few only. So widely spread measurements are repeated.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ _PATIENCE_NS: Final = 60_000_000
 _RUNS: Final = 3
 _SPREAD: Final = 2.0
 _SPREAD_NS: Final = 250_000
-"""Reads whose 99 % take so many times the median, and this, are timed again: an adapter's timer
-spreads them evenly up to twice the median"""
+"""Reads whose 99th percentile exceeds this, and a multiple of the median, are repeated: an
+adapter's timer spreads them evenly up to twice the median"""
 
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """Times of single reads, by the best of the runs where some were disturbed."""
+    """Times of single reads; the best run counts where some were disturbed."""
 
     took_ns: list[int]
     """Sent at all phases [ns], in order of size"""
     in_row_ns: int
-    """The median of those that were sent right after the reply before [ns]"""
+    """The median of those sent right after the reply before [ns]"""
     asked: int
     """Reads of all runs"""
     lost: int
@@ -48,12 +48,12 @@ class Replies:
 
     @property
     def share_failed(self) -> float:
-        """Of all reads."""
+        """Return the fraction of failed reads."""
         return (self.lost + self.corrupt) / self.asked
 
 
 def percentile(ordered: list[int], share: float) -> int:
-    """A percentile of numbers that are in order: that share of them is not above it.
+    """Return a percentile of sorted numbers: that fraction of them is not above it.
 
     Args:
         ordered: At least one.
@@ -63,19 +63,19 @@ def percentile(ordered: list[int], share: float) -> int:
 
 
 def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Replies:
-    """Send single reads, wait for each as long as it takes, and again if that was disturbed.
+    """Send single reads, wait for each reply, and repeat disturbed runs.
 
     Args:
         line: The bus.
-        servo_id: Whom to ask.
-        count: How many reads to spread over the phases; a quarter as many follow in a row.
+        servo_id: The servo.
+        count: Number of reads spread over the phases; a quarter as many follow in sequence.
         period_ns: Of the phases [ns].
 
     Raises:
         ServoLostError: The port is gone.
     """
     timer = _Stopwatch(line, servo_id)
-    step_ns = round(period_ns * 0.6180339887)  # the golden section spreads them evenly
+    step_ns = round(period_ns * 0.6180339887)  # the golden ratio spreads them evenly
     best: list[int] = []
     in_row: list[int] = []
     for _ in range(_RUNS):
@@ -111,7 +111,7 @@ class _Stopwatch:
         self._clock = line.clock
 
     def run(self, pauses_ns: Iterable[int]) -> list[int]:
-        """What reads take, each sent so long after the end of the one before; in order of size."""
+        """Return the sorted durations of reads, each sent a pause after the last one's end."""
         clock, link = self._clock, self._link
         took = []
         for pause_ns in pauses_ns:

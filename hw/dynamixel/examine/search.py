@@ -1,9 +1,9 @@
-"""Who is on a bus: pings to all and to each id, at one baud rate or at every rate a servo can have.
+"""Finds the servos on a bus by pings, at one baud rate or at every rate a servo can have.
 
-A ping to all is answered in the order of ids, each id with a slot of its own, so waiting for the
-last of 253 takes most of a second. So it is waited only for the ids asked for, unless somebody
-answers; then to the end. Those not heard are pinged one by one: two servos that answer a ping to
-all at once garble each other, and so does noise. No register is written, and none is read.
+Replies to a broadcast ping come in the order of ids, each with a slot of its own; waiting for the
+last of 253 takes most of a second. So the search waits only for the requested ids, unless a servo
+replies; then to the end. Missing ids are pinged one by one: two servos that reply to a broadcast at
+once garble each other, and so does noise. No register is written, and none is read.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
 
 IDS: Final = range(21)
-"""Ids that are pinged one by one unless others are asked for: few buses have more"""
+"""Default ids of the single pings: few buses have more"""
 LIKELY_FIRST: Final = (57600, 4_000_000, 1_000_000, 2_000_000, 3_000_000, 115200, 4_500_000, 9600)
 """Every rate of the family: the factory's and those for fast loops first"""
 assert set(LIKELY_FIRST) == set(BAUD_RATES)
 
 _SLOT_NS: Final = 3_000_000
-"""For each id that may answer a ping to all: the vendor's SDK waits as long"""
+"""Time for each id that may reply to a broadcast ping: the vendor's SDK waits as long"""
 _HOLD_NS: Final = 25_000_000
-"""An adapter at its 16 ms timer, and a machine that is busy"""
+"""Time for an adapter at its 16 ms timer, and a busy machine"""
 _ANSWER_NS: Final = 2_500_000
-"""From ping to answer, beside the bytes' own time: return delay (0.5 ms) and a USB frame or two"""
+"""From ping to reply, without the bytes' own time: return delay (0.5 ms) and a USB frame or two"""
 _REQUEST, _REPLY = 10, 14
-"""Bytes of a ping and of its answer"""
+"""Bytes of a ping and of its reply"""
 
 
 class Found(NamedTuple):
-    """A servo that answers."""
+    """A servo that replies."""
 
     baud: int
     id: int
@@ -48,35 +48,35 @@ class Found(NamedTuple):
 
     @property
     def model(self) -> str | None:
-        """The model's name; None where the number is not known."""
+        """Return the model's name; None: the number is unknown."""
         model = model_by_number(self.model_number)
         return None if model is None else model.name
 
 
 class Search(NamedTuple):
-    """Servos heard at one baud rate."""
+    """The servos found at one baud rate."""
 
     baud: int
     servos: list[Found]
     garbled: int
     """Pieces that are no valid frame: two servos with one id, noise, or another protocol"""
     refused: str = ""
-    """Why the rate was not tried: the adapter cannot make it"""
+    """Why the rate was not tried: the adapter does not support it"""
 
 
 def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: bool = True) -> Search:
-    """Who answers at a line's present rate.
+    """Return the servos that reply at a line's present rate.
 
     Args:
         line: The bus.
         baud: Its rate [bit/s].
-        ids: Whom to ask one by one, unless the ping to all has found them.
-        to_the_end: Wait for every id there can be where a ping to all was answered at all.
+        ids: Ids to ping one by one, unless the broadcast ping has found them.
+        to_the_end: Wait for every possible id if any servo replied to the broadcast ping.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    heard = _Ear(line, baud)
+    heard = _Listener(line, baud)
     heard.drop()
     byte_ns = wire_ns(1, baud)
     wanted = set(ids)
@@ -90,7 +90,7 @@ def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: boo
     for servo_id in sorted(wanted - heard.servos.keys()):
         line.write(encode(servo_id, Instruction.PING))
         heard.listen((_REQUEST + _REPLY) * byte_ns + _ANSWER_NS, until=servo_id)
-    heard.listen(_HOLD_NS)  # what an adapter still holds
+    heard.listen(_HOLD_NS)  # bytes that an adapter still holds
     return Search(baud, sorted(heard.servos.values()), heard.garbled)
 
 
@@ -101,7 +101,7 @@ def scan(
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
 ) -> Generator[Search]:
-    """Search a port at several rates, one after the other; its settings are put back at the end.
+    """Search a port at several rates in sequence; its settings are restored at the end.
 
     Args:
         path: The port.
@@ -127,7 +127,7 @@ def scan(
 
 @contextmanager
 def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
-    """A port as a line, closed at the end; warnings of the adapter's timer are left to a check.
+    """Open a port as a line, closed at the end; another check reports the adapter's timer.
 
     Args:
         path: The port.
@@ -150,8 +150,8 @@ def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
         line.close()
 
 
-class _Ear:
-    """Everybody who has answered a ping so far, whenever and in whatever order they came."""
+class _Listener:
+    """Collects the replies to pings, whenever and in whatever order they come."""
 
     def __init__(self, line: Line, baud: int) -> None:
         self.servos: dict[int, Found] = {}
@@ -167,13 +167,13 @@ class _Ear:
         self._line.read()
 
     def listen(self, duration_ns: int, until: int | None = None) -> None:
-        """Listen so long, or until this id has answered."""
+        """Listen for so long, or until this id has replied."""
         now_ns = self._line.clock.now_ns
         end = now_ns() + duration_ns
         while until not in self.servos and self._line.wait(end):
             for frame in self._parser.feed(self._line.read()):
                 self._take(frame)
-            if now_ns() >= end:  # a bus without a servo may never be silent
+            if now_ns() >= end:  # a noisy bus may never be silent
                 break
 
     def _take(self, frame: Frame) -> None:

@@ -1,4 +1,4 @@
-"""Control tables and models of the Dynamixel X series: facts as data."""
+"""Control tables and models of the Dynamixel X series, as data."""
 
 from haptic_wall.hw.dynamixel.tables.models import MODELS, REGISTERS, Model, model_by_number
 from haptic_wall.hw.dynamixel.tables.register import Register

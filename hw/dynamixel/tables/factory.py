@@ -94,4 +94,4 @@ FACTORY: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
         "2XC430-W250": {"velocity_limit": 275, "position_p_gain": 700},
     }
 )
-"""Register values by model; what is not named is the family's"""
+"""Register values by model; others are the family's"""

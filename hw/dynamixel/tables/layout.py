@@ -1,12 +1,12 @@
-"""Where the registers of a servo lie, given its family, its supply and its firmware.
+"""Returns the registers of a servo with their addresses, from family, supply and firmware.
 
 Registers below 64 live in EEPROM and are locked while torque is enabled. Position 0 rad is count 0.
-What the manual gives no number for: Model Information reads 0; External Port Data takes what 12
-bits can hold; goals take any number here, since other registers limit them.
+Where the manual gives no number: Model Information reads 0; External Port Data takes 12 bits; goals
+take any number here, since other registers limit them.
 
-Source: ROBOTIS e-Manual, control table pages of the X series. The X330's layout behind firmware 52
-is that of the vendor's model files, which give its beginning only; that there are 28 entries
-follows from the room they leave.
+Source: ROBOTIS e-Manual, control table pages of the X series. The X330's layout after firmware 52
+is that of the vendor's model files, which give its beginning only; the 28 entries follow from the
+space they leave.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ _COMMON: Final[tuple[tuple[str, int, int, bool, int, tuple[int, int]], ...]] = (
     ("backup_ready", 147, 1, False, 0, (0, 1)),
 )
 
-# What a family does not have of it, has otherwise (default, minimum, maximum), and has besides.
+# Per family: missing registers, other (default, minimum, maximum), additional registers.
 _NO_CURRENT = ("current_limit", "goal_current", "present_current")
 _ABSENT: Final[Mapping[str, tuple[str, ...]]] = {
     "XW430": ("led",),
@@ -98,7 +98,7 @@ _ABSENT: Final[Mapping[str, tuple[str, ...]]] = {
 _OTHERWISE: Final[Mapping[str, Mapping[str, tuple[int, int, int]]]] = {
     "X330": {
         "baud_rate": (1, 0, 6),
-        # The values between 2 and 20 are none; 20 to 22 are protocols of remote controls.
+        # The values between 2 and 20 are unused; 20 to 22 are protocols of remote controls.
         "protocol_type": (2, 2, 22),
         "temperature_limit": (70, 0, 100),
         "velocity_limit": (0, 0, 2047),
@@ -117,7 +117,7 @@ _BESIDES: Final[Mapping[str, tuple[Register, ...]]] = {
 
 
 def fast_read_firmware(family: Family) -> int:
-    """First firmware with fast reads, torque-on-by-goal-update and control table backup."""
+    """Return the first firmware with fast reads, torque-on-by-goal-update and backup."""
     return 46 if family == "X330" else 45
 
 
@@ -129,12 +129,12 @@ def control_table(
     current_limit: int,
     factory: Mapping[str, int],
 ) -> Mapping[str, Register]:
-    """The registers of a servo, by name, in the order of addresses.
+    """Return the registers of a servo, by name, in the order of addresses.
 
     Args:
-        family: Decides which registers there are.
-        firmware: Decides which of them there are yet.
-        voltage: The supply it is made for [V], which decides the limits it may be given.
+        family: Decides which registers exist.
+        firmware: Decides which of them exist already.
+        voltage: Nominal supply [V], which decides the range of its limits.
         current_limit: Largest and factory value [current units].
         factory: Factory settings that differ from the family's.
     """
@@ -158,7 +158,7 @@ def control_table(
 
 
 def _not_yet(family: Family, firmware: int) -> set[str]:
-    """Registers that came with a later firmware."""
+    """Return the registers that came with a later firmware."""
     missing = set()
     if firmware < fast_read_firmware(family):
         missing |= {"startup_configuration", "backup_ready"}
@@ -168,7 +168,7 @@ def _not_yet(family: Family, firmware: int) -> set[str]:
 
 
 def _drive_mode(family: Family, firmware: int) -> int:
-    """The largest Drive Mode: reverse 1, slave 2, time-based profile 4, torque on by goal 8."""
+    """Return the largest Drive Mode: reverse 1, slave 2, time-based profile 4, torque by goal 8."""
     return (
         1
         + (2 if family == "X540" else 0)
@@ -178,7 +178,7 @@ def _drive_mode(family: Family, firmware: int) -> int:
 
 
 def _voltage_limits(family: Family, voltage: float) -> tuple[int, int, int, int]:
-    """Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
+    """Return Max and Min Voltage Limit from the factory, and the range of both [0.1 V]."""
     if family == "X330":
         return (140, 55, 55, 140) if voltage > 10 else (70, 35, 31, 70)
     if family in ("XL430", "2X430"):
@@ -195,7 +195,7 @@ def _indirect_registers(family: Family, firmware: int) -> list[Register]:
 
 
 def _indirect(first: int, count: int, addresses: int, data: int, last: int) -> Iterable[Register]:
-    """Registers that stand for others: entry n of ``data`` shows the byte its address names."""
+    """Return registers that map others: entry n of ``data`` has the byte of its address."""
     for n in range(count):
         at = data + n
         yield Register(

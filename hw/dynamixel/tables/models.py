@@ -36,7 +36,7 @@ class Model:
     current_unit_ma: float = 0.0
     """[mA] per unit of current; 0 where there is no current control"""
     current_limit: int = 0
-    """Largest (and factory) value of Current Limit [current units]"""
+    """Largest value of Current Limit, also the factory's [current units]"""
     stall_torque: float | None = None
     """[N·m]"""
     stall_current: float | None = None
@@ -51,7 +51,7 @@ class Model:
 
     @property
     def torque_constant(self) -> float | None:
-        """Stall torque over stall current [N·m/A]; None where they are not published.
+        """Return stall torque over stall current [N·m/A]; None where they are not published.
 
         A default only: published figures for one model differ by a third.
         """
@@ -61,45 +61,45 @@ class Model:
 
     @property
     def no_load_speed(self) -> float:
-        """Speed without a load at ``voltage`` [rad/s].
+        """Return the speed without a load at ``voltage`` [rad/s].
 
-        Where it is not published, the factory's Velocity Limit: an assumption. Where both are
-        known they agree within 14 %.
+        Where it is not published, the factory's Velocity Limit: an assumption. Where both are known
+        they agree within 14 %.
         """
         if self.no_load_rpm is None:
             return self.registers["velocity_limit"].default * VELOCITY_UNIT
         return self.no_load_rpm * math.tau / 60.0
 
     def no_load_at(self, volts: float) -> float:
-        """Speed without a load at this supply [rad/s], in proportion to it."""
+        """Return the speed without a load at this supply [rad/s], in proportion to it."""
         return self.no_load_speed * volts / self.voltage
 
     @property
     def senses_supply_current(self) -> bool:
-        """Measures the supply's current, not the motor's: torque is not in proportion to it."""
+        """Whether it measures the supply's current: its torque is not proportional to it."""
         return self.family == "X330"
 
     @property
     def fast_sync_read_firmware(self) -> int:
-        """First firmware with fast reads, torque-on-by-goal-update and backup, where it has any."""
+        """Return the first firmware with fast reads, torque-on-by-goal-update and backup."""
         return fast_read_firmware(self.family)
 
     def knows_fast_reads(self, firmware: int) -> bool:
-        """Whether it answers fast sync and fast bulk reads; two-axis models never do."""
+        """Whether it replies to fast sync and fast bulk reads; two-axis models never do."""
         return self.family != "2X430" and firmware >= self.fast_sync_read_firmware
 
     @property
     def modes(self) -> frozenset[int]:
-        """Operating modes it has: 0 current, 1 velocity, 3 position, 4 extended, 5, 16 PWM."""
+        """Return its operating modes: 0 current, 1 velocity, 3 position, 4 extended, 5, 16 PWM."""
         return frozenset({0, 1, 3, 4, 5, 16} if self.current_mode else {1, 3, 4, 16})
 
     @property
     def registers(self) -> Mapping[str, Register]:
-        """The control table at ``fast_sync_read_firmware``, by name, in the order of addresses."""
+        """Return the control table at ``fast_sync_read_firmware``, by name, in address order."""
         return self.registers_at(self.fast_sync_read_firmware)
 
     def registers_at(self, firmware: int) -> Mapping[str, Register]:
-        """The control table at this firmware, by name, in the order of addresses.
+        """Return the control table at this firmware, by name, in the order of addresses.
 
         Args:
             firmware: Firmware Version register.
@@ -154,14 +154,14 @@ _ALL: Final = (
 )
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})
-"""Every model known, by name."""
+"""Every known model, by name."""
 
 REGISTERS: Final = MODELS["XM430-W350"].registers
-"""For those that are the same in every model that has them: torque, its goal, watchdog, errors."""
+"""Registers that are the same in every model that has them: torque, its goal, watchdog, errors."""
 
 
 def model_by_number(number: int) -> Model | None:
-    """The model with this Model Number; None when it is not known."""
+    """Return the model with this Model Number; None when it is not known."""
     for model in _ALL:
         if model.number == number:
             return model

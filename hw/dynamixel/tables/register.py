@@ -1,4 +1,4 @@
-"""One entry of a control table, and how its number stands in bytes."""
+"""One entry of a control table, and the encoding of its number."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class Register(NamedTuple):
 
     @property
     def eeprom(self) -> bool:
-        """Kept without power, and locked while torque is enabled."""
+        """Whether it is kept without power, and locked while torque is enabled."""
         return self.address < EEPROM_END
 
     @property
     def signed(self) -> bool:
-        """In two's complement."""
+        """Whether it is in two's complement."""
         return self.minimum < 0
 
     def decode(self, data: bytes | bytearray) -> int:
-        """The number in ``data``, which holds this register and nothing else."""
+        """Return the number in ``data``, which contains exactly this register."""
         return int.from_bytes(data, "little", signed=self.signed)
 
     def encode(self, value: int) -> bytes:
-        """The bytes of ``value``.
+        """Return the bytes of ``value``.
 
         Raises:
             OverflowError: The value does not fit in the register.

@@ -22,7 +22,7 @@ RETURN_DELAY_UNIT_NS: Final = 2_000
 WATCHDOG_UNIT_NS: Final = 20_000_000
 """[ns] per unit of Bus Watchdog"""
 WATCHDOG_TRIPPED: Final = 0xFF
-"""What Bus Watchdog reads once it has tripped: -1"""
+"""Value of Bus Watchdog after a trip: -1"""
 TICK_MODULUS: Final = 32_768
 """Realtime Tick counts milliseconds and wraps from 32767 to 0"""
 EEPROM_END: Final = 64

@@ -1,4 +1,4 @@
-"""Which positions a servo can have come to since the last one that was used."""
+"""The jump filter: refuses positions that the servo cannot have reached since the last one."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Final
 from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 
 _REFUSALS: Final = 3
-"""Positions out of reach that are refused in a row. What persists is no hiccup: the next is passed
-on, so that whoever watches the speed sees it."""
+"""Largest number of consecutive refusals. A persistent jump is no hiccup: the next position is
+passed on, so that the speed check sees it."""
 _SLACK: Final = 2
-"""What an encoder's steps may add to a motion [counts]"""
+"""Tolerance for the encoder's steps [counts]"""
 
 
-class Reach:
-    """Refuses a position that jumps: a reply that is broken and looks whole, or an encoder.
+class JumpFilter:
+    """Refuses a position that jumps: a broken reply that looks valid, or an encoder fault.
 
     Args:
-        max_speed: The fastest motion there may be [rad/s]; 0: any.
+        max_speed: The fastest possible motion [rad/s]; 0: unlimited.
     """
 
     __slots__ = ("_counts", "_rate", "_refused", "_sampled_ns")
@@ -31,11 +31,11 @@ class Reach:
         self._refused = _REFUSALS
 
     def forget(self) -> None:
-        """Take the next position from anywhere."""
+        """Accept any next position."""
         self._refused = _REFUSALS
 
     def holds(self, counts: int, sampled_ns: int) -> bool:
-        """Whether a position may be used; then the next one is measured from it.
+        """Whether a position is plausible; an accepted one is the reference of the next.
 
         The longer ago the last one was sampled, the further it may be.
 

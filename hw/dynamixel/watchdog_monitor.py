@@ -1,4 +1,4 @@
-"""How long a servo heard nothing, and what is done where its Bus Watchdog may have tripped."""
+"""Monitors a servo's time without instructions, and examines its Bus Watchdog after a pause."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from haptic_wall.hw.errors import ServoLostError
 _NEVER_NS: Final = 1 << 62
 
 
-class Vigil:
-    """Looks after the Bus Watchdog of one servo whenever it was not heard for most of its time.
+class WatchdogMonitor:
+    """Examines the Bus Watchdog of one servo after a silence of most of the watchdog's time.
 
     Args:
-        settings: How the Bus Watchdog is set.
+        settings: With the setting of the Bus Watchdog.
         link: The servo.
         clock: Tells the time.
         name: Of the servo, for messages.
@@ -47,34 +47,35 @@ class Vigil:
         self._name = name
         self._suspension = Suspension(clock)
         self.heard_ns = 0
-        """When the last request that was answered was sent [ns]"""
+        """When the last answered request was sent [ns]"""
         self.called_ns = 0
-        """When the servo was last asked for, where a reply takes several periods [ns]"""
+        """When the last request was sent, where a reply takes several periods [ns]"""
         self.most_ns = _NEVER_NS
-        """After so long unheard the Bus Watchdog may have tripped; never before ``begin``"""
+        """Silence after which the Bus Watchdog may have tripped; never before ``begin``"""
 
     def begin(self) -> None:
-        """Torque is on from now."""
+        """Start: torque is on from now."""
         self.called_ns = self._clock.now_ns()
         self._suspension = Suspension(self._clock)
-        # The watchdog counts whole units, so that one of two may trip soon after the first.
+        # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def end(self) -> None:
-        """Torque is off from now; the servo may be left alone for ever."""
+        """Stop: torque is off from now, and the servo may be silent for ever."""
         self.most_ns = _NEVER_NS
 
     def resume(self, now_ns: int, *, under_torque: bool) -> None:
-        """See to the Bus Watchdog if the servo was not heard for long; see ``look``."""
+        """Examine the Bus Watchdog if the servo was silent for long; see ``look``."""
         silence_ns = now_ns - self.heard_ns
         if silence_ns > self.most_ns + self._link.patience_ns:
             self.look(silence_ns, under_torque=under_torque)
             self.heard_ns = now_ns
 
     def call(self, now_ns: int, *, under_torque: bool) -> None:
-        """See to the Bus Watchdog after a stall; see ``look``.
+        """Examine the Bus Watchdog after a stall; see ``look``.
 
-        What was heard last says little about one where each reply takes that long.
+        Where each reply takes several periods, the last answer does not show how long the pause
+        was.
         """
         pause_ns = now_ns - self.called_ns
         self.called_ns = now_ns
@@ -83,14 +84,14 @@ class Vigil:
             self.heard_ns = self.called_ns = self._clock.now_ns()
 
     def look(self, silence_ns: int, *, under_torque: bool) -> None:
-        """See whether the servo still takes goals after a pause; make it so if nothing was lost.
+        """Check whether the servo still accepts goals; arm its watchdog again if nothing was lost.
 
         Args:
-            silence_ns: How long it heard nothing [ns]; 0: it was talked to.
+            silence_ns: Time without an instruction [ns]; 0: there was none.
             under_torque: The last goal was not zero.
 
         Raises:
-            ServoLostError: The port is gone, or nothing answers.
+            ServoLostError: The port is gone, or there is no reply.
             TorqueLostError: The torque is gone.
         """
         armed = rearm(self._link, self._clock, self._units, under_torque=under_torque)
@@ -98,13 +99,13 @@ class Vigil:
             raise self.explained(lost(armed, self._name, silence_ns, self._watchdog_s))
 
     def explained(self, error: ServoLostError) -> ServoLostError:
-        """The same error, or the true cause where the computer was suspended since ``begin``.
+        """Return the error, or a suspension as its true cause if there was one since ``begin``.
 
-        The servo's clock and its registers then look as if its supply had broken down, and the
+        After a suspension the servo's clock and its registers look like a supply failure, and the
         silence on this computer's clock is short.
 
         Args:
-            error: What it looks like.
+            error: The apparent cause.
         """
         seconds = self._suspension.seconds()
         if not seconds:
