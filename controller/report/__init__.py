@@ -1,1 +1,1 @@
-"""Pictures: of runs, and of what experiments and mathematics found."""
+"""Pictures, pages and sentences about runs, experiments and theory."""

@@ -1,4 +1,4 @@
-"""The K-B plane of a wall, the Z-width plot of the field: which stiffness with which damping."""
+"""Draws the K-B plane of a wall, the field's Z-width plot: the limits over virtual damping."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
-"""Where a curve has points, as fractions of the range: at its very ends all limits are 0."""
+"""Points of a curve, as fractions of the range without its very ends, where all limits are 0."""
 _SMALL = 0.08
-"""Where the servo's own damping is a smaller share of the ceiling, the origin gets an inset."""
+"""Ratio of the servo's own damping to the ceiling below which the origin gets an inset."""
 _ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"
 
 
@@ -39,8 +39,8 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
 
     Args:
         question: The servo and its loop.
-        found: Its ``report``: the peak, and the points that are marked.
-        path: Where the PNG goes.
+        found: Its ``report``: the peak, and the marked points.
+        path: Path of the PNG.
 
     Raises:
         OSError: The file cannot be written.
@@ -71,7 +71,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
 
 
 def _plane(ax: Axes, across: Curve) -> None:
-    """The limits as curves, and what is stable below them shaded."""
+    """Draw the limits as curves, and shade the stable area."""
     damping, limits = across.virtual_damping, across.found
     ax.fill_between(damping, 0.0, limits.exact, color=FAINT, linewidth=0, label="stable, two-sided")
     if limits.one_sided is not None:
@@ -96,13 +96,13 @@ def _plane(ax: Axes, across: Curve) -> None:
 
 
 def _above_zero(values: FloatArray) -> slice:
-    """Where a limit is above zero, and the points beside."""
+    """Return the range in which a limit is above zero, and its neighbours."""
     where = np.flatnonzero(values > 0)
     return slice(max(where[0] - 1, 0), where[-1] + 2) if where.size else slice(0)
 
 
 def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
-    """The peak, and the points that were asked for, at the limit that holds there."""
+    """Mark the peak, and the requested points, at their smallest limit."""
     peak = found["peak"]
     ax.plot(
         peak["virtual_damping"],
@@ -125,7 +125,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
 
 
 def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any]) -> None:
-    """The neighbourhood of the origin, where the servo's own damping tells and passivity is."""
+    """Draw the neighbourhood of the origin, where own damping and passivity matter."""
     near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
     close = curve(question, lowest + (near - lowest) * _SHARES)
     inset = ax.inset_axes((1.065, 0.03, 0.2, 0.34))
@@ -148,5 +148,5 @@ def _title(question: Question) -> str:
 
 
 def _digits(value: float) -> str:
-    """Three digits, without an exponent."""
+    """Format three digits, without an exponent."""
     return f"{float(f'{value:.3g}'):g}"

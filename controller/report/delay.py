@@ -1,4 +1,4 @@
-"""The picture of a delay: the motion that a torque step causes, and the inserted delays again."""
+"""Draws a measured delay: the motion after a torque step, and the recovered inserted delays."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 _BINS = 40
 _SPAN = 12e-3
-"""How much of the motion behind the onset is drawn [s]"""
+"""Drawn time after the onset [s]"""
 _BEFORE = 4e-3
 _SIGMAS = 2.0
 _POINTS, _WIDTHS = 3, (2.2, 1.0)
-"""Recovered delays from which on they get axes of their own, and the widths of the two"""
+"""Number of recovered delays from which they get axes of their own, and the widths of both axes"""
 
 
 def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
@@ -31,7 +31,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
     Args:
         found: The result.
         name: Of the configuration, for the title.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -61,7 +61,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
 
 
 def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
-    """Mean motion that the steps caused, and the fitted one."""
+    """Draw the mean motion after the steps, and the fitted one."""
     fit = point.commanded
     time, motion = caused(fit)
     near = (time > fit.lag - _BEFORE) & (time < fit.lag + _SPAN)
@@ -83,7 +83,7 @@ def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
 
 
 def _recovered(ax: Axes, points: Sequence[DelayPoint]) -> None:
-    """By how much each inserted delay was missed."""
+    """Draw the error of each recovered delay."""
     for point in points:
         assert point.recovered is not None
         ax.errorbar(

@@ -1,4 +1,4 @@
-"""Pictures of long runs in little memory: lines drawn piece by piece, shade that stays simple."""
+"""Draws long runs in little memory: lines in pieces, shades with few corners."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Floats = NDArray[np.float64]
 PIECE = 1000
 """Points of a line that are drawn at a time"""
 MOST = 400
-"""More stretches than this are narrower than a picture shows; then it is looked in at so many
-moments, twice over, where there is shade."""
+"""Largest number of separate stretches; more would be narrower than a picture shows, and are
+sampled at twice as many moments instead."""
 
 
 def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: Any) -> None:  # noqa: ANN401
     """Draw a solid line in pieces that share their ends: drawn whole, it takes 100 MB and more.
 
-    Matplotlib's own way (``agg.path.chunksize``) leaves two stretches out between pieces.
+    Matplotlib's own option (``agg.path.chunksize``) omits two segments between pieces.
 
     Args:
         ax: Where to.
@@ -33,19 +33,19 @@ def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: A
     """
     for start in range(0, max(x.size - 1, 1), PIECE):
         piece = slice(start, start + PIECE + 1)
-        # Each piece where it is: those that are level would else be moved to whole pixels.
+        # No snapping: level pieces would be moved to whole pixels.
         ax.plot(x[piece], y[piece], label=None if start else label, snap=False, **style)
 
 
 def outline(time: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Corners of the stretches in which something holds, from 0 to 1 in height.
+    """Return the corners of the stretches in which a condition holds, from 0 to 1 in height.
 
     Args:
         time: Increasing, shape (n,), n > 0.
         where: Whether it holds from each moment to the next, shape (n,).
 
     Returns:
-        Times and heights for ``fill_between``; of no length where it never holds.
+        Times and heights for ``fill_between``; empty where it never holds.
     """
     edges = _edges(where)
     if edges.size > 2 * MOST:
@@ -57,5 +57,5 @@ def outline(time: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
 
 
 def _edges(where: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Where stretches begin and end, in turn."""
+    """Return where stretches begin and end, alternating."""
     return np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))

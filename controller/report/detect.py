@@ -1,4 +1,4 @@
-"""The picture of ``haptic-wall detect``: the motion, what was seen in it, and how fast it was."""
+"""Draws the result of ``haptic-wall detect``: the motion, the detector's state, the frequency."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
     Args:
         parts: Of the recording.
         found: For each of them.
-        path: Where the PNG goes.
+        path: Path of the PNG.
 
     Raises:
         OSError: The file cannot be written.

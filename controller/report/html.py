@@ -1,4 +1,4 @@
-"""HTML pages that need no other file: a template filled in, with its pictures embedded."""
+"""Makes self-contained HTML pages: fills a template and embeds the pictures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def filled_in(package: str, **values: Any) -> str:  # noqa: ANN401 - whatever th
 
 
 def embedded(png: bytes) -> str:
-    """A picture as the address that a page shows it by.
+    """Return a picture as a data URL for a page.
 
     Args:
         png: The PNG file's content.

@@ -1,4 +1,4 @@
-"""The picture of an identification: measured and fitted motion, the torque, and what is left."""
+"""Draws an identification: measured and fitted motion, the torque, and the residual."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _PARTS = 3.0
-"""Height of the first panel beside the others"""
+"""Height of the first panel relative to the others"""
 
 
 def plot_identification(found: Identified, name: str, path: Path) -> None:
-    """Draw what the model was fitted to, as PNG.
+    """Draw the data of the model's fit, as PNG.
 
     Args:
         found: The identification.
         name: Of the configuration, for the title.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.

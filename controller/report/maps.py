@@ -1,4 +1,4 @@
-"""The picture of a map: stiffness over virtual damping for each delay, and over the kick."""
+"""Draws a map: stiffness over virtual damping for each delay, and over the kick."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ _POINTS = 120
 _SHARE = 0.5
 """Fraction of the torque limit up to which the theory of unlimited motion is drawn"""
 _MOST_DELAYS = 3
-"""More are thinned out: their curves could not be told apart. The table holds them all."""
+"""Largest number of drawn delays, for legibility; the table has all of them."""
 _MANY_DAMPINGS = 6
 _LARGE = 1e3
-"""A torque limit [N·m] from which on it is as good as none."""
+"""A torque limit [N·m] from here on counts as none."""
 
 
 def plot_map(found: CriticalMap, name: str, path: Path) -> None:
     """Draw a map as PNG.
 
     Args:
-        found: The map; what was not computed, and what has no limit, is left out.
+        found: The map; points without a result or a limit are omitted.
         name: Of the configuration, for the title.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -78,7 +78,7 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
     setting, servo = found.setting, found.setting.servo
     low, high = float(found.virtual_damping.min()), float(found.virtual_damping.max())
     ends = _signed_root(np.array([low, high]))
-    # Squares of roots may miss the ends by a rounding.
+    # Squares of roots may miss the ends by rounding.
     across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
     for i, colour in colours.items():
         delay = float(found.delay[i])
@@ -87,7 +87,7 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
                 servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
             )
         )
-        # The curve falls to zero at the ceiling: it is drawn down to there.
+        # The curve is drawn down to zero at the ceiling.
         damping = np.unique(np.append(across, ceiling * (1 - np.geomspace(1e-4, 0.2, 20))))
         damping = damping[(damping >= low) & (damping <= high)]
         loop = (servo.inertia, servo.damping, damping, setting.period, delay)
@@ -104,14 +104,14 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
     if not _root_scale(found):
         ax.set_xlabel(VIRTUAL_DAMPING)
         return
-    # Near zero the limits rise steeply, and there walls are used: it gets more room.
+    # Near zero, where walls are used, the limits rise steeply: this part gets more room.
     ax.set_xscale("function", functions=(_signed_root, _signed_square))
     ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
 
 
 def _root_scale(found: CriticalMap) -> bool:
-    """Whether there are enough dampings for a scale that is not even."""
+    """Whether there are enough dampings for a square-root scale."""
     return np.unique(found.virtual_damping).size >= _MANY_DAMPINGS
 
 
@@ -178,7 +178,7 @@ def _many_kicks(found: CriticalMap) -> bool:
 
 
 def _shown_kicks(found: CriticalMap) -> dict[int, dict[str, Any]]:
-    """The smallest and the largest kick, and their markers."""
+    """Return the smallest and the largest kick, and their markers."""
     small, large = int(np.argmin(found.kick)), int(np.argmax(found.kick))
     styles: dict[int, dict[str, Any]] = {
         small: {"marker": "o", "ms": 3.5, "mfc": "white", "mew": 0.8, "linestyle": " "}
@@ -232,13 +232,13 @@ def _title(found: CriticalMap, name: str) -> str:
 
 
 def _drawn(stiffness: FloatArray) -> FloatArray:
-    """Stiffnesses that a logarithmic axis can show; NaN for the others."""
+    """Return stiffnesses that a logarithmic axis can show; NaN for the others."""
     shown: FloatArray = np.where(np.isfinite(stiffness) & (stiffness > 0.0), stiffness, np.nan)
     return shown
 
 
 def _range(found: CriticalMap) -> tuple[float, float]:
-    """From below what was simulated; the exact limit goes down to zero at the ceiling."""
+    """Return the stiffness axis from below the simulated values; the exact limit goes to zero."""
     shown = found.stiffness[:, :, list(_shown_kicks(found))]
     good = shown[np.isfinite(shown) & (shown > 0.0)]
     limit = found.one_sided if found.setting.one_sided else found.exact

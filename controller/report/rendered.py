@@ -1,4 +1,4 @@
-"""The picture of what is rendered: the spring's push, the drag, and the contacts with the wall."""
+"""Draws a rendering: the spring's push, the drag, and the contacts with the wall."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _POINTS = 800
-"""Samples drawn of each way"""
+"""Drawn samples of each way"""
 _BEFORE, _BEHIND = 0.05, 0.35
-"""Time drawn around the entry into the wall [s]"""
+"""Drawn time before and after the entry into the wall [s]"""
 
 
 def plot_rendering(found: Rendering, name: str, path: Path) -> None:
     """Draw a comparison as PNG.
 
     Args:
-        found: The result; what could not be measured is left out.
+        found: The result; missing measurements are omitted.
         name: Of the configuration, for the title.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""The run's picture: position against the wall, torque, what the guard or the hand did, timing."""
+"""Draws a run: position and wall, torque, stiffness or velocity, timing."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
-    """Draw a log, or a stretch of it, in memory that does not grow with it.
+    """Draw a log, or a stretch of it, in bounded memory.
 
     Args:
         rows: Of the log.
-        path: Where the picture goes.
+        path: Path of the picture.
         stop_reason: As for ``plot_run``.
 
     Raises:
@@ -50,15 +50,15 @@ def plot_run(
     Args:
         sketch: Of the run.
         metadata: Of the log: its ``config``, and its ``name`` for the title.
-        path: Where the picture goes.
-        stop_reason: Of the report; a trip is named in the title. None: not known.
+        path: Path of the picture.
+        stop_reason: Of the report; the title names a trip. None: not known.
 
     Raises:
-        LogFormatError: The metadata holds no configuration this program knows.
+        LogFormatError: The metadata holds no known configuration.
         OSError: The picture cannot be written.
     """
-    # Late and local: it takes a second, and only who wants a picture should wait. The classes
-    # are used without pyplot, so no state outlives the call.
+    # Imported here because it takes a second, which only pictures should cost. The classes are used
+    # without pyplot, so that no state survives the call.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""The panels of a run's picture."""
+"""Draws the panels of a run's picture."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ if TYPE_CHECKING:
 _INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
 _SMOOTH_S = 0.02
-"""The velocity is also drawn as its mean over this time [s]: one encoder count within a sample is
-a spike that hides the motion."""
+"""Averaging time of the additional smooth velocity [s]: one encoder count within a sample is a
+spike that hides the motion."""
 _LEAST_US = 0.02
-"""Times are drawn on a logarithmic axis from here [µs]."""
+"""Lower end of the logarithmic time axis [µs]."""
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnRun:
-    """Data that the panels draw."""
+    """The data of the panels."""
 
     sketch: Sketch
     on: NDArray[np.bool_]
-    """The wall is on: the warm-up is over, and it was not taken out again"""
+    """The wall is on: the warm-up is over, and the wall is not off meanwhile"""
     config: Config
 
     @property
     def surface(self) -> float:
-        """Where the wall is [rad]; NaN: not known."""
+        """Return the wall's position [rad]; NaN: not known."""
         position = self.rows["position"][np.isfinite(self.rows["position"])]
         begins = self.rows["seq"][0] == 0 and position.size
         return self.config.surface(float(position[0]) if begins else math.nan)
 
     @property
     def rows(self) -> NDArray[np.void]:
-        """Those that are drawn."""
+        """Return the drawn rows."""
         return self.sketch.rows
 
     @property
     def time(self) -> Floats:
-        """Of each [s]."""
+        """Return the time of each row [s]."""
         return self.sketch.time
 
 
 def position(ax: Axes, run: DrawnRun) -> None:
-    """The position, and the wall that it is inside of or not."""
+    """Draw the position, and the wall."""
     wall, rows = run.config.wall, run.rows
     _line(ax, run.time, rows["position"], _INK, "position", 1.3)
     ax.set_ylabel("position [rad]")
@@ -63,7 +63,7 @@ def position(ax: Axes, run: DrawnRun) -> None:
         return
     ax.axhline(surface, color=_WALL, linewidth=1.2, label="wall's surface")
     if wall.side == "both":
-        return  # always in contact: it has no inside to shade
+        return  # always in contact: there is nothing to shade
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
     if wall.side == "above":
@@ -86,7 +86,7 @@ def position(ax: Axes, run: DrawnRun) -> None:
 
 
 def torque(ax: Axes, run: DrawnRun) -> None:
-    """The torque the wall asks for and the one that was sent, with its limit."""
+    """Draw the wall's torque and the sent one, with its limit."""
     rows = run.rows
     _line(ax, run.time, rows["wall_torque"], "#c9d0d5", "wall (before delay and limit)", 3.5)
     _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
@@ -107,7 +107,7 @@ def torque(ax: Axes, run: DrawnRun) -> None:
 
 
 def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
-    """The torque limit as far as the log tells [N·m]."""
+    """Return the torque limit as far as the log shows it [N·m]."""
     if saturated.any():
         return float(np.abs(run.rows["torque"][saturated]).max())
     config = run.config
@@ -119,7 +119,7 @@ def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
 
 
 def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
-    """Commanded stiffness where the guard has changed it; else the velocity."""
+    """Draw the commanded stiffness where the guard has changed it; else the velocity."""
     stiffness = run.rows["stiffness"][run.on]
     if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
         steps = {"drawstyle": "steps-post", "color": _INK}
@@ -144,13 +144,13 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
 
 
 def has_timing(run: DrawnRun) -> bool:
-    """Whether anything took time: on the simulated clock every tick is on time."""
+    """Whether the run has times: on the simulated clock every tick is on time."""
     rows = run.rows
     return any(bool((rows[field] > 0).any()) for field in (*TIMES, "missed"))
 
 
 def timing(ax: Axes, run: DrawnRun) -> None:
-    """The ticks' times; a period is drawn as a line, a missed tick as a mark above it."""
+    """Draw the ticks' times; a period is a line, a missed tick a mark above it."""
     rows = run.rows
     ax.set_yscale("log")
     for field, color, label in (
@@ -167,7 +167,7 @@ def timing(ax: Axes, run: DrawnRun) -> None:
                 markersize=1.6,
                 color=color,
             )
-            # A dot of its own for the legend, large enough to be seen.
+            # A separate dot for the legend, large enough to see.
             median = run.sketch.medians_us[field]
             ax.plot([], [], ".", color=color, label=f"{label} (median {median:.3g} µs)")
     period_us = 1e-3 * run.config.period_ns
@@ -189,7 +189,7 @@ def timing(ax: Axes, run: DrawnRun) -> None:
 
 
 def _missed_label(run: DrawnRun) -> str:
-    """Missed ticks as the report counts them, those of the warm-up apart."""
+    """Return the missed ticks as the report counts them, those of the warm-up apart."""
     on, before = run.sketch.missed
     apart = f" (and {before} in the warm-up)" if before else ""
     return f"missed: {on} ticks{apart}"
@@ -213,7 +213,7 @@ def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
 
 
 def _is_first(ax: Axes) -> bool:
-    """Whether this is the panel whose legend names what all of them show."""
+    """Whether this panel's legend names the common shades."""
     return ax is ax.figure.axes[0]
 
 

@@ -1,8 +1,8 @@
-"""The rows of a long run that a picture can show, in memory that does not grow with the run.
+"""Selects the rows of a long run that a picture can show, in bounded memory.
 
-A picture has fewer columns than a long run has ticks. So the run is parted into slices, and of each
-those rows are kept that are extreme in something that is drawn: no peak is lost, and every point
-in the picture is one of the run.
+A picture has fewer columns than a long run has ticks. The run is divided into slices, and each
+slice keeps
+the rows with an extreme drawn value: no peak is lost, and every drawn point is one of the run.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 SLICES = 2500
 """More than a picture has columns"""
 WHOLE = 4 * SLICES
-"""Runs of up to so many rows are drawn row by row."""
+"""Runs of up to this many rows are drawn completely."""
 TIMES = ("bus_ns", "work_ns", "lateness_ns")
-"""Fields that say how long something took"""
+"""Fields that are durations"""
 
 _EXTREME = ("position", "velocity", "wall_torque", "torque", "stiffness", *TIMES)
 _FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
@@ -36,29 +36,29 @@ _FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """Data that a picture draws."""
+    """The data of a picture."""
 
     rows: NDArray[np.void]
-    """Those that are drawn, in their order, the first and the last of the run among them"""
+    """The drawn rows in order, the first and the last of the run among them"""
     time: Floats
-    """When each was [s]"""
+    """Time of each [s]"""
     medians_us: dict[str, float]
     """Median of each of ``TIMES`` while the wall was on, or of all rows where it never was [µs]"""
     missed: tuple[int, int]
     """Ticks missed while the wall was on, and before"""
     mean_time: Floats
-    """Middles of the slices [s]; of no length where every row is drawn"""
+    """Middles of the slices [s]; empty where every row is drawn"""
     mean_velocity: Floats
     """Mean of the velocity over each slice [rad/s]"""
 
 
 def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> Sketch:
-    """Reduce rows to the data that a picture draws.
+    """Reduce rows to the data of a picture.
 
     Args:
         blocks: The rows, n > 0 in all, shape (m,) each, dtype ``telemetry.ROW``.
-        count: How many there are.
-        origin_ns: Where the time is 0, on the run's clock [ns].
+        count: Their number.
+        origin_ns: Zero of the time, on the run's clock [ns].
     """
     counts = _Counts()
     kept: list[NDArray[np.void]] = []
@@ -113,7 +113,7 @@ class _Counts:
 
 
 def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterator[NDArray[np.void]]:
-    """The rows parted at ``edges``, each the number of rows before it; rows past the last too."""
+    """Split the rows at ``edges`` (row numbers); rows after the last edge follow."""
     waiting: list[NDArray[np.void]] = []
     held = begun = 0
     ends = iter(edges)
@@ -122,7 +122,7 @@ def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterato
         waiting.append(block)
         held += len(block)
         while end is not None and held >= end - begun:
-            # Parting one long block must not copy the rest of it for every part.
+            # Splitting a long block must not copy its rest for every part.
             rows = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
             if end > begun:
                 yield rows[: end - begun]
@@ -133,14 +133,14 @@ def _parted(blocks: Iterable[NDArray[np.void]], edges: Iterable[int]) -> Iterato
 
 
 def _telling(rows: NDArray[np.void]) -> NDArray[np.intp]:
-    """Which rows of a slice to keep: first and last, each field's extremes, each flag's change."""
+    """Return the rows of a slice to keep: both ends, each field's extremes, flag changes."""
     places = {0, len(rows) - 1}
     for field in _EXTREME:
         numbers = rows[field]
         known = np.flatnonzero(np.isfinite(numbers))
         if known.size:
             places |= {int(known[np.argmin(numbers[known])]), int(known[np.argmax(numbers[known])])}
-        if known.size < len(rows):  # a gap stays one
+        if known.size < len(rows):  # keep a gap
             places.add(int(np.flatnonzero(~np.isfinite(numbers))[0]))
     if rows["missed"].any():
         places.add(int(np.argmax(rows["missed"])))

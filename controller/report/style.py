@@ -1,4 +1,4 @@
-"""How the figures look: one journal column wide, serif, colours that the colour-blind can tell."""
+"""The style of the figures: one journal column wide, serif, colours for the colour-blind."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Figure]:
-    """A figure to draw on, written as PNG at the end; the same data gives the same file.
+    """Yield a figure, written as PNG at the end; equal data give an equal file.
 
     Args:
-        path: Where it goes: a file's path, or what is open for writing.
+        path: A file's path, or a stream open for writing.
         width: [inch].
         height: [inch].
 
     Raises:
         OSError: The file cannot be written.
     """
-    # Late and local: it takes a second, and only who wants a picture should wait. Without pyplot
-    # no figure outlives the call.
+    # Imported here because it takes a second, which only pictures should cost. Without pyplot no
+    # figure survives the call.
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -76,24 +76,24 @@ def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Fig
 
 @contextmanager
 def any_writing() -> Iterator[None]:
-    """While a picture is written: a letter that the font has not is a box, and no warning."""
+    """Suppress warnings about letters missing in the font, which become boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")
         yield
 
 
 def titled(name: str) -> str:
-    """A name of anybody's for a title: in one line, and no formula whatever is in it."""
+    """Return any name as one line for a title, without formulas."""
     return in_line(name).replace("$", r"\$")
 
 
 def grid(ax: Axes) -> None:
-    """Faint lines behind the curves."""
+    """Draw faint lines behind the curves."""
     ax.grid(True, color="#e9e9e9", linewidth=0.5)
 
 
 def legend_above(ax: Axes, columns: int = 1) -> None:
-    """Name the curves above the axes, where the legend covers none of them."""
+    """Draw the legend above the axes, where it covers no curve."""
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -105,7 +105,7 @@ def legend_above(ax: Axes, columns: int = 1) -> None:
 
 
 def shades(count: int) -> Sequence[str]:
-    """As many colours in order, dark to light, that differ in lightness too."""
+    """Return so many colours in order, dark to light, that also differ in lightness."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 

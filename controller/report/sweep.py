@@ -1,4 +1,4 @@
-"""The picture of a sweep: measured points on the limits, in the plane of stiffness and damping."""
+"""Draws a sweep: measured points on the limits, in the plane of stiffness and damping."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
 
     Args:
         points: Of any number of delays; one without a figure is a cross on the axis.
-        device: What is believed, for the curves.
+        device: The belief, for the curves.
         name: Of the configuration, for the title.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -63,7 +63,7 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
 
 
 def _range(points: Sequence[PointResult]) -> tuple[float, float]:
-    """Ends of the damping drawn: of the points with a figure, if there are any, and a margin."""
+    """Return the ends of the damping axis: of the points with a figure, if any, and a margin."""
     found = [point.virtual_damping for point in points if point.measured is not None]
     found = found or [point.virtual_damping for point in points]
     low, high = min(0.0, *found), max(found)
@@ -78,7 +78,7 @@ def _one_delay(
     colour: str,
     ends: tuple[float, float],
 ) -> float:
-    """Curves and points of one inserted delay; the greatest stiffness that must be seen."""
+    """Draw curves and points of one inserted delay; return the greatest stiffness to show."""
     delay = float(np.mean([point.delay_s for point in points]))
     across = np.linspace(*ends, _POINTS)
     exact = np.array([device.exact(value, delay) for value in across])
@@ -94,7 +94,7 @@ def _one_delay(
     if device.coulomb > 0.0:
         predicted = _values([point.predicted_with_friction for point in found])
         ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
-    # A point outside of the picture is drawn at its edge.
+    # A point outside the picture is drawn at its edge.
     missing = np.clip([point.virtual_damping for point in points if point.measured is None], *ends)
     ax.plot(
         missing, np.zeros(missing.size), "x", color=colour, markersize=5, clip_on=False, zorder=5

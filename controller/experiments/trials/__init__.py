@@ -1,1 +1,1 @@
-"""Closed-loop trials: the loop's own tick on servos that are worse than the believed one."""
+"""Closed-loop trials: runs the loop's own tick on servos that are worse than the belief."""

@@ -1,4 +1,4 @@
-"""Walls at 1.2 to 2 times their true limit: whether a true alarm ends by reduction or by a trip."""
+"""Tries walls at 1.2 to 2 times their true limit: does a true alarm end by reduction or a trip?"""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _A_JOB = 15
 
 @dataclass(frozen=True, slots=True)
 class Beyond:
-    """Some walls with lags of a range."""
+    """Results of some walls with lags in a range."""
 
     preset: str
     lags: str
     walls: int
     found: list[Answered]
-    """Those that oscillate by themselves"""
+    """The walls that oscillate by themselves"""
 
 
 def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
@@ -47,7 +47,7 @@ def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
     Args:
         preset: Of the servo.
         lags: Index in ``LAGS``.
-        walls: How many.
+        walls: Number of walls.
         seed: Of everything drawn.
     """
     random, bench = draws(seed), bench_of(preset)
@@ -69,7 +69,7 @@ def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """Both servos and all lags, in parts."""
+    """Return the jobs: both servos and all lags, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         for lags in range(len(LAGS)):
@@ -81,7 +81,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[Beyond]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     lines = [
         f"K forced at {RATIOS[0]} to {RATIOS[1]:g} times the true servo's own limit, two-sided,"
         " kicks of 0.02 to 0.5 rad, back-EMF drawn. Only walls that oscillate by themselves count:"

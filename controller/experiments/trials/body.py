@@ -1,8 +1,8 @@
-"""The moving body of a trial's servo: one mass, or two and a flexible transmission between them.
+"""Moves the body of a trial's servo: one mass, or two with a flexible transmission between.
 
 The motion is computed in short steps of equal length (half a drift, a change of speed, half a
-drift: second order). Viscous friction and the operator's damper count with the mean speed of a
-step. Coulomb friction sticks exactly: a speed that reaches zero within a step is cut there.
+drift: second order). Viscous friction and the operator's damper use the mean speed of a step.
+Coulomb friction sticks exactly: a step in which the speed reaches zero is divided there.
 
 Error of the output after 0.4 s and 1 rad of a wild motion, in counts of 4096: rigid 0.002; two
 masses at 30 Hz 0.02, with a backlash of 0.5 degrees inside the transmission 0.3. The tests compare
@@ -17,32 +17,32 @@ from haptic_wall.controller.experiments.trials.operators import NOTHING, Row
 from haptic_wall.controller.experiments.trials.truth import Truth
 
 RIGID_STEP_S = 5e-4
-"""Longest step of a rigid servo [s]: exact between changes of friction but for the operator's
-spring, which is slow."""
+"""Longest step of a rigid servo [s]: exact between changes of friction, except for the operator's
+slow spring."""
 FLEXIBLE_STEP_S = 2.5e-4
 """Longest step with a transmission [s]: a mode of 60 Hz is 0.04 % too fast."""
 
 
 class Body:
-    """Where a servo is and how it moves.
+    """State of a servo's body, and its motion.
 
     Attributes:
         position: Of the output [rad].
         velocity: Of the output [rad/s].
         motor_position: Of the motor's side [rad]; the output's where it is rigid.
         motor_velocity: [rad/s]
-        followed: Where the encoder's side of its backlash is [rad].
-        torque: Of the motor, before back-EMF takes its part [N·m].
-        mass: That an operator adds to the output [kg·m²].
+        followed: Position of the encoder's side of its backlash [rad].
+        torque: Of the motor, without the effect of back-EMF [N·m].
+        mass: Mass that an operator adds to the output [kg·m²].
     """
 
     def __init__(
         self, truth: Truth, position: float, velocity: float, step_s: float | None
     ) -> None:
-        """A body without torque that nobody touches.
+        """Create a body without torque and operator.
 
         Args:
-            truth: What it is.
+            truth: Its true parameters.
             position: Of both masses [rad]; the encoder is in the middle of its backlash.
             velocity: Of both masses [rad/s].
             step_s: Longest step of the computation [s]; None: the usual one.
@@ -69,11 +69,11 @@ class Body:
         self._plans: dict[int, tuple[int, float, float]] = {}
 
     def take(self, row: Row) -> None:
-        """Take over the operator's forces from now on."""
+        """Use the operator's forces from now on."""
         self._spring, self._damper, self._wanted, self._speed, self._push = row
 
     def move(self, length_ns: int) -> None:
-        """Move for so long [ns] with the torque and the operator that act."""
+        """Move for so long [ns] with the present torque and operator."""
         plan = self._plans.get(length_ns)
         if plan is None:
             plan = self._plans[length_ns] = self._plan(length_ns)
@@ -83,7 +83,7 @@ class Body:
             self._move_one(*plan)
 
     def energy(self) -> float:
-        """Kinetic energy of both masses, and the transmission's spring [J]; no operator's mass."""
+        """Return the kinetic energy of both masses, and the transmission's spring energy [J]."""
         if not self._flexible:
             return 0.5 * self._motor * self.velocity**2
         twist = self._stretch(self.motor_position - self.position)
@@ -98,10 +98,10 @@ class Body:
         return math.copysign(max(abs(twist) - gap, 0.0), twist)
 
     def _plan(self, length_ns: int) -> tuple[int, float, float]:
-        """Steps in a stretch, their length [s], and what an implicit damper leaves of forces [1].
+        """Return a stretch's number of steps, their length [s], and a factor on forces [1].
 
-        The transmission's damper counts with the mean relative speed of a step; what that speed
-        takes from the torque passed on is solved for beforehand.
+        The transmission's damper uses the mean relative speed of a step; the factor contains its
+        effect on the transmitted torque, solved in advance.
         """
         steps = -(-length_ns // self._longest_ns)
         step = length_ns * 1e-9 / steps
@@ -110,7 +110,7 @@ class Body:
         reduced = self._motor * self._load / (self._motor + self._load)
         return steps, step, 1.0 / (1.0 + 0.5 * self.truth.transmission_damping * step / reduced)
 
-    # Written out, not by calls: this is what every trial does in every period.
+    # Inlined for speed: every trial does this in every period.
     def _move_one(self, steps: int, step: float, _: float) -> None:  # noqa: PLR0912, PLR0915
         """Move a rigid servo by ``steps`` of ``step`` [s]."""
         x, v = self.position, self.velocity
@@ -183,7 +183,7 @@ class Body:
             braked = step / (self._motor + half * (drag + braking))
         stiffness = left * self.truth.transmission_stiffness
         damper = left * self.truth.transmission_damping
-        # What the damper makes of the relative speed that the torques add in half a step.
+        # The damper's torque for the relative speed that the torques add in half a step.
         added = damper * half * (torque / self._motor - base / (self._load + self.mass))
         gap = 0.5 * self.truth.transmission_backlash
         slack, followed, on_motor = self._half_backlash, self.followed, self._on_motor
@@ -194,7 +194,7 @@ class Body:
             twist = x - y
             if gap:
                 if twist > gap:
-                    # In contact it pushes, or does nothing: the damper holds nobody back.
+                    # In contact it only pushes: the damper never pulls.
                     passed = stiffness * (twist - gap) + damper * (v - w) + added
                     passed = max(passed, 0.0)
                 elif twist < -gap:
@@ -262,7 +262,7 @@ class Body:
 def _through_rest(
     speed: float, force: float, drag: float, coulomb: float, change: float, step: float
 ) -> tuple[float, float]:
-    """The speed after a step in which it reaches zero, and what the mean speed moves too far.
+    """Return the speed after a step through zero, and the error of the mean speed's motion.
 
     Args:
         speed: At the start of the step, not 0 [rad/s].

@@ -1,4 +1,4 @@
-"""One-sided walls under a steady push that send the shaft back faster than it came."""
+"""Tries one-sided walls under a steady push that return the shaft faster than it came."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from haptic_wall.controller.experiments.trials.verdicts import Answered, answere
 
 WALLS_TRIED = ("the guard's K", "1.2 to 3 times the limit")
 _FORCED = (1.2, 3.0)
-"""Of the two-sided limit"""
+"""Stiffness range, as a multiple of the two-sided limit"""
 _ANY = Row("any back-EMF", back_emf=None)
 _PUSH = (1.3, 6.0)
-"""By Coulomb friction: less would not bring the shaft back to the wall"""
+"""Push range, as a multiple of Coulomb friction: less would not return the shaft to the wall"""
 _MOST_PUSH = 0.3
-"""By the torque limit"""
+"""Largest push, as a fraction of the torque limit"""
 _A_JOB = 15
 
 
 @dataclass(frozen=True, slots=True)
 class Bounces:
-    """Some walls of a kind with lags of a range."""
+    """Results of some walls of a kind with lags in a range."""
 
     preset: str
     wall: str
     lags: str
     walls: int
     found: list[Answered]
-    """Those at which the shaft goes on bouncing while the detector only reports"""
+    """The walls on which the shaft keeps bouncing while the detector only reports"""
 
 
 def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]) -> Bounces:
@@ -54,7 +54,7 @@ def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]
         preset: Of the servo.
         kind: Index in ``WALLS_TRIED``.
         lags: Index in ``LAGS``.
-        walls: How many.
+        walls: Number of walls.
         seed: Of everything drawn.
     """
     random, bench = draws(seed), bench_of(preset)
@@ -82,7 +82,7 @@ def _push(bench: Bench, truth: Truth, random: np.random.Generator) -> float:
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """Both servos, both kinds of walls, all lags, in parts."""
+    """Return the jobs: both servos, both kinds of walls, all lags, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         for kind in range(len(WALLS_TRIED)):
@@ -96,7 +96,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[Bounces]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     lines = [
         "The shaft starts 0.02 to 0.5 rad outside and is pushed against the wall steadily, by 1.3"
         f" to 6 times its Coulomb friction, at most {_MOST_PUSH} of the torque limit. It goes on"

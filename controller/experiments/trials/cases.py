@@ -1,4 +1,4 @@
-"""A trial as one value that can be written down and run again, and the rows that tables draw."""
+"""Describes a trial as one printable value that can be run again, and the rows of the tables."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ DAMPINGS = {
     "xm430-w350": (0.005, 0.02, 0.04, 0.1, 0.2),
     "xl330-m288": (0.001, 0.0025, 0.005, 0.01, 0.02),
 }
-"""Virtual damping of the walls that are tried [N·m·s/rad]"""
+"""Virtual damping of the tried walls [N·m·s/rad]"""
 KICKS = (0.02, 0.5)
-"""Where the shaft is let go [rad]"""
+"""Range of the initial displacement [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Properties of a servo beside its rigid body."""
+    """Properties of a servo in addition to its rigid body."""
 
     name: str
     back_emf: BackEmf | None = "none"
@@ -56,7 +56,7 @@ ROWS = (
 
 @dataclass(frozen=True, slots=True)
 class Lags:
-    """A range of lags, by the upper bound of what is believed [1]."""
+    """A range of lags, as multiples of the believed upper bound [1]."""
 
     name: str
     low: float
@@ -72,14 +72,14 @@ LAGS = (
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Everything that a trial depends on: what is printed of it runs again."""
+    """All parameters of a trial: its printed text can be run again."""
 
     preset: str
     truth: Truth
     wall: WallAsked
     duration_s: float = 8.0
     position: float = 0.0
-    """Where the shaft is let go [rad]"""
+    """Initial displacement of the shaft [rad]"""
     push: float = 0.0
     """Constant torque on the output [N·m]"""
     operator: str = "none"
@@ -90,7 +90,7 @@ class Case:
     """Natural frequency of the wall, for a resonant operator [Hz]"""
 
     def moved_by(self) -> Operator:
-        """The operator that moves the output."""
+        """Return the operator that moves the output."""
         if self.push:
             return operator_of(0.0, 0.0, np.zeros(round(self.duration_s * 1e3)), push=self.push)
         if self.operator == "none":
@@ -110,13 +110,13 @@ class Case:
         *,
         speed_limits: bool = False,
     ) -> Trial:
-        """Run it.
+        """Run the trial.
 
         Args:
             answer: To an oscillation: ``report``, ``reduce`` or ``trip``.
-            operator: Who moves the output; None: as the case says.
-            speed_limits: The run may trip at the servo's speed, as it does by default; else
-                nothing but the detector ends it.
+            operator: Moves the output; None: the case's own.
+            speed_limits: The run may trip at the servo's speed, as it does by default; else only
+                the detector ends it.
         """
         limits = ("safety.max_speed=null",) if speed_limits else ()
         return run_trial(
@@ -130,7 +130,7 @@ class Case:
 
 
 def draw_row(bench: Bench, row: Row, lags: Lags, random: np.random.Generator) -> Truth:
-    """Draw a servo of a row from the whole of the believed box, its lag from a range.
+    """Draw a servo of a row from the whole belief, with its lag from a range.
 
     Half of the lags are at the upper end of the range.
     """
@@ -144,17 +144,17 @@ def draw_row(bench: Bench, row: Row, lags: Lags, random: np.random.Generator) ->
 
 
 def draw_damping(preset: str, random: np.random.Generator) -> float:
-    """One of ``DAMPINGS`` [N·m·s/rad]."""
+    """Draw one of ``DAMPINGS`` [N·m·s/rad]."""
     return float(random.choice(DAMPINGS[preset]))
 
 
 def draw_kick(random: np.random.Generator) -> float:
-    """Log-uniform within ``KICKS`` [rad]."""
+    """Draw log-uniformly within ``KICKS`` [rad]."""
     return log_uniform(KICKS, random)
 
 
 def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """Draw by the logarithm; both ends > 0."""
+    """Draw log-uniformly; both ends > 0."""
     low, high = ends
     return float(math.exp(random.uniform(math.log(low), math.log(high))))
 
@@ -162,7 +162,7 @@ def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float
 def hand_case(
     preset: str, truth: Truth, wall: WallAsked, operator: str, seed: int, duration_s: float
 ) -> Case:
-    """A case in which an operator holds the output."""
+    """Return a case in which an operator holds the output."""
     return Case(
         preset,
         truth,

@@ -1,9 +1,9 @@
-"""How well the detector does: unstable and stable walls drawn at random, and hands on stable ones.
+"""Tries the detector on random walls: unstable and stable ones, and operators on stable ones.
 
 The servos are those of ``theory.servos`` and the plant of the paper's Table II, all of them with
 4096 counts; delays of 0 to 10 ms, half of them fractions; B from 0 to half the ceiling where one
-count commands at most a tenth of the torque limit. The truth is what the simulated motion does when
-it is left alone, for that kick. The detector's belief is wrong by up to a fifth in each value.
+count commands at most a tenth of the torque limit. The truth is the simulated motion after that
+kick without further action. The detector's belief is wrong by up to a fifth in each value.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _KICK_TOLERANCE, _HAND_TOLERANCE = 1e-3, 1e-2
 
 @dataclass(frozen=True, slots=True)
 class KickTrial:
-    """Result of one kick."""
+    """The result of one kick."""
 
     name: str
     share: float
@@ -47,7 +47,7 @@ class KickTrial:
     kick: float
     """[rad]"""
     lasts: bool
-    """Whether the motion goes on: at the end it has lost less than 7 % in twelve cycles"""
+    """Whether the motion persists: at the end it has lost less than 7 % in twelve cycles"""
     alarm: bool
     early: bool
     """The alarm came before the amplitude reached twice the kick, or 10 counts"""
@@ -57,7 +57,7 @@ class KickTrial:
 
 @dataclass(frozen=True, slots=True)
 class HandTrial:
-    """Result of a hand on a wall below its limit."""
+    """The result of an operator on a wall below its limit."""
 
     name: str
     hand: str
@@ -65,25 +65,25 @@ class HandTrial:
     seconds: float
     alarms: int
     real: int
-    """Alarms after which the motion goes on without the hand"""
+    """Alarms after which the motion persists without the operator"""
     counts: float
     """Amplitude at the first alarm, in counts; NaN without"""
     small: bool
     """It was called sustained, too small for an alarm"""
     small_real: bool
-    """And that motion goes on without the hand, the first time it was"""
+    """And that motion persists without the operator, at its first occurrence"""
 
 
 @dataclass(frozen=True, slots=True)
 class SustainedTrial:
-    """Verdict on an oscillation that the torque limit keeps at one amplitude."""
+    """The detector's result on an oscillation that the torque limit keeps at one amplitude."""
 
     name: str
     counts: float
     """True amplitude [counts]"""
     alarm: bool
     shrinks: bool
-    """At the end of the record it was still coming down, and was said to"""
+    """At the end of the record it was still decreasing, and reported as such"""
     frequency_error: float
     amplitude_error: float
     """Relative"""
@@ -91,7 +91,7 @@ class SustainedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """Walls at their limit or above, and what goes with them."""
+    """Walls at their limit or above, with wrong beliefs."""
 
     walls: Walls
     """Their stiffness is the limit"""
@@ -137,7 +137,7 @@ def _draw(count: int, random: np.random.Generator) -> tuple[Walls, IntArray]:
 def _at_limit(
     walls: Walls, who: IntArray, kick: FloatArray, tolerance: float, random: np.random.Generator
 ) -> Drawn:
-    """Those whose limit for the kick is known, and leaves the encoder's steps their bound."""
+    """Return the walls with a known limit for the kick that respects the encoder's steps."""
     limit = onset(walls, kick, tolerance)
     step = (limit + walls.virtual_damping / PERIOD) * COUNT
     good = np.isfinite(limit) & (limit > 0.0)
@@ -153,10 +153,10 @@ def _at_limit(
 
 
 def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTrial]:
-    """Draw walls, kick each at these shares of its limit for the kick, and listen to the detector.
+    """Draw walls, kick each at these fractions of its limit for the kick, and run the detector.
 
     Args:
-        count: Walls drawn; some have no limit, or none that leaves the encoder's steps their bound.
+        count: Walls drawn; some have no limit, or none within the bound for the encoder's steps.
         seed: Of the draw.
         shares: K over the limit.
     """
@@ -196,7 +196,7 @@ def _kick_trial(
 
 
 def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
-    """Oscillations at 1.3 to 2 times the limit, from 4 counts up, sustained by a torque limit.
+    """Try oscillations at 1.3 to 2 times the limit, from 4 counts up, sustained by a torque limit.
 
     Args:
         count: Walls drawn; those whose amplitude does not settle are left out.
@@ -233,7 +233,7 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
 
 
 def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTrial]:
-    """A hand on walls at nine tenths of their limit without friction; four in ten one-sided.
+    """Try an operator on walls at 0.9 of their limit without friction; four in ten one-sided.
 
     Args:
         count: Walls drawn; see ``kick_trials``.
@@ -244,7 +244,7 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
     random = np.random.default_rng(seed)
     walls, who = _draw(count, random)
     walls = replace(walls, one_sided=random.random(count) < 0.4)
-    # Without Coulomb friction: the limit for the largest motion that a hand may make.
+    # Without Coulomb friction: the limit for the largest motion that an operator may make.
     slippery = replace(walls, coulomb=np.zeros(count))
     drawn = _at_limit(slippery, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
     some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
@@ -271,7 +271,7 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
 
 
 def above_limit(count: int, shares: tuple[float, float], random: np.random.Generator) -> Drawn:
-    """Walls without damping, stiffer by a share in this range than is stable for their kick."""
+    """Draw walls without damping, stiffer by a factor than is stable for their kick."""
     walls, who = _draw(count, random)
     walls = replace(walls, virtual_damping=np.zeros(count))
     kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))

@@ -1,4 +1,4 @@
-"""Draws truths over the whole of what a preset believes, and beyond: lag, back-EMF, backlash."""
+"""Draws true servos from a preset's whole belief, and beyond: lag, back-EMF, backlash."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 LAG_FACTOR = 4.0
-"""Largest lag, by the upper bound of what is believed [1]"""
+"""Largest lag, as a multiple of its believed upper bound [1]"""
 MOST_BACKLASH = math.radians(0.5)
 MODE_HZ, MODE_DAMPING, MODE_LOAD = (10.0, 60.0), (0.01, 0.05), (0.1, 0.7)
-"""Of a flexible transmission: frequency with both ends free [Hz], damping ratio, load's share of
-the inertia"""
+"""Ranges for a flexible transmission: frequency with both ends free [Hz], damping ratio, load's
+fraction of the inertia"""
 _CORNERS = 0.5
-"""Probability of a corner of the box."""
+"""Probability of a corner of the belief."""
 _MOTORS = {"xm430-w350": (46.0, 0.00269 * 4.1 / 2.3), "xl330-m288": (103.0, 0.0)}
 """Speed without a load [rpm], and torque of a unit of current [N·m]; the XL330's units are those of
 its supply's current, fine beside its friction, and left out. Source: ROBOTIS e-Manual"""
@@ -28,7 +28,7 @@ its supply's current, fine beside its friction, and left out. Source: ROBOTIS e-
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A servo's preset, as trials need it."""
+    """A servo's preset, with the values that trials need."""
 
     name: str
     belief: Belief
@@ -46,10 +46,10 @@ class Bench:
 
 @lru_cache
 def bench_of(preset: str) -> Bench:
-    """The bench of ``xm430-w350`` or ``xl330-m288``.
+    """Return the bench of ``xm430-w350`` or ``xl330-m288``.
 
     Raises:
-        ValueError: Nothing is known of that preset's motor.
+        ValueError: The preset's motor is unknown.
     """
     if preset not in _MOTORS:
         raise ValueError(f"preset {preset!r} is no bench; give one of {', '.join(_MOTORS)}")
@@ -84,15 +84,14 @@ def draw_truth(
     backlash: bool | None = False,
     flexible: bool | None = False,
 ) -> Truth:
-    """Draw a servo from the whole of the believed box.
+    """Draw a servo from the whole belief.
 
-    With probability 1/2 it is a corner of the box; otherwise every quantity is log-uniform, the lag
-    uniform.
+    With probability 1/2 it is a corner; otherwise every quantity is log-uniform, the lag uniform.
 
     Args:
-        bench: Whose belief.
+        bench: With the belief.
         random: Draws.
-        lag_factor: Largest lag, by its believed upper bound.
+        lag_factor: Largest lag, as a multiple of its believed upper bound.
         back_emf: None: drawn.
         backlash: Between shaft and encoder, and with a transmission half of the time inside it;
             None: drawn.
@@ -134,9 +133,9 @@ def draw_truth(
 
 
 def critical_of(truth: Truth, damping: float, period: float) -> float:
-    """Commanded stiffness above which the two-sided wall on this servo is unstable [N·m/rad].
+    """Return the commanded critical stiffness of a two-sided wall on this servo [N·m/rad].
 
-    Of the rigid servo without Coulomb friction, backlash, limit and back-EMF.
+    It is that of the rigid servo without Coulomb friction, backlash, limit and back-EMF.
 
     Args:
         truth: The servo.
@@ -149,13 +148,18 @@ def critical_of(truth: Truth, damping: float, period: float) -> float:
 
 
 def damping_ceiling_of(truth: Truth, period: float) -> float:
-    """Commanded B from which on no stiffness is stable on this servo, rigid [N·m·s/rad]."""
+    """Return the commanded B above which no stiffness is stable on this servo, rigid [N·m·s/rad].
+
+    Args:
+        truth: The servo.
+        period: T [s].
+    """
     ceiling = max_virtual_damping(truth.inertia, truth.damping, period, truth.delay)
     return float(ceiling) / truth.torque_gain
 
 
 def natural_hz(truth: Truth, stiffness: float) -> float:
-    """Frequency of the wall's commanded stiffness with this servo's inertia [Hz]."""
+    """Return the frequency of the commanded stiffness with this servo's inertia [Hz]."""
     return math.sqrt(truth.torque_gain * stiffness / truth.inertia) / math.tau
 
 
@@ -166,7 +170,7 @@ def _between(bounds: Bounded, random: np.random.Generator, *, corner: bool) -> f
 
 
 def _within(bounds: tuple[float, float], random: np.random.Generator) -> float:
-    """Log-uniform; uniform where the lower bound is 0."""
+    """Draw log-uniformly; uniformly where the lower bound is 0."""
     low, high = bounds
     if low <= 0.0:
         return float(random.uniform(low, high))

@@ -1,4 +1,4 @@
-"""Hours of operators on walls at nine tenths of their limit: what the detector does to them."""
+"""Tries hours of operators on walls at nine tenths of their limit: the detector's false alarms."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ OF_THE_LIMIT = 0.9
 _ONE_SIDED = 0.4
 """Probability of a wall that never pulls"""
 _HARDER_PART = 0.1
-"""Hours of a harder operator, by those of the others"""
+"""Hours of a harder operator, relative to the others"""
 _A_JOB_S = 300.0
 _GOES_ON_S = 8.0
-"""For which a motion is watched without the hand [s]"""
+"""Time for which a motion is watched without the operator [s]"""
 _BEFORE_S = 1.0
-"""Before an alarm, in which the hand's mean push is taken [s]"""
+"""Time before an alarm over which the operator's mean push is taken [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class HandTrial:
-    """An operator on a wall."""
+    """The result of an operator on a wall."""
 
     case: Case
     seconds: float
     probes: int
     hands: int
-    """Probes that found a hand"""
+    """Probes that found an operator"""
     softened: int
     """Alarms of the backstop"""
     returned: int
@@ -50,7 +50,7 @@ class HandTrial:
     """The detector that uses the believed servo raised an alarm that a probe took back"""
     trip: str | None
     goes_on: bool
-    """After the first alarm the motion goes on without the hand: the wall's"""
+    """After the first alarm the motion persists without the operator: the wall makes it"""
 
 
 def hand_trials(
@@ -61,7 +61,7 @@ def hand_trials(
     Args:
         preset: Of the servo.
         operator: One of ``OPERATORS``.
-        trials: How many.
+        trials: Number of trials.
         trial_s: Length of each [s].
         seed: Of everything drawn.
     """
@@ -81,7 +81,7 @@ def hand_trials(
 
 
 def judged(case: Case) -> HandTrial:
-    """Run a case with ``reduce``."""
+    """Run a case with ``reduce`` and judge it."""
     trial = case.run()
     probes, moved, softened, returned = trial.counts
     return HandTrial(
@@ -98,9 +98,9 @@ def judged(case: Case) -> HandTrial:
 
 
 def _goes_on(case: Case, trial: Trial) -> bool:
-    """Whether the motion at the first alarm sustains itself when the hand does no more work.
+    """Whether the motion at the first alarm sustains itself without the operator's work.
 
-    From then on the hand lets go, holds still, or pushes as much as it did on the mean.
+    From then on the operator lets go, holds still, or pushes with its mean torque.
     """
     at = round(trial.first_alarm_s * 1e3)
     before = case.moved_by()
@@ -121,7 +121,7 @@ def _goes_on(case: Case, trial: Trial) -> bool:
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """All the operators, in parts."""
+    """Return the jobs: all operators, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         for j, operator in enumerate((*HANDS, *HARDER)):
@@ -136,7 +136,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[list[HandTrial]]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     trials = [one for some in results for one in some]
     lines = [
         f"K at {OF_THE_LIMIT} of the true servo's own limit, 40 % of the walls one-sided; truths"

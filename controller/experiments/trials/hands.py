@@ -1,4 +1,4 @@
-"""Hands on walls: how they move, what is recorded, and whether the motion goes on without them."""
+"""Operators on simulated walls: their motion, the record, and the motion without them."""
 
 from __future__ import annotations
 
@@ -13,47 +13,47 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 HANDS = ("voluntary", "rhythm", "tremor", "tap", "lean")
 _SLOW = 20
-"""Periods from one drawn value of a hand's slow changes to the next."""
+"""Periods between drawn values of an operator's slow changes."""
 _BEFORE, _CYCLES, _LOOKED = 2, 60, 12
-"""Cycles of the wall before an alarm that say what was there, cycles watched without the hand, and
-those of the last ones, and of the ones before them, that are compared."""
+"""Cycles of the wall before an alarm that define the motion, cycles watched without the operator,
+and the last of those, compared with as many before them."""
 _LOST = 0.07
-"""Share of the amplitude that a motion which goes on may lose in so many cycles."""
+"""Largest fraction of the amplitude that a persisting motion may lose in so many cycles."""
 _LEFT = 0.5
-"""Share of the amplitude at the alarm that must be left."""
+"""Least remaining fraction of the amplitude at the alarm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """A hand on each wall: a spring and damper toward where it wants to be."""
+    """An operator on each wall: a spring and damper toward a moving reference."""
 
     spring: FloatArray
     """Shape (n,) [N·m/rad]"""
     damper: FloatArray
     """Shape (n,) [N·m·s/rad]"""
     wanted: FloatArray
-    """Where it wants to be, shape (periods, n) [rad]"""
+    """Its reference, shape (periods, n) [rad]"""
     speed: FloatArray
-    """And how fast, of the same shape [rad/s]"""
+    """Speed of the reference, the same shape [rad/s]"""
 
     def torque(
         self, k: int, who: IntArray, position: FloatArray, velocity: FloatArray
     ) -> FloatArray:
-        """Of the hands ``who`` in period ``k`` [N·m]."""
+        """Return the torque of the operators ``who`` in period ``k`` [N·m]."""
         drag: FloatArray = self.damper[who] * (self.speed[k, who] - velocity)
         drag += self.spring[who] * (self.wanted[k, who] - position)
         return drag
 
 
 def draw_hands(walls: Walls, hand: str, periods: int, random: np.random.Generator) -> Hands:
-    """Draw a hand for each wall.
+    """Draw an operator for each wall.
 
     Args:
-        walls: Their inertia says how strong a hand is.
+        walls: Their inertia decides an operator's strength.
         hand: One of ``HANDS``: voluntary motion of several frequencies up to 10 Hz; one rhythm of
             1 to 10 Hz; tremor of 8 to 12 Hz while leaning; tapping; leaning.
-        periods: For which it moves.
-        random: Draws how each hand is, and how it changes.
+        periods: Duration of the motion.
+        random: Draws properties and changes.
     """
     spring, damper = draw_grips(walls.inertia, random)
     wanted = wanted_motion(hand, walls.size, periods, random)
@@ -62,11 +62,11 @@ def draw_hands(walls: Walls, hand: str, periods: int, random: np.random.Generato
 
 
 def draw_grips(inertia: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Stiffness [N·m/rad] and damping [N·m·s/rad] of a hand on each servo.
+    """Return stiffness [N·m/rad] and damping [N·m·s/rad] of an operator's grip on each servo.
 
     Args:
         inertia: Of the servos, shape (n,) [kg·m²].
-        random: Draws how each hand is.
+        random: Draws the properties.
     """
     # A finger on a small servo, an arm on a large one.
     size = np.clip(inertia / 0.012, 0.15, 20.0)
@@ -76,7 +76,7 @@ def draw_grips(inertia: FloatArray, random: np.random.Generator) -> tuple[FloatA
 
 
 def handled(walls: Walls, hands: Hands) -> list[Trace]:
-    """Record walls that hands move, from rest.
+    """Record walls that operators move, from rest.
 
     Args:
         walls: With an encoder and stiffness > 0.
@@ -101,17 +101,17 @@ def handled(walls: Walls, hands: Hands) -> list[Trace]:
 
 
 def goes_on(walls: Walls, hands: Hands, i: int, at: list[int]) -> list[bool]:
-    """Whether the motion would go on if the hand did not move any more.
+    """Whether the motion would persist if the operator no longer moved.
 
-    From each of these samples on the hand is replaced three times: it lets go, it holds still, and
-    it pushes as much as it did on the mean. None of them gives energy to an oscillation. The motion
-    goes on if after one of them it has lost no more than 7 % in the last twelve of 60 cycles, and
+    From each of these samples on the operator is replaced three times: it lets go, it holds still,
+    and it pushes with its mean torque. None of them gives energy to an oscillation. The motion
+    persists if after one of them it has lost no more than 7 % in the last twelve of 60 cycles, and
     is at least half as large as it was.
 
     Args:
         walls: As ``handled``.
         hands: As ``handled``.
-        i: Which of them.
+        i: Index of the wall.
         at: Samples, ascending.
     """
     who = np.array([i])
@@ -148,7 +148,7 @@ def goes_on(walls: Walls, hands: Hands, i: int, at: list[int]) -> list[bool]:
 def _lasts(
     loops: Loops, cycle: int, size: float, push: float, spring: float, damper: float
 ) -> bool:
-    """Whether the motion goes on under a constant push and a spring and damper to the origin."""
+    """Whether the motion persists under a constant push and a spring and damper to the origin."""
     positions = []
     for _ in range(_CYCLES * cycle):
         bodies = loops.bodies
@@ -161,12 +161,13 @@ def _lasts(
     moved = moved[moved != 0.0]
     turns = int(np.count_nonzero(moved[1:] * moved[:-1] < 0.0))
     kept = float(np.ptp(last)) >= (1.0 - _LOST) * float(np.ptp(earlier))
-    # What only drifts away, as one let go outside of a wall that never pulls, does not turn.
+    # A motion that only drifts away, as after a release outside a one-sided wall, has no turning
+    # point.
     return turns >= _LOOKED and kept and float(np.ptp(last)) >= _LEFT * size > 0.0
 
 
 def wanted_motion(hand: str, n: int, periods: int, random: np.random.Generator) -> FloatArray:
-    """Where hands want to be, shape (periods, n) [rad], at 1 kHz."""
+    """Return operators' references, shape (periods, n) [rad], at 1 kHz."""
     time = np.arange(periods)[:, None] * 1e-3
 
     def slow(seconds: float) -> FloatArray:
@@ -203,7 +204,7 @@ def wanted_motion(hand: str, n: int, periods: int, random: np.random.Generator) 
 
 
 def slow_changes(n: int, periods: int, seconds: float, random: np.random.Generator) -> FloatArray:
-    """Slow random changes of unit variance, forgotten within so many seconds; (periods, n)."""
+    """Return slow random changes of unit variance with this correlation time; (periods, n)."""
     rows = periods // _SLOW + 3
     keep = np.exp(-_SLOW * 1e-3 / seconds)
     drawn = random.standard_normal((rows, n))

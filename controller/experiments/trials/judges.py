@@ -1,4 +1,4 @@
-"""Judge a trial's true motion: half-cycles, an oscillation of its own, whether it decays."""
+"""Judges a trial's true motion: half-cycles, self-sustained oscillation, decay."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ LARGE_RAD = math.radians(1.0)
 LARGE_COUNTS = 10.0
 """The smaller of the two is the amplitude to either side above which an oscillation is large."""
 SMALL_COUNTS = 4.0
-"""Amplitude above which no motion that sustains itself may be called quiet or decaying."""
+"""Amplitude above which no self-sustained motion may be called quiet or decaying."""
 MOST_CYCLES, LONGEST_S = 6.0, 5.0
 """Cycles of the slowest believed frequency within which it must decay, and the longest time [s]"""
 LOST = 0.01
-"""Share of its amplitude that a cycle loses where it decays."""
+"""Fraction of its amplitude that a decaying oscillation loses per cycle."""
 _NOISE_RAD = 1e-4
 """Smallest half-cycle [rad]: a fifteenth of a count of 4096."""
 
 
 _RIPPLE = 0.5
-"""A motion that turns back by less is a ripple, by the amplitude of interest: a quarter of the way
-of such a half-cycle."""
+"""Smallest reversal that ends a half-cycle, relative to the amplitude of interest: a quarter of
+such a half-cycle's path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class HalfCycles:
 
     @property
     def sustained(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Which have not lost ``LOST`` of their amplitude within a cycle."""
+        """Return which half-cycles have lost less than ``LOST`` of their amplitude in a cycle."""
         kept: np.ndarray[tuple[int], np.dtype[np.bool_]] = self.amplitude >= self.last * (
             1.0 - LOST
         )
@@ -52,15 +52,14 @@ class HalfCycles:
 
 
 def half_cycles(trial: Trial, since_s: float = 0.0, least: float = _NOISE_RAD) -> HalfCycles:
-    """The half-cycles of the true output.
+    """Return the half-cycles of the true output.
 
-    The last turning point counts where the motion has come back from it; a start at rest is the
-    first.
+    The last turning point counts if the motion has come back from it; a start at rest is the first.
 
     Args:
-        trial: What happened.
-        since_s: Where to begin, such as where an operator has let go [s].
-        least: A motion that turns back by less is a ripple on a half-cycle [rad].
+        trial: The record.
+        since_s: Where to begin, such as an operator's release [s].
+        least: Smaller reversals are ripples on a half-cycle [rad].
     """
     first = round(since_s / trial.period)
     output = trial.output[first:]
@@ -77,7 +76,7 @@ def half_cycles(trial: Trial, since_s: float = 0.0, least: float = _NOISE_RAD) -
 
 
 def large(counts_per_rev: int) -> float:
-    """Amplitude above which an oscillation is large [rad]."""
+    """Return the amplitude above which an oscillation is large [rad]."""
     if not counts_per_rev:
         return LARGE_RAD
     return min(LARGE_RAD, LARGE_COUNTS * math.tau / counts_per_rev)
@@ -85,7 +84,7 @@ def large(counts_per_rev: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class OwnOscillation:
-    """Oscillation that the wall makes by itself."""
+    """An oscillation that the wall makes by itself."""
 
     onset_s: float
     """End of the first half-cycle above the threshold that the next one on the same side has not
@@ -94,7 +93,7 @@ class OwnOscillation:
     """End of the last half-cycle above the threshold that did not decay [s], ``onset_s`` at least;
     NaN: there was no onset"""
     deadline_s: float
-    """When it must decay at the latest, or the run be over [s]; NaN: there was no onset"""
+    """When it must have decayed, or the run be over [s]; NaN: there was no onset"""
     ended_s: float
     """End of the trial [s]"""
     tripped: bool
@@ -108,9 +107,9 @@ class OwnOscillation:
 
     @property
     def in_time(self) -> bool:
-        """It decayed, or the run ended, before the deadline; or there was nothing.
+        """Whether it decayed, or the run ended, before the deadline; or there was none.
 
-        A trial must go on beyond the deadline: up to its end it says nothing.
+        A trial must continue beyond the deadline; before its end there is no verdict.
         """
         if math.isnan(self.onset_s):
             return True
@@ -120,20 +119,20 @@ class OwnOscillation:
 
     @property
     def judged(self) -> bool:
-        """The trial was long enough to tell."""
+        """Whether the trial was long enough for a verdict."""
         return math.isnan(self.onset_s) or self.tripped or self.ended_s > self.deadline_s
 
 
 def own_oscillation(
     trial: Trial, belief: Belief, *, counts_per_rev: int = 4096, since_s: float = 0.0
 ) -> OwnOscillation:
-    """Judge a motion that nobody keeps up, since ``since_s``.
+    """Judge a motion without an operator, since ``since_s``.
 
     Args:
-        trial: What happened.
-        belief: Whose lowest gain and highest inertia give the slowest frequency.
+        trial: The record.
+        belief: Its lowest gain and highest inertia give the slowest frequency.
         counts_per_rev: Of the encoder.
-        since_s: When the operator has let go [s].
+        since_s: The operator's release [s].
     """
     threshold = large(counts_per_rev)
     cycles = half_cycles(trial, since_s, _RIPPLE * threshold)
@@ -165,7 +164,7 @@ def own_oscillation(
 
 
 def deadline_after(belief: Belief, stiffness: float) -> float:
-    """How long an oscillation at this commanded stiffness may take to decay [s].
+    """Return the time that an oscillation at this commanded stiffness may take to decay [s].
 
     Six cycles of ``sqrt(g_low K / m_high) / 2 pi``, at most 5 s.
     """
@@ -177,7 +176,7 @@ def deadline_after(belief: Belief, stiffness: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a trial is at its end, while nobody moves it."""
+    """The motion at the end of a trial, without an operator."""
 
     amplitude: float
     """Of the smallest half-cycle in the window [rad]; 0 where there were fewer than four"""
@@ -188,18 +187,18 @@ class Ending:
 
 
 def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -> Ending:
-    """The motion that is left at the end: what sustains itself has half-cycles throughout.
+    """Return the motion at the end: a self-sustained one has half-cycles throughout.
 
     Args:
-        trial: What happened.
+        trial: The record.
         window_s: Before its end [s].
-        counts_per_rev: Of the encoder; it says what is a ripple.
+        counts_per_rev: Of the encoder; it defines a ripple.
     """
     since = max(0.0, trial.output.size * trial.period - window_s)
     cycles = half_cycles(trial, since, _RIPPLE * SMALL_COUNTS * math.tau / counts_per_rev)
     state = trial.state[round(since / trial.period) :]
     quiet = float(np.mean(state < State.SUSTAINED)) if state.size else 1.0
-    # The first one begins anywhere; gaps longer than twice the usual are times at rest.
+    # The first one begins anywhere; gaps longer than twice the usual mean rest.
     amplitude, end_s = cycles.amplitude[1:], cycles.end_s[1:]
     if amplitude.size < 4:
         return Ending(0.0, math.nan, quiet)

@@ -1,4 +1,4 @@
-"""The detector over the record of a simulated wall, with a belief that is wrong."""
+"""Runs the detector over the record of a simulated wall, with wrong beliefs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PERIOD = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Verdict of the detector on a trace."""
+    """The detector's result on a trace."""
 
     detector: Detector
-    """As it was at the end"""
+    """In its final state"""
     alarms: list[int]
     """Samples at which an alarm began"""
     counts: float
@@ -32,11 +32,11 @@ class Heard:
 
 
 def listen(walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool) -> Heard:
-    """Run the detector over a trace, with a belief that is wrong.
+    """Run the detector over a trace, with wrong beliefs.
 
     Args:
-        walls: What was simulated.
-        i: Which of them.
+        walls: The simulated walls.
+        i: Index of the wall.
         trace: Its record.
         belief: Factors on inertia, damping, Coulomb friction and delay.
         once: Stop at the first alarm.

@@ -1,7 +1,7 @@
-"""Operator models: who holds the output of a trial's servo, and how.
+"""Operator models that hold the output of a trial's servo.
 
 An operator is a spring and a damper toward a moving reference, with a mass of its own and a push,
-all given millisecond by millisecond. When its rows end, it has let go.
+all given millisecond by millisecond. After its last row it has released the output.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Operator:
     """An operator on the output."""
 
     rows: Sequence[Row] = ()
-    """Its action in each millisecond; the reference moves on at its speed within it"""
+    """Its action in each millisecond; the reference moves at its speed within it"""
     mass: float = 0.0
     """Inertia that the output carries until the rows end [kg·m²]"""
     name: str = "none"
@@ -54,13 +54,13 @@ def operator_of(
     mass: float = 0.0,
     name: str = "scripted",
 ) -> Operator:
-    """An operator from its motion.
+    """Return an operator with a given motion.
 
     Args:
         spring: [N·m/rad], one value or shape (n,).
         damper: [N·m·s/rad], one value or shape (n,).
-        wanted: Where it wants the output to be, each millisecond, shape (n,) [rad].
-        push: Torque beside the spring's, one value or shape (n,) [N·m].
+        wanted: Reference of the output in each millisecond, shape (n,) [rad].
+        push: Additional torque, one value or shape (n,) [N·m].
         mass: [kg·m²]
         name: For people.
     """
@@ -116,11 +116,11 @@ def draw_operator(
 
 
 def _rhythm(hertz: float, jitter: float, periods: int, random: np.random.Generator) -> FloatArray:
-    """A rhythm whose every cycle has a period of its own, shape (periods,) [rad].
+    """Return a rhythm with a random period for each cycle, shape (periods,) [rad].
 
     Args:
         hertz: Mean frequency [Hz].
-        jitter: Standard deviation of a cycle's period, by the mean [1].
+        jitter: Standard deviation of a cycle's period, relative to the mean [1].
         periods: Milliseconds.
         random: Draws it.
     """

@@ -1,4 +1,4 @@
-"""Walls that the guard allows on servos of the whole box: which oscillate, and what follows."""
+"""Tries walls that the guard allows on servos within the belief: oscillations and reactions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made
 from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
 
 ANY_STIFFNESS = 1e6
-"""Asked for, so that the guard commands all that it allows [N·m/rad]"""
+"""A request above every limit, so that the guard commands its own limit [N·m/rad]"""
 _A_JOB = 15
 _WORSE = 1.5
 """Growth after the alarm that the reaction's table counts [1]"""
@@ -30,14 +30,14 @@ _WORSE = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Some walls of a row with lags of a range."""
+    """Results of some walls of a row with lags in a range."""
 
     preset: str
     row: str
     lags: str
     walls: int
     found: list[Answered]
-    """Those that oscillate by themselves"""
+    """The walls that oscillate by themselves"""
 
 
 def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) -> Cell:
@@ -47,7 +47,7 @@ def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) ->
         preset: Of the servo.
         row: Index in ``ROWS``.
         lags: Index in ``LAGS``.
-        walls: How many.
+        walls: Number of walls.
         seed: Of everything drawn.
     """
     random, bench = draws(seed), bench_of(preset)
@@ -65,10 +65,10 @@ def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) ->
 
 
 def jobs(amount: Amount, section: int) -> list[Job]:
-    """All the cells, in parts.
+    """Return the jobs: all cells, in parts.
 
     Args:
-        amount: How much is tried.
+        amount: Number of trials.
         section: Number of the section, for its seeds.
     """
     made = []
@@ -84,7 +84,7 @@ def jobs(amount: Amount, section: int) -> list[Job]:
 
 
 def told(cells: list[Cell]) -> Made:
-    """The section of the detector's page."""
+    """Return the section of the detector's page."""
     lines = [
         "The guard's own K, two-sided, let go at 0.02 to 0.5 rad; truths and lags beyond the"
         " believed bounds by their upper bound. A wall oscillates by itself if, with `report`, its"
@@ -142,7 +142,7 @@ def _what(one: Answered) -> str:
 
 
 def reaction_told(cells: list[Cell]) -> Made:
-    """The section of the reaction's page."""
+    """Return the section of the reaction's page."""
     lines = [
         "The same kinds of servos as in the [detector's table](detector-table.md), other draws."
         " Amplitude: the largest distance from the wall's surface. Growth: the largest after the"

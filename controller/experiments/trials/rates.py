@@ -1,15 +1,15 @@
-"""Rates with the bounds that so many trials allow, in the words of a page."""
+"""Formats rates with the confidence bounds of their number of trials, for a page."""
 
 from __future__ import annotations
 
 from scipy.stats import beta, chi2
 
 CONFIDENCE = 0.95
-"""Of every bound; bounds are one-sided."""
+"""Confidence level of every bound; bounds are one-sided."""
 
 
 def upper_bound(hits: int, trials: int) -> float:
-    """Largest probability that ``hits`` of ``trials`` do not exclude (Clopper and Pearson) [1].
+    """Return the largest probability compatible with ``hits`` of ``trials`` [1].
 
     Source: C. J. Clopper, E. S. Pearson, Biometrika 26(4), 1934.
 
@@ -23,13 +23,13 @@ def upper_bound(hits: int, trials: int) -> float:
 
 
 def lower_bound(hits: int, trials: int) -> float:
-    """Smallest probability that they do not exclude [1]."""
+    """Return the smallest compatible probability [1]."""
     _check(hits, trials)
     return 1.0 - upper_bound(trials - hits, trials)
 
 
 def most_per_hour(events: int, hours: float) -> float:
-    """Largest rate that so many events do not exclude, if they are independent [1/h].
+    """Return the largest rate compatible with so many independent events [1/h].
 
     Raises:
         ValueError: The time is not above 0, or there are fewer events than 0.
@@ -40,7 +40,7 @@ def most_per_hour(events: int, hours: float) -> float:
 
 
 def few(hits: int, trials: int) -> str:
-    """Something that should be rare: ``2 of 100 (2.0 %, < 6.2 %)``."""
+    """Format a rate that should be small: ``2 of 100 (2.0 %, < 6.2 %)``."""
     if not trials:
         return "0 of 0"
     bound = 100.0 * upper_bound(hits, trials)
@@ -49,7 +49,7 @@ def few(hits: int, trials: int) -> str:
 
 
 def most(hits: int, trials: int) -> str:
-    """Something that should be usual: ``98 of 100 (98.0 %, > 93.8 %)``."""
+    """Format a rate that should be large: ``98 of 100 (98.0 %, > 93.8 %)``."""
     if not trials:
         return "0 of 0"
     bound = 100.0 * lower_bound(hits, trials)
@@ -57,7 +57,7 @@ def most(hits: int, trials: int) -> str:
 
 
 def hourly(events: int, hours: float) -> str:
-    """Events in a time: ``3: 1.0/h (< 2.6/h)``."""
+    """Format events in a time: ``3: 1.0/h (< 2.6/h)``."""
     if not hours:
         return "none tried"
     return f"{events}: {events / hours:.2g}/h (< {most_per_hour(events, hours):.2g}/h)"

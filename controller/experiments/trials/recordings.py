@@ -1,7 +1,7 @@
-"""Recordings of walls above their limit: how soon ``detect`` sees it, with more or less given.
+"""Tries ``detect`` on recordings of walls above their limit, with more or less known values.
 
-The walls have no damping and 1.3 to 2.2 times the stiffness that is stable for their kick. What
-is written down is what a CSV holds: times, counted positions, commanded torques.
+The walls have no damping and 1.3 to 2.2 times the stiffness that is stable for their kick. A
+recording has the columns of a CSV: times, counted positions, commanded torques.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from haptic_wall.controller.logs.detected import with_fit
 SHARES = 1.3, 2.2
 """Range of K over the limit for the kick [1]"""
 GIVEN = "servo and delay", "delay", "nothing"
-"""Of what rendered the wall"""
+"""Known values of the servo and its loop"""
 _CYCLES, _UNTIL = 60.0, 3.0
 _FEW = 10.0 * COUNT
-"""Amplitude up to which an alarm is early whatever the kick was [rad]"""
+"""Amplitude up to which an alarm is early for any kick [rad]"""
 _A_JOB = 50
 
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """Result of the detector on one recording."""
+    """The detector's result on one recording."""
 
     name: str
     """Of the servo"""
@@ -46,7 +46,7 @@ class Recorded:
 
 
 def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
-    """Draw walls, kick each, and run the detector over what was recorded."""
+    """Draw walls, kick each, and run the detector over the recordings."""
     random = draws(seed)
     drawn = above_limit(count, SHARES, random)
     walls = drawn.walls
@@ -54,7 +54,7 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
     for i, trace in enumerate(kicked(walls, drawn.kick, _CYCLES, until=_UNTIL)):
         reached = np.maximum.accumulate(np.abs(trace.position))
         if reached[-1] < 2.0 * drawn.kick[i]:
-            continue  # saturated, or too slow to tell
+            continue  # saturated, or too slow for a result
         positions = np.asarray(trace.counts * COUNT, dtype=np.float64)
         times = np.asarray(np.arange(positions.size) * PERIOD, dtype=np.float64)
         m, b, c, delay = drawn.belief[i].tolist()
@@ -86,7 +86,7 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """All walls, in parts."""
+    """Return the jobs: all walls, in parts."""
     left = amount.walls_of(20)
     parts = range(-(-left // _A_JOB))
     return [
@@ -95,7 +95,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[list[Recorded]]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     every = [one for some in results for one in some]
     lines = [
         f"Two-sided walls with B = 0 and {SHARES[0]} to {SHARES[1]} times the K that is stable for"

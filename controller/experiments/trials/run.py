@@ -1,4 +1,4 @@
-"""Runs the loop's own tick on a trial's servo, on the simulated clock, and keeps what happened."""
+"""Runs the loop's own tick on a trial's servo, on the simulated clock, and records the result."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _USUAL = ("loop.clock=simulated", "servo.hand=none", "safety.max_speed=1000")
 
 @dataclass(frozen=True, slots=True)
 class WallAsked:
-    """The wall of a trial; its surface is at 0."""
+    """The requested wall of a trial; its surface is at 0."""
 
     stiffness: float
     """K [N·m/rad]"""
@@ -45,12 +45,12 @@ class WallAsked:
     """B [N·m·s/rad]"""
     side: Side = "both"
     forced: bool = True
-    """Commanded as asked, whatever the guard allows; otherwise the guard decides"""
+    """Commanded as requested, whatever the guard allows; otherwise the guard decides"""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Record of a trial; arrays have one value a tick, shape (n,)."""
+    """The record of a trial; arrays have one value a tick, shape (n,)."""
 
     period: float
     """T [s]"""
@@ -63,33 +63,33 @@ class Trial:
     stiffness: FloatArray
     """Commanded K [N·m/rad]"""
     damping: FloatArray
-    """Commanded B, with what was injected [N·m·s/rad]"""
+    """Commanded B, the injected included [N·m·s/rad]"""
     state: IntArray
     """Of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
     saturated: NDArray[np.bool_]
-    """The torque limit has cut the torque"""
+    """The torque was limited"""
     first_alarm_s: float
     """NaN: there was no alarm"""
     trip: str | None
-    """Name of the trip that ended the run; None: none did"""
+    """Name of the trip that ended the run; None: no trip"""
     oscillation: dict[str, object]
     """The run's report of the oscillation"""
     taken_back: int = 0
-    """Alarms of the detector that a probe found to be a hand's motion"""
+    """Alarms of the detector that a probe attributed to an operator"""
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Of the backstop: probes, hands it found, alarms, alarms that it took back"""
+    """Of the backstop: probes, operators found, alarms, alarms taken back"""
     gave_up: bool = False
-    """The backstop asked for the end of the run: its reductions did not help"""
+    """The backstop ended the run: its reductions did not help"""
 
     @property
     def time(self) -> FloatArray:
-        """Of each tick, from 0 on [s]."""
+        """Return the time of each tick, from 0 on [s]."""
         time: FloatArray = np.arange(self.output.size, dtype=np.float64) * self.period
         return time
 
     @property
     def reductions(self) -> list[tuple[float, float]]:
-        """When the commanded stiffness began to fall [s], and to what [N·m/rad]."""
+        """Return when the commanded stiffness began to fall [s], and its new value [N·m/rad]."""
         falls = np.diff(self.stiffness) < 0.0
         starts = np.flatnonzero(falls & ~np.concatenate([[False], falls[:-1]])) + 1
         found = []
@@ -102,7 +102,7 @@ class Trial:
 
 @lru_cache(maxsize=64)
 def trial_config(sets: tuple[str, ...]) -> Config:
-    """The configuration of trials, the default preset with these changes as ``PATH=VALUE``."""
+    """Return the configuration of trials, the default preset with changes as ``PATH=VALUE``."""
     return load_config("simulated", [*_USUAL, *sets]).config
 
 
@@ -121,12 +121,12 @@ def run_trial(
 
     Args:
         truth: The servo.
-        sets: What is believed of it and set beside it, as ``PATH=VALUE``; see ``trial_config``.
-        wall: What is rendered.
-        operator: Who holds the output.
+        sets: The belief and other settings, as ``PATH=VALUE``; see ``trial_config``.
+        wall: The rendered wall.
+        operator: Holds the output.
         duration_s: [s]
-        position: Where the servo stands at the start [rad].
-        velocity: How it moves there [rad/s].
+        position: Of the servo at the start [rad].
+        velocity: Of the servo at the start [rad/s].
         step_s: Longest step of the servo's computation [s]; None: the usual one.
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
@@ -175,7 +175,7 @@ def run_trial(
 
 
 def _with_wall(config: Config, wall: WallAsked) -> Config:
-    """The same, with this wall; not checked again, which would take longer than many trials."""
+    """Return the configuration with this wall; not validated again, to save time."""
     for name in ("stiffness", "damping"):
         if not math.isfinite(getattr(wall, name)):
             raise ValueError(f"{name} is {getattr(wall, name)}; give a finite value")
@@ -191,7 +191,7 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
 def _schedule(
     config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
 ) -> GainSchedule:
-    """The guard's decisions, or the wall as asked at the delay that the guard counts."""
+    """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:
         return guard_schedule(config, servo, simulated=True)
     decision = _decision(sets, servo.facts.torque_limit, servo.facts.counts_per_rev)
@@ -201,7 +201,7 @@ def _schedule(
 
 @lru_cache(maxsize=64)
 def _decision(sets: tuple[str, ...], torque_limit: float, counts_per_rev: int) -> Decision:
-    """Any decision with this belief: its delay, reasons and limits are not asked for."""
+    """Return any decision with this belief; its delay, reasons and limits are not used."""
     facts = Truth(inertia=1.0, torque_limit=torque_limit, counts_per_rev=counts_per_rev)
     servo = TrialServo(facts, SimulatedClock())
     return guard_schedule(trial_config(sets), servo, simulated=True).decision

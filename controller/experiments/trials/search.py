@@ -1,7 +1,7 @@
 """Worst-case search: an evolution strategy over a box, its trials in parallel processes.
 
 A (mu + lambda) strategy with differences between survivors as steps, so that their size and their
-direction follow what is known; a share of the children is drawn anew from the box and its corners.
+direction adapt; a fraction of the children is drawn anew from the box and its corners.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Point = Mapping[str, float]
 Objective = Callable[[Point], float]
 NICE = 10
 _FRESH = 0.2
-"""Share of the children drawn anew from the box."""
+"""Fraction of the children drawn anew from the box."""
 _CORNER = 0.3
 """Probability that a coordinate of those is at one of its bounds."""
 _JITTER = 0.02
@@ -34,10 +34,10 @@ class Axis:
     low: float
     high: float
     log: bool = False
-    """Searched by its logarithm; ``low`` > 0 then"""
+    """Searched logarithmically; ``low`` > 0 then"""
 
     def value(self, share: float) -> float:
-        """From a share of the axis, 0 to 1, to the value."""
+        """Convert a fraction of the axis, 0 to 1, to the value."""
         if self.log:
             return self.low * float((self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
@@ -45,7 +45,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A point of the box and what the objective says of it."""
+    """A point of the box, and its objective."""
 
     value: float
     point: dict[str, float]
@@ -62,7 +62,7 @@ def worst_cases(
     workers: int | None = None,
     enough: float | None = None,
 ) -> list[Found]:
-    """Look for the points at which an objective is largest.
+    """Search for the points with the largest objective.
 
     Args:
         objective: Gets a point by the axes' names; must be importable by other processes. NaN
@@ -70,13 +70,13 @@ def worst_cases(
         box: Its axes.
         parents: Points that survive each generation.
         children: Points tried in each generation.
-        generations: How many, at most.
-        seed: Of everything drawn: the same search whatever the number of workers.
+        generations: Largest number of generations.
+        seed: Of everything drawn: the same search with any number of workers.
         workers: Processes; 0: this one; None: one for each core, at low priority.
         enough: Stop after the generation that has found a value above it.
 
     Returns:
-        All points that were tried, the largest value first.
+        All tried points, the largest value first.
     """
     random = np.random.default_rng(seed)
     limits = (parents, children, generations, random, enough)
@@ -136,11 +136,11 @@ def _fresh(dimensions: int, random: np.random.Generator) -> FloatArray:
 
 
 def _child(parents: FloatArray, random: np.random.Generator) -> FloatArray:
-    """A parent moved along the difference of two others, or a new point."""
+    """Return a parent moved along the difference of two others, or a new point."""
     dimensions = parents.shape[1]
     if random.random() < _FRESH or len(parents) < 3:
         return _fresh(dimensions, random)
-    # The better one is the likelier parent.
+    # A better point is more likely a parent.
     first = min(random.integers(len(parents)), random.integers(len(parents)))
     one, other = parents[random.choice(len(parents), 2, replace=False)]
     moved = random.random(dimensions) < 0.7
@@ -150,6 +150,6 @@ def _child(parents: FloatArray, random: np.random.Generator) -> FloatArray:
 
 
 def _nicely(objective: Objective, point: Point) -> float:
-    """The objective, at low priority from now on."""
+    """Evaluate the objective, at low priority from now on."""
     os.setpriority(os.PRIO_PROCESS, 0, max(NICE, os.getpriority(os.PRIO_PROCESS, 0)))
     return objective(point)

@@ -1,6 +1,6 @@
-"""Sections of a measured page: what is computed for each, in parallel, and where it stands.
+"""Makes the sections of a measured page, in parallel, and puts them in place.
 
-A section is made by itself, so that one can be measured anew while the others stay as they are.
+Each section is made by itself, so that one can be measured anew while the others stay as they are.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _MARK = "<!-- section: {} -->"
 
 @dataclass(frozen=True, slots=True)
 class Amount:
-    """How much is tried."""
+    """Numbers of trials."""
 
     seed: int = 3
     walls: int = 25
-    """In each row with a lag that is believed; twice and three times as many beyond"""
+    """In each row with a believed lag; twice and three times as many beyond"""
     hours: float = 3.0
     """Of each operator, for each servo [h]"""
     trial_s: float = 60.0
@@ -35,12 +35,12 @@ class Amount:
     """Of each worst-case search"""
 
     def walls_of(self, times: int) -> int:
-        """So many times the walls of a row, one at least."""
+        """Return a multiple of the walls of a row, at least one."""
         return max(1, times * self.walls)
 
 
 QUICK = Amount(walls=0, hours=1.0 / 720.0, trial_s=5.0, generations=1)
-"""Enough to see that everything runs"""
+"""Enough to check that everything runs"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A section's text, and the cases that it found to be wrong."""
+    """A section's text, and its faulty cases."""
 
     lines: list[str]
     wrong: list[tuple[str, object]]
@@ -69,24 +69,24 @@ class Section:
     title: str
     jobs: Callable[[Amount], list[Job]]
     told: Callable[[list[Any]], Made]
-    """Its text from the results of the jobs, in their order"""
+    """Makes its text from the results of the jobs, in their order"""
 
 
 def draws(seed: Sequence[int]) -> np.random.Generator:
-    """Random generator of a job; its seed is the page's seed, the section, and the job."""
+    """Return a job's random generator; its seed is the page's, the section, and the job."""
     return np.random.default_rng(list(seed))
 
 
 def measured(
     pool: Executor, sections: Iterable[Section], amount: Amount, command: str
 ) -> dict[str, Made]:
-    """Make the sections' texts; the same for the same amount, but for the time that it took.
+    """Make the sections' texts; reproducible for the same amount, except for the elapsed time.
 
     Args:
         pool: Computes.
-        sections: Which.
-        amount: How much is tried.
-        command: That makes them, for the page.
+        sections: The sections.
+        amount: Numbers of trials.
+        command: The command that makes them, for the page.
     """
     made = {}
     for section in sections:
@@ -104,11 +104,11 @@ def measured(
 
 
 def renewed(page: str, head: str | None, order: Sequence[str], made: dict[str, Made]) -> str:
-    """A page with these sections; the others, and the head, stay where they are not made anew.
+    """Return a page with new sections; the others, and the head, stay unless they are made anew.
 
     Args:
-        page: As it is; may be empty.
-        head: What is above all sections; None: stays.
+        page: The present page; may be empty.
+        head: Text above all sections; None: stays.
         order: Names of all sections.
         made: The new ones.
     """

@@ -1,8 +1,8 @@
-"""A servo for trials behind the servo interface: fast, in-process, and as unkind as its truth.
+"""A servo for trials behind the servo interface: fast, in-process, and as bad as its truth.
 
-It models what ``Truth`` says, an operator on the output, and the exact instant at which a torque
-begins to act. It does *not* model a bus (reading and writing take no time, nothing is lost), a
-current sensor, or temperature.
+It models its ``Truth``, an operator on the output, and the exact instant at which a torque begins
+to act. It does *not* model a bus (reading and writing take no time, nothing is lost), a current
+sensor, or temperature.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class TrialServo:
     """A simulated servo; see the module.
 
     Attributes:
-        body: What moves.
-        outputs: True position of the output at each request [rad]; grows by one a request.
+        body: The moving body.
+        outputs: True position of the output at each request [rad]; grows by one per request.
     """
 
     def __init__(
@@ -38,12 +38,12 @@ class TrialServo:
         velocity: float = 0.0,
         step_s: float | None = None,
     ) -> None:
-        """A servo without torque.
+        """Create a servo without torque.
 
         Args:
-            truth: What it is.
+            truth: Its true parameters.
             clock: Its time.
-            operator: Who moves the output, from now on.
+            operator: Moves the output, from now on.
             position: Of both masses [rad]; the encoder is in the middle of its backlash.
             velocity: Of both masses [rad/s].
             step_s: Longest step of the computation [s]; None: the usual one.
@@ -76,7 +76,7 @@ class TrialServo:
         body.mass = operator.mass if operator.rows else 0.0
 
     def start(self) -> list[Check]:
-        """Nothing to check; its time runs since it was made."""
+        """Return no checks; its time runs since its creation."""
         return []
 
     def request(self) -> None:
@@ -128,24 +128,24 @@ class TrialServo:
         return torque
 
     def idle(self) -> None:
-        """Nothing to do beforehand."""
+        """Do nothing in advance."""
 
     def stop(self) -> bool:
-        """Torque off at once. Always succeeds."""
+        """Switch torque off at once. Always succeeds."""
         self._advance(self._now_ns())
         self._pending.clear()
         self.body.torque = 0.0
         return True
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: it holds no resource."""
 
     def stand_in(self, clock: Clock) -> TrialServo:
-        """See ``Servo``: another one, that nobody touches."""
+        """Return another servo without operator; see ``Servo``."""
         return TrialServo(self.truth, clock)
 
     def _advance(self, now_ns: int) -> None:
-        """Move until ``now_ns`` [ns], cutting where a torque or the operator changes."""
+        """Move until ``now_ns`` [ns], divided where a torque or the operator changes."""
         time_ns, pending, body = self._time_ns, self._pending, self.body
         while time_ns < now_ns:
             while pending and pending[0][0] <= time_ns:
@@ -166,7 +166,7 @@ class TrialServo:
             self.body.take(self._rows[at])
             self._at = at + 1
             self._next_ns += self._row_ns
-        else:  # gone, for good, and its mass with it
+        else:  # released for good, and its mass with it
             self.body.take(NOTHING)
             self.body.mass = 0.0
             self._next_ns = _NEVER_NS

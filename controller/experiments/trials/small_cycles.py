@@ -1,4 +1,4 @@
-"""Limit cycles of backlash, a few counts large: whether they are seen, named, and made smaller."""
+"""Tries limit cycles of backlash, a few counts large: are they found, named, and made smaller?"""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ BACKLASH = (math.radians(0.1), math.radians(0.5))
 KICK = (0.02, 0.05)
 _WATCHED_S, _ANSWERED_S = 8.0, 25.0
 _SETTLED_S = 4.0
-"""Before the end, in which a cycle must have stayed small [s]"""
+"""Time at the end in which a cycle must have stayed small [s]"""
 _ROW = Row("backlash", backlash=True)
 _A_JOB = 10
 
 
 @dataclass(frozen=True, slots=True)
 class SmallCycle:
-    """A wall whose backlash keeps a motion above four counts up while the detector reports."""
+    """A wall whose backlash sustains a motion above four counts while the detector reports."""
 
     case: Case
     below_s: float
-    """When its last half-cycle above four counts ends, with ``reduce`` [s]"""
+    """End of its last half-cycle above four counts, with ``reduce`` [s]"""
     ended_s: float
     """End of that trial [s]"""
     unseen_s: float
-    """Longest time for which it did not die, and was called quiet or decaying [s]"""
+    """Longest time for which it did not decay, and was called quiet or decaying [s]"""
     unseen: bool
-    """At the end of that trial it is"""
+    """It is unseen at the end of that trial"""
     named: bool
     """The report names backlash"""
     scale: float
-    """Of the stiffness at the end, to what it was at the start [1]"""
+    """Stiffness at the end over that at the start [1]"""
     trip: str | None
 
     @property
@@ -64,7 +64,7 @@ class SmallCycle:
 
 @dataclass(frozen=True, slots=True)
 class SmallCycles:
-    """Some walls of a servo."""
+    """Results of some walls of a servo."""
 
     preset: str
     walls: int
@@ -76,7 +76,7 @@ def small_cycles(preset: str, walls: int, seed: tuple[int, ...]) -> SmallCycles:
 
     Args:
         preset: Of the servo.
-        walls: How many.
+        walls: Number of walls.
         seed: Of everything drawn.
     """
     random, bench = draws(seed), bench_of(preset)
@@ -112,7 +112,7 @@ def _answered(case: Case) -> SmallCycle:
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """Both servos, in parts."""
+    """Return the jobs: both servos, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         left = amount.walls_of(4)
@@ -123,7 +123,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[SmallCycles]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     low, high = (math.degrees(width) for width in BACKLASH)
     lines = [
         f"The guard's own K, two-sided, backlash of {low:.1f} to {high:.1f} degrees between shaft"

@@ -1,4 +1,4 @@
-"""True parameters of a trial's servo: everything that the program may not know of a real one."""
+"""True parameters of a trial's servo, which the controller under test must not know."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Truth:
     coulomb: float = 0.0
     """Coulomb friction, equal to static friction [N·m], >= 0"""
     torque_gain: float = 1.0
-    """Torque that acts per torque commanded [1], > 0"""
+    """Acting torque per commanded torque [1], > 0"""
     delay: float = 0.0
-    """From the sending of a torque to its action [s], >= 0"""
+    """From sending a torque until it acts [s], >= 0"""
     torque_limit: float = 4.1
     """Of the commanded torque [N·m], > 0"""
     torque_step: float = 0.0
@@ -45,7 +45,7 @@ class Truth:
     no_load_speed: float = 4.8
     """v0 [rad/s], > 0"""
     load_inertia: float = 0.0
-    """Share of ``inertia`` behind the transmission [kg·m²]; 0: the servo is rigid"""
+    """Part of ``inertia`` behind the transmission [kg·m²]; 0: the servo is rigid"""
     transmission_stiffness: float = 0.0
     """[N·m/rad], > 0 where there is a load"""
     transmission_damping: float = 0.0
@@ -55,7 +55,7 @@ class Truth:
     load_friction: float = 0.0
     """Fraction of both frictions that acts on the load instead of the motor [1]"""
     encoder: Encoder = "output"
-    """Which side of the transmission the encoder is on. A hand and the output are the load"""
+    """Side of the transmission with the encoder. An operator and the output are on the load"""
 
     def __post_init__(self) -> None:
         above = ("inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed")
@@ -99,18 +99,18 @@ class Truth:
 
     @property
     def position_step(self) -> float:
-        """One count of the encoder [rad]; 0: the position is not quantised."""
+        """Return one count of the encoder [rad]; 0: the position is not quantised."""
         return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
 
     @property
     def braking(self) -> float:
-        """Torque that back-EMF takes per speed while it acts [N·m·s/rad]."""
+        """Return the loss of torque per speed by back-EMF while it acts [N·m·s/rad]."""
         return self.stall_torque / self.no_load_speed
 
     def with_mode(
         self, hertz: float, damping_ratio: float, load: float, *, locked: bool = False
     ) -> Truth:
-        """The same servo with a flexible transmission.
+        """Return the servo with a flexible transmission.
 
         Args:
             hertz: Natural frequency [Hz].

@@ -1,4 +1,5 @@
-"""Judge trials for the tables: whether one goes on by itself, is seen, and how far it goes."""
+"""Judges trials for the tables: self-sustained motion, detection, largest amplitude.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +23,15 @@ from haptic_wall.controller.experiments.trials.judges import (
 from haptic_wall.controller.experiments.trials.run import Trial
 
 WINDOW_S = 4.0
-"""At the end of a trial, in which a motion shows that it sustains itself [s]"""
+"""Time at the end of a trial in which a motion must persist to count as self-sustained [s]"""
 _RIPPLE = 0.5
-"""A motion that turns back by less is a ripple, by the amplitude of interest."""
+"""Smallest reversal that ends a half-cycle, relative to the amplitude of interest."""
 _LONGER_S = 12.0
-"""A trial too short for its verdict is run again, so much longer [s]."""
+"""Additional time of a repeated trial that was too short for a verdict [s]."""
 
 
 def small(trial_counts: int = 4096) -> float:
-    """Amplitude of four counts [rad]."""
+    """Return the amplitude of four counts [rad]."""
     return SMALL_COUNTS * math.tau / trial_counts
 
 
@@ -38,7 +39,7 @@ def sustains(trial: Trial, above: float, window_s: float = WINDOW_S) -> bool:
     """Whether a motion with half-cycles above an amplitude sustains itself until the end.
 
     Args:
-        trial: What happened, while nobody moves it but by a constant push.
+        trial: The record, without an operator but for a constant push.
         above: Amplitude of every half-cycle in the window [rad].
         window_s: Before the end [s].
     """
@@ -54,17 +55,17 @@ def sustains(trial: Trial, above: float, window_s: float = WINDOW_S) -> bool:
 
 
 def unseen(trial: Trial, window_s: float = WINDOW_S) -> bool:
-    """Whether a motion above four counts sustains itself to the end, called quiet or decaying."""
+    """Whether a motion above four counts persists to the end, called quiet or decaying."""
     window = trial.state[-round(window_s / trial.period) :]
     called = float(np.mean(window < State.SUSTAINED)) > 0.5
     return called and trial.trip is None and sustains(trial, small(), window_s)
 
 
 def longest_unseen_s(trial: Trial) -> float:
-    """Longest time for which a motion above four counts does not die and is not seen [s].
+    """Return the longest time for which a motion above four counts neither decays nor is found [s].
 
-    A half-cycle counts that has kept 99 % of the amplitude of a cycle before, and in most of which
-    the detector says quiet or decaying.
+    A half-cycle counts if it has kept 99 % of the amplitude of a cycle before, and the detector
+    mostly says quiet or decaying in it.
     """
     cycles = half_cycles(trial, 0.0, _RIPPLE * small())
     loud = cycles.sustained & (cycles.amplitude > small()) & np.isfinite(cycles.last)
@@ -80,7 +81,7 @@ def longest_unseen_s(trial: Trial) -> float:
 
 
 def time_above_s(trial: Trial, above: float) -> float:
-    """When the last half-cycle above an amplitude ends [s]; 0: there is none."""
+    """Return when the last half-cycle above an amplitude ends [s]; 0: there is none."""
     cycles = half_cycles(trial, 0.0, _RIPPLE * above)
     over = cycles.end_s[cycles.amplitude > above]
     return float(over[-1]) if over.size else 0.0
@@ -94,16 +95,16 @@ class Answered:
     in_time: bool
     """It decays, or the run has ended, before the deadline"""
     late_s: float
-    """After the deadline until it decays, or the run ends [s]; 0: in time"""
+    """Time after the deadline until it decays, or the run ends [s]; 0: in time"""
     late_at_any_speed: bool
     """It is late with the trip by speed too"""
     never: bool
-    """It goes on until the end of the trial"""
+    """It persists until the end of the trial"""
     trip: str | None
     gave_up: bool
-    """The backstop asked for the end; another trip by oscillation is by energy, or by belief"""
+    """The backstop ended the run; another trip by oscillation is by energy, or by belief"""
     unseen: bool
-    """It sustains itself above four counts at the end, and is called quiet or decaying"""
+    """It persists above four counts at the end, and is called quiet or decaying"""
     alarm_s: float
     """NaN: there was no alarm"""
     at_alarm: float
@@ -113,12 +114,12 @@ class Answered:
 
 
 def goes_on_by_itself(case: Case) -> bool:
-    """Whether the case's wall keeps a large oscillation up while the detector only reports."""
+    """Whether the case's wall sustains a large oscillation while the detector only reports."""
     return sustains(case.run("report"), large(case.truth.counts_per_rev))
 
 
 def answered(case: Case) -> Answered:
-    """Run a case with ``reduce`` and judge it; a trial too short for a verdict is run longer."""
+    """Run a case with ``reduce`` and judge it; repeat it longer if it was too short."""
     trial = case.run()
     own = _judged(case, trial)
     if not own.judged or not own.in_time:
@@ -146,7 +147,7 @@ def answered(case: Case) -> Answered:
 
 
 def at_alarm_and_after(trial: Trial) -> tuple[float, float]:
-    """Largest distance from the wall's surface until the first alarm, and after it [rad]."""
+    """Return the largest distance from the surface until the first alarm, and after it [rad]."""
     if math.isnan(trial.first_alarm_s):
         return math.nan, math.nan
     away = np.abs(trial.output)

@@ -1,4 +1,4 @@
-"""Walls after a kick, recorded as the controller sees them, and as they move."""
+"""Records simulated walls after a kick: the controller's measurements and the true motion."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blo
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 _TOGETHER = 80
-"""Walls of like frequency simulated together: the slowest of them says for how long."""
+"""Walls of similar frequency simulated together: the slowest sets the duration."""
 _LOOK = 400
 _FAR = 1e12
-"""Counts beyond which what has grown out of all bounds is not followed."""
+"""Counts beyond which a diverging motion is no longer followed."""
 _MOST_PERIODS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One wall over time; arrays of one length."""
+    """The record of one wall; arrays of one length."""
 
     counts: IntArray
     """The encoder's"""
     torque: FloatArray
     """Sent with each sample [N·m]"""
     position: FloatArray
-    """Where the shaft truly is a period later [rad]"""
+    """True position of the shaft a period later [rad]"""
 
 
 def kicked(walls: Walls, kick: FloatArray, cycles: float, until: float = np.inf) -> list[Trace]:
-    """Let servos go at rest, ``kick`` from the wall, and record them.
+    """Release servos at rest, ``kick`` from the wall, and record them.
 
     Args:
         walls: With an encoder and stiffness > 0.
         kick: > 0 [rad].
         cycles: Oscillations of the undamped spring to record.
-        until: Times the kick (but at least 20 counts) at which the recording may end.
+        until: Amplitude in kicks (but at least 20 counts) at which the recording may end.
     """
     cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
     order = np.argsort(cycle)
@@ -73,7 +73,7 @@ def _record(loops: Loops, length: int, enough: FloatArray) -> list[Trace]:
 
 
 def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
-    """Frequency [Hz] and amplitude [rad] of a record; None if the amplitude varies by over 3 %.
+    """Return frequency [Hz] and amplitude [rad]; None if the amplitude varies by over 3 %.
 
     Args:
         position: Of several oscillations [rad].
@@ -100,7 +100,7 @@ def as_traces(
     positions: list[FloatArray],
     ends: IntArray,
 ) -> list[Trace]:
-    """Traces of the walls, recorded period by period, each until its end."""
+    """Return traces of the walls, recorded period by period, each until its end."""
     per_radian = loops.walls.counts_per_radian
     columns = np.nan_to_num(np.array(counts).T * per_radian[:, None])
     whole = np.rint(np.clip(columns, -_FAR, _FAR)).astype(np.int64)

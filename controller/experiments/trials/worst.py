@@ -1,4 +1,4 @@
-"""Searches the box of truths, walls and kicks for what the reaction handles worst."""
+"""Searches true servos, walls and kicks for the case that the reaction handles worst."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ BODIES: tuple[Body, ...] = ("rigid", "flexible")
 _KINDS: tuple[BackEmf, ...] = ("none", "current", "voltage")
 _LONG_S = 14.0
 _NEVER = 4.0
-"""Lateness of an oscillation that goes on to the end, at least: longer than any that ends"""
+"""Least lateness of an oscillation that persists to the end: more than any that ends"""
 _TOLD = 3
-"""Cases of each search on the page's list"""
+"""Number of cases of each search on the page"""
 
 
 def box(preset: str, body: Body) -> list[Axis]:
-    """Box that is searched: ``kind`` is the back-EMF; a rigid servo has no mode.
+    """Return the box of the search: ``kind`` is the back-EMF; a rigid servo has no mode.
 
-    The two bodies are searched apart: the worst flexible one would hide the worst rigid one.
+    The two bodies have separate searches: the worst flexible one would hide the worst rigid one.
     """
     belief = bench_of(preset).belief
     dampings = DAMPINGS[preset]
@@ -66,7 +66,7 @@ def box(preset: str, body: Body) -> list[Axis]:
 
 
 def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S) -> Case:
-    """The case of a point of the box."""
+    """Return the case of a point of the box."""
     bench = bench_of(preset)
     truth = Truth(
         inertia=point["inertia"],
@@ -88,11 +88,10 @@ def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S
 
 
 def lateness(preset: str, point: Mapping[str, float]) -> float:
-    """Time until an oscillation decays or the run ends, by the time that it may take [1].
+    """Return the time until an oscillation decays or the run ends, over the permitted one [1].
 
-    Above 1 it is late. What never ends counts 4 more at least, and the more, the larger it is. The
-    run may trip at the servo's speed, as it does by default: the truth may have no back-EMF, and
-    would go on faster than the servo can turn.
+    Above 1 it is late. An oscillation that never ends counts at least 4 more, and increases with
+    its size.
     """
     case = case_of(preset, point)
     trial = case.run(speed_limits=True)
@@ -107,9 +106,9 @@ def lateness(preset: str, point: Mapping[str, float]) -> float:
 
 
 def growth(preset: str, point: Mapping[str, float]) -> float:
-    """Largest distance from the surface after the alarm by the largest until then [1].
+    """Return the largest distance from the surface after the alarm, relative to that before [1].
 
-    Without an alarm: the largest of all by the kick.
+    Without an alarm: the largest of all relative to the kick.
     """
     trial = case_of(preset, point).run()
     before, after = at_alarm_and_after(trial)
@@ -119,7 +118,7 @@ def growth(preset: str, point: Mapping[str, float]) -> float:
 
 
 def hidden(preset: str, point: Mapping[str, float]) -> float:
-    """Longest time in which a motion above four counts neither dies nor is seen, by 5 s [1]."""
+    """Return the longest time in which a motion above four counts is missed, over 5 s [1]."""
     return longest_unseen_s(case_of(preset, point).run()) / LONGEST_S
 
 
@@ -130,7 +129,7 @@ _WRONG = {"lateness": 1.0, "growth": 1.5, "unseen": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """Cases that a search has tried, the worst first."""
+    """Tried cases of a search, the worst first."""
 
     preset: str
     body: Body
@@ -145,12 +144,12 @@ class Goal:
         self.name, self.preset = name, preset
 
     def __call__(self, point: Mapping[str, float]) -> float:
-        """Its value at a point of the box."""
+        """Return its value at a point of the box."""
         return GOALS[self.name](self.preset, point)
 
 
 def searched(preset: str, body: Body, goal: str, generations: int, seed: int) -> Searched:
-    """Search in this process; all the points that were tried, the worst first."""
+    """Search in this process; return all tried points, the worst first."""
     few = 12 if generations > 1 else 1
     found = worst_cases(
         Goal(goal, preset),
@@ -165,7 +164,7 @@ def searched(preset: str, body: Body, goal: str, generations: int, seed: int) ->
 
 
 def jobs(amount: Amount) -> list[Job]:
-    """Every goal on every servo."""
+    """Return the jobs: every goal on every servo."""
     return [
         Job(searched, (preset, body, goal, amount.generations, amount.seed))
         for preset in PRESETS
@@ -175,7 +174,7 @@ def jobs(amount: Amount) -> list[Job]:
 
 
 def told(results: list[Searched]) -> Made:
-    """The section's text."""
+    """Return the section's text."""
     lines = [
         "An evolution strategy over inertia, damping, Coulomb friction, torque gain (their believed"
         f" bounds), lag (to {LAG_FACTOR:g} times its upper bound), B, kick, kind of back-EMF,"

@@ -1,1 +1,1 @@
-"""A commissioning in words, pictures and one page."""
+"""Reports a commissioning in words, pictures and one page."""

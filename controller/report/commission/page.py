@@ -1,4 +1,4 @@
-"""The report of a commissioning as one HTML page."""
+"""Makes the report of a commissioning as one HTML page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.report.html import embedded, filled_in
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-"""How every picture begins"""
+"""First bytes of every picture"""
 _CAPTIONS = {
     "identify": "The motion that the model was fitted to, the torque, and what the fit leaves.",
     "delay": "What a torque step causes, from the sample on; inserted delays found again.",
@@ -24,15 +24,15 @@ _CAPTIONS = {
 
 
 def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
-    """The page's text.
+    """Return the page's text.
 
     Args:
         report: The report's data.
-        folder: Where the steps' pictures are.
+        folder: With the steps' pictures.
         allowed: The picture of the verdict; None: there is none.
 
     Raises:
-        UserError: A picture is not there, or is none.
+        UserError: A picture is missing, or is no PNG.
     """
     pictures = [
         (step["step"], _embedded(folder / step["picture"], step["step"]), _CAPTIONS[step["step"]])

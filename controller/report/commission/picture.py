@@ -1,4 +1,4 @@
-"""The steps' pictures, and that of the verdict: what the guard allows over the virtual damping."""
+"""Draws the steps' pictures, and the verdict's: the guard's limits over the virtual damping."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ PLOTS: dict[Step, Plot] = {
     "rendered": plot_rendering,
     "sweep": plot_sweep,
 }
-"""What draws each step's picture"""
+"""The function that draws each step's picture"""
 _POINTS = 241
 _BEYOND = 1.8
-"""Of the best virtual damping, how far it is drawn"""
+"""End of the damping axis, as a multiple of the best virtual damping"""
 _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
     (LimitName.LINEAR, "linear condition", GREY, "--"),
     (LimitName.EXACT, "exact", BLUE, "-"),
@@ -53,12 +53,12 @@ _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
 
 
 def draw_allowed(question: Question, report: Mapping[str, Any], path: Path) -> None:
-    """Draw what is allowed, and the walls that the report speaks of, as PNG.
+    """Draw the allowed stiffness, and the report's walls, as PNG.
 
     Args:
         question: The servo in its loop.
         report: The report's data.
-        path: Where the picture goes.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -109,7 +109,7 @@ def _walls(ax: Axes, verdict: Mapping[str, Any]) -> None:
 
 
 def _measured(ax: Axes, report: Mapping[str, Any], last: float) -> float:
-    """Points of the sweep without more delay than configured; the highest of them."""
+    """Draw the sweep's points at the configured delay; return the highest."""
     points = [p for p in report["agreement"]["boundary"] or () if p["measured"] is not None]
     if not points:
         return 0.0

@@ -1,4 +1,4 @@
-"""The report in sentences: how stiff and why, what agrees, what is not known, what to do next."""
+"""Words the report: how stiff and why, agreement, unknowns, faults, next steps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from haptic_wall.controller.guard.delay_parts import ms
 Report = Mapping[str, Any]
 
 _CLOSE = 1.05
-"""Limits within this factor of the smallest are said to lie together"""
+"""Limits within this factor of the smallest are reported together"""
 _PARTS = {
     "hold": "half the period",
     "sample_age": "age of the sample",
@@ -23,11 +23,11 @@ _PARTS = {
 _NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
 _NEAR_ONE = 0.02
-"""A ratio of rendered to commanded stiffness this near to one is not worth a warning"""
+"""Largest deviation of rendered over commanded stiffness from one without a warning"""
 
 
 def headline(report: Report) -> str:
-    """The answer in one sentence."""
+    """Return the answer in one sentence."""
     verdict = report["verdict"]
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
     can = "can hold"
@@ -52,7 +52,7 @@ def headline(report: Report) -> str:
 
 
 def why(report: Report) -> Iterator[str]:
-    """What decides on it, and what would raise it."""
+    """Yield what limits the stiffness, and what would raise it."""
     verdict = report["verdict"]
     if verdict["basis"] == "believed":
         yield (
@@ -102,7 +102,7 @@ def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
 
 
 def agrees(report: Report) -> Iterator[str]:
-    """Whether theory and measurements say the same."""
+    """Yield whether theory and measurements agree."""
     found = report["agreement"]
     if found["delay"] is not None:
         yield from _delay(found["delay"])
@@ -208,7 +208,7 @@ def _line(found: Mapping[str, Any]) -> Iterator[str]:
 
 
 def unknown(report: Report) -> Iterator[str]:
-    """What nobody should take for known after this."""
+    """Yield what remains unknown after the commissioning."""
     identify = report["identify"]
     if identify is not None:
         unit = (
@@ -251,7 +251,7 @@ def unknown(report: Report) -> Iterator[str]:
 
 
 def wrong(report: Report) -> Iterator[str]:
-    """What the doctor found wrong, and the fix."""
+    """Yield the doctor's faults, and their remedies."""
     for check in (report["doctor"] or {}).get("checks", ()):
         if not check["ok"]:
             fix = f"; {check['fix']}" if check["fix"] else ""
@@ -259,12 +259,12 @@ def wrong(report: Report) -> Iterator[str]:
 
 
 def following(report: Report) -> Iterator[tuple[str, str]]:
-    """What to do next: a command, and what it is for."""
+    """Yield the next steps: a command, and its purpose."""
     config = report["config"]
     if config is None:
         return
     best = report["verdict"]["best"]["commanded"]
-    # Rounded down, so that the guard commands what is asked.
+    # Rounded down, so that the guard commands the requested value.
     stiffness = math.floor(best["stiffness"] * 10.0) / 10.0
     yield f"haptic-wall run {config}", "the wall of your configuration, on the identified model"
     if stiffness > 0.0:
@@ -276,7 +276,7 @@ def following(report: Report) -> Iterator[tuple[str, str]]:
 
 
 def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    """Name, value, bounds and unit of each quantity of the model."""
+    """Yield name, value, bounds and unit of each quantity of the model."""
     for name, each in report["verdict"]["model"].items():
         late = name == "delay"
         value, low, high = (
@@ -287,7 +287,7 @@ def model_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _n(value: float) -> str:
-    """Three digits, without an exponent where that is short."""
+    """Format three digits, without an exponent where that is short."""
     return f"{float(f'{value:.3g}'):g}"
 
 
