@@ -1,5 +1,4 @@
-"""Judges trials for the tables: self-sustained motion, detection, largest amplitude.
-"""
+"""Judges trials for the tables: self-sustained motion, detection, largest amplitude."""
 
 from __future__ import annotations
 
