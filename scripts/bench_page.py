@@ -1,6 +1,6 @@
 """Renews the figures of docs/bench.md with what ``haptic-wall bench`` finds on this machine.
 
-    scripts/bench_page [--report FILE] [--out FILE]
+    scripts/study bench_page [--report FILE] [--out FILE]
 
 A part of the page begins with ``<!-- bench: machine -->`` or ``<!-- bench: SECTION -->`` and ends
 with ``<!-- end -->``. Peers that are not installed are named there: .venv/bin/pip install -e
@@ -8,6 +8,7 @@ with ``<!-- end -->``. Peers that are not installed are named there: .venv/bin/p
 without it everything is measured now, on a machine that does nothing else.
 """
 
+import argparse
 import json
 import re
 import subprocess
@@ -18,7 +19,7 @@ from typing import Any
 
 from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli.bench import SECTIONS
-from scripts.whole_program import PROGRAM, page_options
+from scripts.whole_program import PROGRAM, ROOT
 
 PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)
 
@@ -68,7 +69,9 @@ def figures(section: Mapping[str, Any], apart: str = "") -> str:
 
 def main() -> None:
     """Measure, or take what was measured, and write the page."""
-    parser = page_options("bench_page", __doc__, "bench.md")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    page = ROOT / "docs" / "bench.md"
+    parser.add_argument("--out", type=Path, default=page, metavar="FILE", help="the page")
     parser.add_argument("--report", type=Path, metavar="FILE", help="take the figures from it")
     wanted = parser.parse_args()
     try:

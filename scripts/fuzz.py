@@ -1,4 +1,7 @@
-"""Coverage-guided fuzzing of the codec and of the emulated bus; see scripts/fuzz."""
+"""Fuzzes the codec and the emulated bus, guided by coverage.
+
+scripts/study fuzz [--minutes M] [--runs N] [--seed N] [--corpus FOLDER]
+"""
 
 import argparse
 import sys
@@ -11,7 +14,7 @@ MAX_BYTES = 1024
 
 def main() -> None:
     """Fuzz for as long as the command line says; a failure ends it with its input and trace."""
-    parser = argparse.ArgumentParser(prog="scripts/fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="scripts/study fuzz", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default: 10)")
     parser.add_argument("--runs", type=int, default=-1, help="end after so many inputs")
     parser.add_argument("--seed", type=int, default=0, help="0: another one each time")
@@ -30,7 +33,8 @@ def main() -> None:
         import atheris
     except ImportError:
         sys.exit(
-            "scripts/fuzz: atheris is missing: pip install -e '.[fuzz]' (Linux on x86-64 only)"
+            "scripts/study fuzz: atheris is missing: .venv/bin/pip install -e '.[fuzz]' (Linux on"
+            " x86-64 only)"
         )
     sys.path.insert(0, str(ROOT))
     with atheris.instrument_imports(

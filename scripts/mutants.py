@@ -1,7 +1,7 @@
 """Puts small defects into guard, detector, tick, codec, link and safety, and runs their tests.
 
-    scripts/mutants [--sample N] [--seed S] [--role ROLE ...] [--out FILE] [--like FILE]
-    scripts/mutants --compare BEFORE.json AFTER.json
+    scripts/study mutants [--sample N] [--seed S] [--role ROLE ...] [--out FILE] [--like FILE]
+    scripts/study mutants --compare BEFORE.json AFTER.json
 
 A defect that no test notices survives: a test is missing, or the defect changes nothing. Nothing is
 done in place: each defect is put into a copy of the project in a temporary folder. A defect is
@@ -397,7 +397,7 @@ def save(path: Path, results: Mapping[str, Result], facts: Mapping[str, object])
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="scripts/mutants",
+        prog="scripts/study mutants",
         description=(__doc__ or "").splitlines()[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )

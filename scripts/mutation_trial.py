@@ -258,4 +258,4 @@ KINDS: dict[str, Callable[..., None]] = {
 """Trials by their names"""
 
 if __name__ == "__main__":
-    sys.exit("run scripts/mutations")
+    sys.exit("run scripts/study mutations")

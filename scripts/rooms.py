@@ -1,6 +1,6 @@
 """Counts lines, modules and importers room by room, in this tree or at revisions of it.
 
-    scripts/run -m scripts.rooms [REVISION ...]
+    scripts/study rooms [REVISION ...]
 
 A room is a folder below ``controller`` or ``hw``; modules outside of any are a room together. Lines
 count without blank ones. ``one importer``: modules that a single other module imports, tests not

@@ -1,4 +1,4 @@
-"""The whole program as a user starts it, for scripts that measure it and write a page of docs/."""
+"""The whole program as a user starts it, for studies that measure it."""
 
 import argparse
 import contextlib

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scripts.adapter_phases import WALL, mistaken
 from scripts.rehearsal import LIMITS_OF_HARDWARE, rehearse
+from scripts.studies.adapter_phases import WALL, mistaken
 
 MS_NS = 1_000_000
 PIPELINED = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")

@@ -2,8 +2,6 @@
 
 import re
 import shlex
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -38,11 +36,3 @@ def anchors(page):
     """The names that links into a page may use, made of its headings."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
     return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}
-
-
-def script(name):
-    """A script without a suffix, as a module."""
-    loader = SourceFileLoader(name, str(ROOT / "scripts" / name))
-    module = module_from_spec(spec_from_loader(name, loader))
-    loader.exec_module(module)
-    return module

@@ -5,31 +5,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.identify_check import (
+from scripts.ordinary_servos import GROUPS
+from scripts.studies.identify_check import (
     FIRST,
     HELD,
     KINDS,
     NAMES,
     SEEDS,
     Bounded,
-    case,
+    cells,
     holds,
-    ordinary_case,
-    rows,
+    identified,
+    ordinary_identified,
 )
-from scripts.ordinary_servos import GROUPS
+from scripts.study import table
 
 PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_a_seed_is_found_as_well_as_the_page_says(kind, tmp_path, thorough):
+def test_a_seed_is_found_as_well_as_the_page_says(kind, thorough):
     if kind is not KINDS[0] and not thorough:
         pytest.skip("seconds; --thorough runs it")
-    cases = [case(kind, seed, tmp_path) for seed in range(SEEDS if thorough else 1)]
+    cases = [identified((kind, seed)) for seed in range(SEEDS if thorough else 1)]
     text = PAGE.read_text()
     if thorough:
-        assert [row for row in rows(kind, cases) if row not in text] == []
+        rows = table([], *cells(kind, cases))[2:]
+        assert [row for row in rows if row not in text] == []
         assert holds(cases)
         return
     (found,) = cases
@@ -41,11 +43,11 @@ def test_a_seed_is_found_as_well_as_the_page_says(kind, tmp_path, thorough):
         assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
 
 
-def test_the_bounds_of_an_ordinary_servo_hold_it(tmp_path, thorough):
+def test_the_bounds_of_an_ordinary_servo_hold_it(thorough):
     """The first of those that the page counts."""
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
-    found = [ordinary_case(kind, group, FIRST, tmp_path) for kind in KINDS for group in GROUPS]
+    found = [ordinary_identified((k, group, FIRST)) for k in KINDS for group in GROUPS]
     good = [each for each in found if isinstance(each, Bounded)]
     held = [
         each for each in good if all(np.less(each.low, 1.0)) and all(np.greater(each.high, 1.0))

@@ -11,7 +11,8 @@ from haptic_wall.controller.runtime.realtime import Setting
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
-from tests.docs.pages import PAGES, anchors, name_of, script, text_of, without_code
+from scripts import readme_output
+from tests.docs.pages import PAGES, anchors, name_of, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 
 
@@ -28,11 +29,12 @@ def test_links_lead_somewhere(page):
 
 @pytest.mark.usefixtures("folder")
 def test_what_is_shown_is_what_the_program_says():
-    outputs = script("readme_output")
     stale = [
-        page.name for page in outputs.pages() if outputs.renewed(page, False) != page.read_text()
+        page.name
+        for page in readme_output.pages()
+        if readme_output.renewed(page, False) != page.read_text()
     ]
-    assert not stale, "run scripts/readme_output"
+    assert not stale, "run scripts/study readme_output"
 
 
 def test_measured_parts_are_filled():
@@ -111,7 +113,6 @@ def test_every_column_of_the_log_is_explained():
 
 
 def test_every_start_up_check_is_explained():
-    outputs = script("readme_output")
-    _, rows = outputs.checks()
+    _, rows = readme_output.checks()
     page = text_of("docs/hardware.md").partition("| check | why |")[2].partition("\n\n")[0]
     assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [name for name, *_ in rows]

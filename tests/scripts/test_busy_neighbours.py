@@ -1,6 +1,6 @@
 """What the table of runs beside busy processes says of reports."""
 
-from scripts.busy_neighbours import Run, of_report, row
+from scripts.studies.busy_neighbours import Run, cells, of_report
 
 REPORT = {
     "ticks": 90,
@@ -19,6 +19,5 @@ def test_what_counts_of_a_report():
 
 def test_a_trip_is_counted_and_named():
     runs = [of_report(REPORT)] * 2 + [Run("trip:missed_periods", 0.4, 3.0, warned=True)]
-    assert row("simulated", runs) == (
-        "| `simulated` | 3 | 1 | trip:missed_periods | 10.00%, 40.00% | 2, 3 |"
-    )
+    found = cells("simulated", runs)
+    assert found == ["`simulated`", "3", "1", "trip:missed_periods", "10.00%, 40.00%", "2, 3"]

@@ -1,14 +1,11 @@
 """On made-up records of a run each broken promise is found, and none is invented."""
 
-import sys
-
 import numpy as np
 import pytest
 
 from haptic_wall.controller.pytest_plugin.record import BusRow
 from haptic_wall.hw.dynamixel.codec import Instruction
-from scripts import chaos, day
-from scripts.chaos_judge import (
+from scripts.chaos.judge import (
     Stall,
     Thrown,
     ending,
@@ -18,10 +15,11 @@ from scripts.chaos_judge import (
     missing_at_end,
     stalled,
 )
-from scripts.chaos_page import WATCHED, Hour, page
-from scripts.chaos_run import ASKED, DID_NOT_START, Run
-from scripts.chaos_shots import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
-from scripts.chaos_verdict import growth, judge
+from scripts.chaos.page import WATCHED, Hour, lines
+from scripts.chaos.run import ASKED, DID_NOT_START, Run
+from scripts.chaos.shots import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
+from scripts.chaos.verdict import growth, judge
+from scripts.studies import chaos
 
 WATCHDOG_S = 0.04
 GOAL, ON, OFF = "6600020001", "400001", "400000"
@@ -210,6 +208,10 @@ def test_in_the_run_that_watches_the_recorder_none_is_killed():
     assert spared == [shot.name for shot in GENTLE if shot.name != RECORDER_KILLED]
 
 
+def text_of(hour):
+    return "\n".join(lines(hour))
+
+
 def a_run(reason="interrupted", cause=ASKED, **more):
     return Run(reason=reason, cause=cause, thrown=[Thrown(ASKED, 9.0, 9.5)], **more)
 
@@ -235,7 +237,7 @@ def a_run(reason="interrupted", cause=ASKED, **more):
 )
 def test_the_page_says_each_promise_that_did_not_hold(run, words):
     hour = Hour(60.0, 1, [a_run(), run], whole=True)
-    text = page(hour)
+    text = text_of(hour)
     assert ("Did not hold" in text) == bool(words)
     assert words in text
     assert ("**no**" in text) == bool(words)
@@ -244,16 +246,16 @@ def test_the_page_says_each_promise_that_did_not_hold(run, words):
 def test_memory_is_only_called_flat_where_every_process_was_watched():
     flat = [(t, 60.0) for t in range(0, 600, 2)]
     run = a_run(memory={(name, n): flat for n, name in enumerate(WATCHED) if name != "recorder"})
-    assert "no recorder was watched long enough, supervisor +0.0 MB | – |" in page(
+    assert "no recorder was watched long enough, supervisor +0.0 MB | – |" in text_of(
         Hour(60.0, 1, [run])
     )
     run.memory["recorder", 99] = flat
-    assert "recorder +0.0 MB, supervisor +0.0 MB | yes |" in page(Hour(60.0, 1, [run]))
+    assert "recorder +0.0 MB, supervisor +0.0 MB | yes |" in text_of(Hour(60.0, 1, [run]))
 
 
 def test_a_page_of_an_hour_that_was_broken_off_says_so():
-    assert "broken off" in page(Hour(60.0, 1, [a_run()]))
-    assert "broken off" not in page(Hour(60.0, 1, [a_run()], whole=True))
+    assert "broken off" in text_of(Hour(60.0, 1, [a_run()]))
+    assert "broken off" not in text_of(Hour(60.0, 1, [a_run()], whole=True))
 
 
 def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path):
@@ -261,7 +263,7 @@ def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path):
     run = Run(reason=said)
     (tmp_path / "witness.csv").touch()
     judge(run, None, tmp_path, None, (), ())
-    text = page(Hour(60.0, 1, [a_run(), run], whole=True))
+    text = text_of(Hour(60.0, 1, [a_run(), run], whole=True))
     assert "1 refused to start" in text
     assert "must not be driven as it is" in text
     assert "**no**" not in text
@@ -273,13 +275,3 @@ def test_a_gentle_shot_explains_nothing_and_a_hard_one_something():
     assert all(not shot.may_end for shot in GENTLE)
     assert all(shot.may_end for shot in HARD)
     assert len(MAY_END) == len(GENTLE) + len(HARD)
-
-
-@pytest.mark.parametrize("script", [chaos, day])
-def test_the_scripts_say_what_they_do(script, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["script", "--help"])
-    with pytest.raises(SystemExit):
-        script.main()
-    said = capsys.readouterr().out
-    assert f"docs/{script.__name__.rpartition('.')[2]}.md" in said
-    assert "--out" in said

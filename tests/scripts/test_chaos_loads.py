@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from scripts import chaos_shots
-from scripts.chaos_loads import others, ran_at_real_time
+from scripts.chaos.loads import others, ran_at_real_time
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from haptic_wall.controller.cli.main import COMMANDS
-from scripts.ctrl_c import CASES, LIMIT_S, Try, batches, keep, kept, row
+from scripts.studies.ctrl_c import CASES, LIMIT_S, STUDY, Try, batches, cells
+from scripts.study import Kept, usual
 
 ENDED = Try("run", signal.SIGINT, 1.2, False, 130, 0.4, "run   interrupted", 0, 0, 0)
 TERMINATED = replace(ENDED, number=signal.SIGTERM)
@@ -44,22 +45,26 @@ def test_a_command_ends_as_asked_quietly_and_leaves_nothing(found, wanted):
 
 def test_a_line_of_the_table_counts():
     tries = [ENDED, ENDED, replace(ENDED, before=True), replace(ENDED, status=-2, ended_s=0.5)]
-    assert row(tries) == "| Ctrl-C | run | 4 | 1 | 130: 2, -2: 1 | 0.50 | 0 | 0 | 0 | 0 |"
-    assert "| – |" in row([EMULATE])
+    counted = ["Ctrl-C", "run", "4", "1", "130: 2, -2: 1", "0.50", "0", "0", "0", "0"]
+    assert cells(tries) == counted
+    assert "–" in cells([EMULATE])
 
 
 def test_every_command_is_tried():
     assert {words[0] for words in CASES.values()} == set(COMMANDS)
 
 
-def test_a_later_call_goes_on_where_one_ended(tmp_path):
-    results = tmp_path / "tries"
-    assert kept(results) == []
-    keep(results, [ENDED] * 30)
-    keep(results, [replace(ENDED, status=0, said="Traceback")])
-    found = kept(results)
-    assert [each.as_wanted for each in found] == [True] * 30 + [False]
-    assert found[-1].said == "Traceback"
-    lots = list(batches({signal.SIGINT: 50}, "run", found))
-    assert lots[:2] == [("run", signal.SIGINT, 9), ("run", signal.SIGINT, 10)]
-    assert sum(tries for name, _, tries in lots if name == "run, simulated") == 50
+def test_the_commands_that_matter_most_come_first_and_each_as_often_as_asked():
+    lots = list(batches(usual(STUDY, tries=50, others=0, commands="run")))
+    assert [lot.name for lot in lots[:3]] == ["run"] * 3
+    assert sum(lot.tries for lot in lots if lot.name == "run, simulated") == 50
+
+
+def test_tries_are_kept_and_read_again(tmp_path):
+    (part,) = STUDY.parts
+    (batch, *_) = batches(usual(STUDY))
+    file = tmp_path / "rows"
+    Kept(file).add(part, batch, [ENDED, replace(TERMINATED, status=None, said="Traceback")])
+    found = Kept(file).rows(part, [batch])[0]
+    assert [each.as_wanted for each in found] == [True, False]
+    assert (found[1].number, found[1].said) == (signal.SIGTERM, "Traceback")

@@ -5,7 +5,7 @@ import pytest
 
 from haptic_wall.controller.runtime.telemetry import ROW, Row
 from haptic_wall.hw.servo import Outcome
-from scripts.day import PERIOD_NS, WatchedTelemetry, long_run, turning
+from scripts.studies.day import PERIOD_NS, WatchedTelemetry, long_run, turning
 
 TICKS = 15_000
 
@@ -58,11 +58,11 @@ def test_a_round_of_the_hand_that_is_not_as_the_others_is_found():
 
 
 def test_a_quarter_of_a_minute_holds_all_that_is_looked_at():
-    found = long_run("short", "simulated", 0.004)
-    assert [row for row in found.rows if row[2] is False] == []
-    assert ("ticks", "14400 of 14400", True) in found.rows
+    found = long_run(("simulated", 0.004))
+    assert [row for row in found if row[2] is False] == []
+    assert ("ticks", "14400 of 14400", True) in found
 
 
 def test_a_shaft_that_turns_on_and_on_is_where_it_is_said_to_be():
     found = turning(0.02)
-    assert [row for row in found.rows if row[2] is False] == []
+    assert [row for row in found if row[2] is False] == []

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.theory import critical_stiffness
-from scripts.interval_check import PAGE, PART, losses, mixtures, patterns, slow_tick
 from scripts.irregular_loop import (
     PERIOD,
     Loop,
@@ -13,24 +12,15 @@ from scripts.irregular_loop import (
     mean_square_radius,
     pattern_radius,
 )
-from scripts.uncertainty import renewed
+from scripts.studies.interval_check import STUDY
+from tests.scripts.computed import stale
 
 LOOP = Loop(0.012, 0.012, 0.03, 2)
 
 
 def test_the_tables_are_what_is_computed(thorough):
-    text = PAGE.read_text()
-    tables = {"slow_tick": slow_tick}
-    if thorough:
-        tables |= {
-            "mixtures": lambda: mixtures(60),
-            "patterns": lambda: patterns(2000),
-            "losses": lambda: losses(60),
-        }
-    assert {found[2] for found in PART.finditer(text)} == {
-        "slow_tick", "mixtures", "patterns", "losses",
-    }  # fmt: skip
-    assert renewed(text, tables) == text, "run scripts/interval_check"
+    parts = None if thorough else ["slow_tick"]
+    assert stale(STUDY, parts) == [], "run scripts/study interval_check"
 
 
 @pytest.mark.parametrize("quarters", [4, 6, 12])

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from scripts.kill_times import Hit, as_wanted, said, torque_of
 from scripts.shots import SHOTS
+from scripts.studies.kill_times import Hit, as_wanted, said, torque_of
 
 NAMED = {shot.name: shot for shot in SHOTS}
 RECORDER, LOOP = NAMED["recorder: SIGKILL"], NAMED["loop: SIGKILL"]

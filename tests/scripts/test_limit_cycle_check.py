@@ -11,22 +11,22 @@ from haptic_wall.controller.theory.cycles import (
     Saturation,
     limit_cycles,
 )
-from scripts import limit_cycle_check
-from scripts.limit_cycle_check import PAGE, PART, Setting, missed, settled, spread, wall, worth
-from scripts.uncertainty import renewed
+from scripts.studies import limit_cycle_check
+from scripts.studies.limit_cycle_check import STUDY, Setting, settled, wall
+from scripts.study import found, usual
+from tests.scripts.computed import stale
 
 
 def test_the_tables_are_what_is_computed(thorough):
-    text = PAGE.read_text()
-    assert {found[2] for found in PART.finditer(text)} == {"worth", "missed", "spread"}
     if thorough:
-        assert renewed(text, {"spread": spread}) == text, "run scripts/limit_cycle_check"
+        assert stale(STUDY, ["spread"]) == [], "run scripts/study limit_cycle_check"
 
 
 def test_a_table_has_a_row_for_each_effect(monkeypatch):
     monkeypatch.setattr(limit_cycle_check, "MOST", 200)
-    for table, cases in ((worth, limit_cycle_check.CASES), (missed, limit_cycle_check.SOFTER)):
-        rows = list(table(2))
+    worth, missed, _ = STUDY.parts
+    for part, cases in ((worth, limit_cycle_check.CASES), (missed, limit_cycle_check.SOFTER)):
+        rows = part.lines(found(part, usual(STUDY, walls=2)))
         assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {name}" for name in cases]
         assert len({row.count("|") for row in rows}) == 1
 

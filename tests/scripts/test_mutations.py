@@ -1,4 +1,4 @@
-"""A part of what scripts/mutations tries, from a fixed seed; and that it would notice a defect."""
+"""Some of the files of the study of mutations, from a fixed seed; a defect would be noticed."""
 
 import re
 import subprocess
@@ -9,10 +9,10 @@ import pytest
 
 from haptic_wall.controller.logs.recording import parted, sliced
 from scripts.mutation_trial import KINDS, tried
-from scripts.mutations import COUNTS, FAULTS, NAMES, PAGE, PART
-from scripts.uncertainty import PART as COMPUTED
+from scripts.studies.mutations import COUNTS, FAULTS, NAMES
+from scripts.study import PART
 from tests.controller.experiments.commission.test_commission import SIMULATED, call, steps_taken
-from tests.docs.pages import ROOT
+from tests.docs.pages import ROOT, text_of
 
 SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
 SEED = 0
@@ -65,23 +65,26 @@ def test_a_defect_is_noticed(kind, place, wrong, fault, tmp_path, monkeypatch):
 
 
 def test_the_page_is_of_this_script():
-    (part,) = (found[3] for found in COMPUTED.finditer(PAGE.read_text()) if found[2] == PART)
-    head, _, *rows = part.splitlines()[: 2 + len(NAMES)]
+    text = text_of("docs/logs.md")
+    (part,) = (found[3] for found in PART.finditer(text) if found[2] == "mutations")
+    head, _, *rows = [line for line in part.splitlines() if line.startswith("|")]
+    assert len(rows) == len(NAMES)
     assert [name.strip() for name in head.strip("|").split("|")][5:] == [*FAULTS.values()]
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
     assert {row[0]: int(row[1]) for row in cells} == {NAMES[k]: COUNTS[k] for k in KINDS}
     for row in cells:
         assert int(row[1]) == sum(map(int, row[2:5])), "each is read, told or refused"
-        assert row[5:] == ["0"] * len(FAULTS), "run scripts/mutations"
+        assert row[5:] == ["0"] * len(FAULTS), "run scripts/study mutations"
     assert re.search(r"^Seed 1\. The slowest took", part, re.M)
 
 
 def test_files_are_tried_in_processes_of_their_own(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("<!-- computed: mutations -->\n<!-- end -->\n")
+    command = ["mutations", "--kinds", "configurations", "--share", "0.01", "--workers", "1"]
     done = subprocess.run(
-        [sys.executable, "-m", "scripts.mutations", "--only", "configurations", "--share", "0.01",
-         "--workers", "1", "--out", str(tmp_path / "none.md")],
+        [sys.executable, "-m", "scripts.study", *command, "--out", str(page)],
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
     assert "| configurations | 5 |" in done.stdout
-    assert "MB beyond the program's own" in done.stdout
-    assert not (tmp_path / "none.md").exists(), "a page holds all or nothing"
+    assert "MB beyond the program's own" in page.read_text()

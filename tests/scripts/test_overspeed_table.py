@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from scripts.overspeed_table import HANDS, RUNAWAYS, played
+from scripts.studies.overspeed_table import HANDS, RUNAWAYS, played
 
 CASES = 12
 

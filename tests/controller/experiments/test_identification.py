@@ -68,7 +68,7 @@ def usual(tmp_path_factory):
 
 
 def test_a_servo_with_another_truth_than_believed_is_found(usual):
-    """Two seeds of scripts/identify_check have the rest."""
+    """Two seeds of scripts/study identify_check have the rest."""
     config, found = usual
     for name, true in zip(NAMES[:3], truth(config)[:3], strict=True):
         assert getattr(found, name).value == pytest.approx(true, rel=0.05)

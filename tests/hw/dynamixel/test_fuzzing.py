@@ -1,4 +1,4 @@
-"""A short run of what scripts/fuzz does at length, from a fixed seed.
+"""A short run of what scripts/study fuzz does at length, from a fixed seed.
 
 Without coverage to guide it: conversations with the servos, changed at random.
 """

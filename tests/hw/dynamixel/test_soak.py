@@ -1,4 +1,4 @@
-"""The driver in damaged replies: a short one of the soaks that scripts/bus_soak measures."""
+"""The driver in damaged replies: a short one of the soaks that scripts/study bus_soak measures."""
 
 from scripts.soak import soak
 

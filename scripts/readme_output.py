@@ -1,0 +1,411 @@
+"""Regenerates what README.md and docs/*.md show of the program, between their markers.
+
+    scripts/study readme_output             write anew what is the same on every machine
+    scripts/study readme_output --measure   and what this machine measures, the tests' result too
+    scripts/study readme_output --check     compare what is the same everywhere; write nothing
+
+A part begins with one of these comments and ends with ``<!-- end -->``:
+
+    output: COMMAND | LABELS     the command and what it says, the same on every machine
+    measured: COMMAND | LABELS   the same of this machine: times differ, so it is never compared
+    table: NAME                  computed by the program; see TABLES
+    figures: SECTION | ROWS      rows of a table of docs/measured.md
+
+LABELS, where given, name the lines to show; log and picture are shown only of measured runs, as
+their names hold the date.
+"""
+
+import argparse
+import contextlib
+import io
+import math
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from haptic_wall.controller.cli.main import main as haptic_wall
+from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.controller.guard.guard import Decision, Situation, decide
+from haptic_wall.controller.guard.rebound import rebound
+from haptic_wall.controller.guard.schedule import interval_bins_ns
+from haptic_wall.controller.runtime.assembly import settings_at
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, restitution
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.tables.models import MODELS
+from haptic_wall.hw.emulated.motor import motor_of
+from haptic_wall.hw.open import open_servo
+
+ROOT = Path(__file__).resolve().parent.parent
+PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
+LIMITS = ("linear", "exact", "one_sided", "quantisation")
+HORN = 0.1
+"""Length of the horn that forces are told for [m]"""
+
+
+def pages() -> list[Path]:
+    """The pages that hold parts."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def renewed(page: Path, measure: bool) -> str:
+    """The text of a page with its parts made anew; measurements only on request."""
+
+    def part(found: re.Match[str]) -> str:
+        begin, kind, what, old, end = found.groups()
+        subject, _, chosen = (text.strip() for text in what.partition("|"))
+        if kind == "table":
+            body = table(*TABLES[subject]())
+        elif kind == "figures":
+            body = figures(subject, chosen) or old
+        elif kind == "output":
+            body = shown(subject, kept(said(subject), chosen))
+        else:
+            body = shown(subject, kept(measured(subject), chosen)) if measure else old
+        return f"{begin}{body}{end}"
+
+    return PART.sub(part, page.read_text())
+
+
+def shown(command: str, text: str) -> str:
+    """A command and what it said, as two blocks."""
+    lines = "\n".join(line.rstrip() for line in text.strip().splitlines())
+    return f"```sh\n{command}\n```\n```text\n{lines}\n```\n"
+
+
+def kept(text: str, chosen: str) -> str:
+    """The lines under the labels chosen, or all."""
+    if not chosen:
+        return text
+    wanted, keep = set(chosen.split(", ")), False
+    lines = []
+    for line in text.splitlines():
+        label = line[:12].strip()
+        keep = label in wanted if label else keep
+        if keep:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def said(command: str) -> str:
+    """Run a command whose output is the same on every machine, and return the output."""
+    words = shlex.split(command)[1:]
+    with tempfile.TemporaryDirectory() as folder:
+        if words[0] == "run":
+            words += ["--log", f"{folder}/run.hwlog", "--plot", f"{folder}/run.png"]
+        out, err = io.StringIO(), io.StringIO()
+        told = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
+        with told[0], told[1], contextlib.suppress(SystemExit):
+            haptic_wall(words)
+    lines = (out.getvalue() or err.getvalue()).splitlines()
+    return "\n".join(line for line in lines if not line.startswith(("log  ", "picture  ")))
+
+
+def measured(command: str) -> str:
+    """Run a command and return its output on this machine; a run's picture becomes docs/run.png."""
+    with tempfile.TemporaryDirectory() as folder:
+        if command.startswith("haptic-wall run emulated-port"):
+            return beside_an_emulated_bus(command, folder)
+        if command == "scripts/test":
+            tests = [str(ROOT / command)]
+            return last_lines(
+                subprocess.run(tests, capture_output=True, text=True, check=True).stdout
+            )
+        words = shlex.split(command)
+        words[0] = str(ROOT / words[0])
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
+        (picture,) = Path(folder, "runs").glob("*.png")
+        shutil.copy(picture, ROOT / "docs" / "run.png")
+        return done.stdout
+
+
+def last_lines(text: str) -> str:
+    """One line of each check that scripts/test makes."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    passed = [line.strip("= ") for line in lines if re.match(r"=* ?\d+ passed", line)]
+    return "\n".join([*lines[:2], *passed, lines[-1]])
+
+
+def beside_an_emulated_bus(command: str, folder: str) -> str:
+    """Return the output of a run beside an emulated bus at its port, pushed by a hand."""
+    words = [sys.executable, "-m", "haptic_wall.controller.cli.main", *shlex.split(command)[1:]]
+    link = load_config("emulated-port").config.servo.port
+    emulator = subprocess.Popen(
+        [*words[:3], "emulate", "--link", link, "--set", "servo.hand=push"], stdout=subprocess.PIPE
+    )
+    try:
+        emulator.stdout.readline()
+        done = subprocess.run(
+            words,
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT / ".src")},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    finally:
+        emulator.terminate()
+        emulator.wait()
+    return done.stdout
+
+
+def figures(section: str, chosen: str) -> str:
+    """A table of docs/measured.md, or the rows that are chosen; empty without that page."""
+    path = ROOT / "docs" / "measured.md"
+    if not path.exists():
+        return ""
+    text = path.read_text().partition(f"## {section}\n")[2].partition("\n## ")[0]
+    head, rule, *rows = [line for line in text.splitlines() if line.startswith("|")]
+    wanted = chosen.split(", ") if chosen else []
+    rows = [row for row in rows if not wanted or row.split("|")[1].strip() in wanted]
+    source = "From [docs/measured.md](docs/measured.md), which names the machine:"
+    return "\n".join(["", source, "", head, rule, *rows, "", ""])
+
+
+# Tables
+
+
+def table(head: list[str], rows: list[list[object]]) -> str:
+    """A Markdown table; numbers in four digits, what does not apply as a dash."""
+
+    def cell(value: object) -> str:
+        if value is None:
+            return "–"
+        return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+    lines = [head, ["---"] * len(head), *([cell(value) for value in row] for row in rows)]
+    return "\n".join(["", *(f"| {' | '.join(line)} |" for line in lines), "", ""])
+
+
+def situation(config: Config) -> Situation:
+    """Situation that the guard decides in; for a real servo that of an emulated one."""
+    preset = "emulated-xm430" if config.servo.kind == "hardware" else ""
+    seen = load_config(preset).config if preset else config
+    facts = open_servo(
+        seen.model_copy(
+            update={"loop": seen.loop.model_copy(update={"clock": "simulated"})}
+        ).servo_settings(),
+        SimulatedClock(),
+    ).facts
+    return Situation(
+        belief=config.belief(),
+        period=config.period_s,
+        torque_limit=facts.torque_limit,
+        position_step=2 * math.pi / facts.counts_per_rev,
+    )
+
+
+def decided(
+    preset: str, ages: list[float], belief: dict[str, Bounded] | None = None, **asked: float
+) -> list[Decision]:
+    """Decisions of the guard on a preset's wall, for sample ages [s], with changes."""
+    config = load_config(preset).config
+    known = situation(config)
+    known = replace(known, belief=replace(known.belief, **(belief or {})))
+    return decide(replace(config.request(), **asked), config.guard_settings(), known, ages)
+
+
+def presets() -> tuple[list[str], list[list[object]]]:
+    """The presets that come with the program."""
+    return ["preset", "what for"], [[f"`{n}`", preset_summary(n)] for n in preset_names()]
+
+
+def stiffness() -> tuple[list[str], list[list[object]]]:
+    """Table of stiffnesses: the force in the hand, and the commanded stiffness."""
+    head = ["K [N·m/rad]", "torque per degree [N·m]", "at the tip of a 10 cm horn [N/mm]"]
+    head += ["K commanded, `simulated`", "K commanded, `xm430-w350`"]
+    rows: list[list[object]] = []
+    for asked in (1.0, 8.0, 40.0, 400.0):
+        commanded = [
+            decided(preset, [2e-4], stiffness=asked)[0].stiffness
+            for preset in ("simulated", "xm430-w350")
+        ]
+        rows.append([asked, math.radians(asked), asked / HORN**2 * 1e-3, *commanded])
+    return head, rows
+
+
+def delays() -> tuple[list[str], list[list[object]]]:
+    """The limits over the delay."""
+    ages = [0.0, 0.1e-3, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3]
+    rows: list[list[object]] = []
+    for d in decided("emulated-xm430", ages, stiffness=1e6):
+        limits = d.limits.linear, d.limits.exact, d.limits.one_sided
+        rows.append([1e3 * d.delay, *limits, d.damping_ceiling, d.stiffness])
+    head = ["delay t_d [ms]", "linear", "exact", "one_sided", "damping ceiling", "K commanded"]
+    return head, rows
+
+
+def intervals() -> tuple[list[str], list[list[object]]]:
+    """The limits over the served interval."""
+    config = load_config("emulated-xm430").config
+    asked = replace(config.request(), stiffness=1e6)
+    rows: list[list[object]] = []
+    for interval in (each * 1e-9 for each in interval_bins_ns(config.period_ns)):
+        seen = replace(situation(config), period=interval)
+        d = decide(asked, settings_at(config, interval), seen, [0.25e-3])[0]
+        limits = d.limits.linear, d.limits.exact, d.limits.one_sided
+        rows.append([1e3 * interval, *limits, d.damping_ceiling, d.damping, d.stiffness])
+    head = ["T [ms]", "linear", "exact", "one_sided", "damping ceiling", "B commanded"]
+    return [*head, "K commanded"], rows
+
+
+def dampings() -> tuple[list[str], list[list[object]]]:
+    """The limits over the virtual damping."""
+    rows: list[list[object]] = []
+    for asked in (-0.005, 0.0, 0.02, 0.1, 0.2, 0.5, 2.0, 20.0):
+        d = decided("emulated-xm430", [0.25e-3], stiffness=1e6, damping=asked)[0]
+        rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
+        rows[-1] += [d.stiffness, d.binding]
+    return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
+
+
+def beliefs() -> tuple[list[str], list[list[object]]]:
+    """Table of what each bound of the real servo's belief costs."""
+    belief = load_config("xm430-w350").config.belief()
+    exactly = {
+        name: Bounded.exactly(getattr(belief, name).value)
+        for name in ("inertia", "damping", "delay", "torque_gain")
+    }
+    cases: list[tuple[str, dict[str, Bounded]]] = [("as the preset believes", {})]
+    cases += [(f"`model.{name}` known exactly", {name: exactly[name]}) for name in exactly]
+    cases += [("all of them known exactly", exactly)]
+    rows: list[list[object]] = []
+    for name, known in cases:
+        d = decided("xm430-w350", [2e-4], known, stiffness=1e6)[0]
+        rows.append([name, 1e3 * d.delay, d.limits.exact, d.limits.one_sided, d.stiffness])
+    return ["belief", "delay t_d [ms]", "exact", "one_sided", "K commanded"], rows
+
+
+def rebounds() -> tuple[list[str], list[list[object]]]:
+    """Between which speeds a wall returns no device faster, with the least friction and none."""
+    rows: list[list[object]] = []
+    for preset, stiffness, damping in (
+        ("xm430-w350", 1e6, 0.005),
+        ("xm430-w350", 2.0, 0.005),
+        ("xm430-w350", 7.0, 0.04),
+        ("xm430-w350", 1e6, 0.1),
+        ("xl330-m288", 0.25, 0.001),
+        ("xl330-m288", 1e6, 0.005),
+    ):
+        config = load_config(preset).config
+        known = replace(situation(config), torque_limit=config.servo.torque_limit)
+        request = replace(config.request(), stiffness=stiffness, damping=damping)
+        d = decide(request, config.guard_settings(), known, [2e-4])[0]
+        bare = replace(known, belief=replace(known.belief, coulomb=Bounded(0.0, 0.0, 0.0)))
+        found = [
+            rebound(d.stiffness, d.damping, "above", 1, where, d.delay) for where in (bare, known)
+        ]
+        lowest = ["none" if each.lowest is None else each.lowest for each in found]
+        rows.append([f"`{preset}`", d.stiffness, d.damping, *lowest, found[1].highest])
+    head = ["preset", "K", "B", "low end, no friction", "low end", "high end"]
+    return head, rows
+
+
+def back_emf() -> tuple[list[str], list[list[object]]]:
+    """Table of what the guard would command if the motor's back-EMF counted as friction."""
+    name = "xm430-w350"
+    model = MODELS["XM430-W350"]
+    braking = motor_of(model, model.stall_torque / model.stall_current).braking
+    belief = load_config(name).config.belief()
+    truth = decided(name, [2e-4], stiffness=1e6)[0].limits.smallest()[1]
+    rows: list[list[object]] = []
+    for counted in (0.0, 0.014, 0.1, 1.0):
+        more = belief.damping.low + counted * braking
+        b = Bounded(more, more, max(more, belief.damping.high))
+        d = decided(name, [2e-4], {"damping": b}, stiffness=1e6)[0]
+        rows.append([f"{100 * counted:g} %", more, d.stiffness, d.stiffness / truth])
+    head = ["back-EMF counted", "b counted", "K commanded", "of the limit with back-EMF off"]
+    return head, rows
+
+
+def returns() -> tuple[list[str], list[list[object]]]:
+    """How much faster a one-sided wall at 0.8 of the exact limit returns a device."""
+    inertia, damping, period = 1.0, 0.1, 1e-3
+    rows: list[list[object]] = []
+    for periods in (0, 1, 2, 5):
+        delay = periods * period
+        virtual = 0.2 * float(max_virtual_damping(inertia, damping, period, delay))
+        exact = float(critical_stiffness(inertia, damping, virtual, period, delay))
+        shares = [
+            float(np.max(restitution(inertia, damping, k * exact, virtual, period, delay)))
+            for k in (0.8, 0.65, 0.5)
+        ]
+        rows.append([periods, *(f"{share:.2f}" for share in shares)])
+    return ["delay [periods]", "K = 0.8 exact", "0.65 exact", "0.5 exact"], rows
+
+
+def safety() -> tuple[list[str], list[list[object]]]:
+    """Table of the presets' settings that end a run."""
+    names = ("simulated", "emulated-xm430", "xm430-w350")
+    loaded = [load_config(name).config for name in names]
+    rows: list[list[object]] = []
+    for path, field in fields().items():
+        section, key = path.split(".")
+        if (
+            section == "safety" and key not in ("engage", "engage_torque")
+        ) or path == "servo.watchdog_s":
+            used = [c.servo.kind in field.used_by for c in loaded]
+            values = [getattr(getattr(c, section), key) for c in loaded]
+            cells = [v if use else None for v, use in zip(values, used, strict=True)]
+            rows.append([f"`{path}`", field.unit or ("–" if field.choices else "1"), *cells])
+    return ["field", "unit", *(f"`{name}`" for name in names)], rows
+
+
+def checks() -> tuple[list[str], list[list[object]]]:
+    """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
+    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    servo = open_servo(config.servo_settings(), SimulatedClock())
+    try:
+        found = servo.start()
+    finally:
+        servo.close()
+    return ["check", "wanted", "found"], [[c.name, c.wanted, c.found] for c in found]
+
+
+TABLES = {
+    "presets": presets,
+    "stiffness": stiffness,
+    "delays": delays,
+    "intervals": intervals,
+    "dampings": dampings,
+    "beliefs": beliefs,
+    "rebounds": rebounds,
+    "back_emf": back_emf,
+    "returns": returns,
+    "safety": safety,
+    "checks": checks,
+}
+
+
+def main() -> int:
+    """Write the parts, or say which are out of date."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="compare only; 1 if any differs")
+    parser.add_argument("--measure", action="store_true", help="take the measurements anew")
+    wanted = parser.parse_args()
+    check, status = wanted.check, 0
+    for page in pages():
+        text = renewed(page, measure=wanted.measure and not check)
+        if text == page.read_text():
+            continue
+        status = 1 if check else 0
+        print(f"{page.relative_to(ROOT)} {'is out of date' if check else 'is written anew'}")
+        if not check:
+            page.write_text(text)
+    if status:
+        print("run scripts/study readme_output to bring them up to date", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""Soaks the driver in damaged replies, in memory and in real time.
+
+    scripts/study bus_soak [--cycles N] [--frames N] [--seconds S] [--seed N]
+
+In memory, on the simulated clock, every run with the same seed is the same. What was done to each
+reply is known there, so each cycle's outcome is set against it; positions are set against the true
+ones. The status is 1 where something that is promised did not hold.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from scripts.real_time_soak import real_time_soak
+from scripts.soak import (
+    CONFIDENCE,
+    DAMAGE,
+    MAX_SPEED,
+    MAY_BE,
+    interval,
+    random_frames_that_pass,
+    soak,
+)
+from scripts.study import Found, Option, Part, Study, table
+
+OUTCOMES = ("OK", "LOST", "CORRUPT", "REFUSED")
+
+
+class Memory(NamedTuple):
+    """What became of the cycles in memory, and of random frames."""
+
+    fastest: float
+    """Speed of the shaft [rad/s]"""
+    outcomes: dict[str, list[int]]
+    """How often each of ``OUTCOMES``, by what was done to the reply"""
+    counts: dict[str, int]
+    longest_gap: int
+    damaged: int
+    undetected: int
+    furthest: float
+    """Of what is allowed [1]"""
+    problems: list[str]
+    passed: int
+    """Random frames"""
+
+
+def in_memory(case: tuple[int, int, int]) -> Memory:
+    """Soak the driver for some cycles, and the codec in some random frames, by a seed."""
+    cycles, frames, seed = case
+    found = soak(cycles, seed)
+    return Memory(
+        found.fastest,
+        {kind: [found.outcomes[kind, name] for name in OUTCOMES] for kind in (*MAY_BE, "several")},
+        dict(found.counts),
+        found.longest_gap,
+        found.damaged,
+        found.undetected,
+        found.furthest,
+        found.problems,
+        random_frames_that_pass(frames, seed),
+    )
+
+
+def memory(rows: Found[tuple[int, int, int], Memory]) -> list[str]:
+    """The section on the simulated clock."""
+    (((cycles, frames, seed), found),) = rows
+    low, high = interval(found.damaged)
+    low_random, high_random = interval(frames)
+    lines = table(
+        ["reply", *map(str.lower, OUTCOMES)],
+        *([kind, *each] for kind, each in found.outcomes.items()),
+        ["*counted by the driver*", *_counted(found.counts)],
+    )
+    return [
+        f"{cycles} cycles at 1 kHz, seed {seed}, a shaft that swings at up to"
+        f" {found.fastest:.1f} rad/s. What was done to a reply, and what its cycle became:",
+        "",
+        *lines,
+        "",
+        f"Replies that came late and were never used: {found.counts['late']}. Failed cycles in a"
+        f" row: {found.longest_gap} at most.",
+        "A reply that is cut short, or whose length is broken, leaves a beginning that might still"
+        " be completed: its cycle became a lost one. Once another frame begins it was cut short,"
+        " and the driver counts it as corrupt instead.",
+        "",
+        f"Changed or cut: {found.damaged} replies, of which **{found.undetected}** passed for good;"
+        f" a 16-bit CRC lets {low} to {high} through if they were random bytes ({CONFIDENCE:.0%}"
+        " confidence; flips of few bits it finds always).",
+        f"To see that rate itself: of {frames} replies with random data and checksum {found.passed}"
+        f" passed the codec, wanted {low_random} to {high_random}.",
+        "",
+        f"The position in use, however old, was never further from the true one than"
+        f" {found.furthest:.0%} of what {MAX_SPEED:g} rad/s, its age and one count allow.",
+        "",
+        f"Did not hold, {len(found.problems)} times: " + "; ".join(found.problems[:20])
+        if found.problems
+        else "All of it held.",
+    ]
+
+
+def _counted(counts: dict[str, int]) -> list[str]:
+    good = counts["cycles"] - counts["lost"] - counts["corrupt"] - counts["refused"]
+    return [str(n) for n in (good, counts["lost"], counts["corrupt"], counts["refused"])]
+
+
+def memory_holds(rows: Found[tuple[int, int, int], Memory]) -> bool:
+    """Whether every cycle became what it may, and as many random frames passed as should."""
+    (((_, frames, _), found),) = rows
+    low, high = interval(frames)
+    return not found.problems and low <= found.passed <= high
+
+
+def in_real_time(case: tuple[float, int, tuple[str, ...]]) -> dict[str, str]:
+    """Figures of one run of the whole program; its damage may be none."""
+    seconds, seed, damage = case
+    with tempfile.TemporaryDirectory() as folder:
+        found = real_time_soak(seconds, seed, damage, Path(folder))
+    report: dict[str, Any] = found.report
+    bus, lateness = report["bus"], report["lateness_us"]
+    failed = bus["lost"] + bus["corrupt"] + bus["refused"]
+    return {
+        "ticks": f"{report['ticks']}",
+        "missed ticks": f"{report['missed_ticks']}",
+        "rate, Hz": f"{report['rate_hz']:.2f}",
+        "rate by the witness's median interval, Hz": f"{found.rate_hz:.2f}",
+        "lateness p50, µs": f"{lateness['p50']:.1f}",
+        "lateness p99, µs": f"{lateness['p99']:.1f}",
+        "replies struck, by the witness": f"{found.struck.total()}",
+        **{name: f"{bus[name]}" for name in ("lost", "corrupt", "refused", "late")},
+        "failed beyond those struck": f"{failed - found.struck.total()}",
+        "furthest from the true position at its instant, rad": f"{found.furthest:.4f}",
+    }
+
+
+def real_time(found: Found[Any, dict[str, str]]) -> list[str]:
+    """The section in real time: with the damage, and beside it a run without."""
+    (_, calm), (_, damaged) = found
+    rows = ([name, calm[name], damaged[name]] for name in calm)
+    return table(["", "without damage", "with damage"], *rows)
+
+
+STUDY = Study(
+    "bus-soak.md",
+    (
+        Part(
+            "memory",
+            lambda given: [(given.cycles, given.frames, given.seed)],
+            in_memory,
+            memory,
+            case_s=320.0,
+            wanted=memory_holds,
+        ),
+        Part(
+            "real-time",
+            lambda given: [(given.seconds, given.seed, damage) for damage in ((), DAMAGE)],
+            in_real_time,
+            real_time,
+            case_s=65.0,
+            in_turn=True,
+        ),
+    ),
+    (
+        Option("cycles", 1_000_000, "on the simulated clock"),
+        Option("frames", 2_000_000, "random ones, for the CRC"),
+        Option("seconds", 60.0, "in real time"),
+        Option("seed", 1, "of the damage"),
+    ),
+)

@@ -1,0 +1,274 @@
+"""Shoots at every process of a run: what becomes of the torque.
+
+    scripts/study kill_times [--rounds N] [--shots TEXT]
+
+The whole tree of processes on an emulated bus of its own, a hand leaning on the wall, the Bus
+Watchdog at 40 ms as for hardware. From the shot to zero torque by the witness: the true torque
+that acts, recorded every millisecond. What the program said of it, its exit status, the rows that
+the log lacks and the processes that stayed behind are in the table.
+"""
+
+import contextlib
+import json
+import math
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
+from haptic_wall.controller.runtime.telemetry import Word
+from haptic_wall.hw.dynamixel.codec import Instruction
+from scripts.shots import SHOTS, Shot, target
+from scripts.study import Found, Given, Option, Part, Study, table
+from scripts.whole_program import emulated_bus, with_sets
+
+LIMIT_MS = 60.0
+ASKED = "interrupted"
+"""Stop reason of a run that went on until it was asked to end"""
+SETTINGS = (
+    "servo.watchdog_s=0.04",
+    "safety.heartbeat_s=0.1",
+    "safety.max_loss=1",
+    "safety.max_silence_s=0.02",
+    "realtime.profile=best-effort",
+    "wall.position=3.14159",
+    "wall.stiffness=8",
+    "wall.damping=0.02",
+    "model.delay=0",
+)
+"""Patient with the machine's stalls, but for what is measured"""
+PATIENT = ("servo.watchdog_s=0.5", "safety.max_silence_s=0.25", "safety.heartbeat_s=2")
+"""Besides, where the run must go on: a stall of the machine is no reason to end it"""
+TRUTH = ("servo.position=2.9", "servo.hand=lean", "servo.hand_origin=3.14159")
+ENDED_BY: dict[int | None, str] = {
+    Instruction.SYNC_WRITE: "goal current 0",
+    Instruction.WRITE: "Torque Enable 0",
+}
+TORQUE_OFF = bytes((64, 0, 0))
+"""Write that ends the torque: 0 at address 64, Torque Enable"""
+LEANING_ROWS = 2500
+"""When so many rows are recorded the warm-up is over and the hand leans on the wall"""
+AFTER_S = 1.5
+"""From a shot that ends the run to the look at what is left [s], and to the end of one that goes
+on"""
+GONE_S = 6.0
+"""How long processes of a run may outlive it [s]"""
+ATTEMPTS = 5
+"""A run that a stall of the machine has ended before the shot came is begun again"""
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """Result of one shot."""
+
+    time_ms: float | None
+    """To zero torque [ms]; None: the run went on"""
+    by: str
+    """Process or watchdog that ended the torque"""
+    status: int | None
+    """Of the program's exit; None: it did not end by itself"""
+    said: str
+    """The stop reason and what the program says of it"""
+    lost: int
+    """Rows that the loop wrote and the log does not hold"""
+    left: int
+    """Processes that stayed behind"""
+    stall_ms: float
+    """The longest that the machine held up the one who fired, meanwhile"""
+
+
+def one_shot(shot: Shot, folder: Path) -> Hit | None:
+    """One run, shot at; None: it ended by itself before."""
+    record = folder / "witness.csv"
+    with emulated_bus("--record", record, *with_sets(TRUTH)) as bus:
+        arguments = ["xm430-w350", "--plot", str(folder / "run.png")]
+        arguments += with_sets((*SETTINGS, f"servo.port={bus.port}"))
+        arguments += with_sets(PATIENT if shot.goes_on else ())
+        with target(bus, folder, arguments) as aimed_at:
+            while aimed_at.run.poll() is None and not aimed_at.ready(LEANING_ROWS):
+                time.sleep(0.02)
+            time.sleep(random.random() * 0.05)
+            if not aimed_at.find():
+                return None
+            fired = time.monotonic()
+            shot.fire(aimed_at)
+            stall_ms = sleep(shot.later_s)
+            shot.then(aimed_at)
+            time.sleep(AFTER_S)
+            lived = aimed_at.run.poll() is None
+            if not shot.goes_on:  # its report and picture may take a while
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    aimed_at.run.wait(20.0)
+        left = aimed_at.end_survivors(GONE_S)
+    ending = until_no_torque(record, fired)
+    if ending is None:
+        return None
+    report = json.loads((folder / "output").read_text() or "null")
+    time_ms, by = torque_of(shot, report, ending, lived=lived)
+    assert aimed_at.words is not None  # found, or it would not have been shot at
+    lost = aimed_at.words[Word.HEAD] - len(read_log(aimed_at.log)[1])
+    words = said(shot, report, folder)
+    return Hit(time_ms, by, aimed_at.run.returncode, words, lost, left, stall_ms)
+
+
+def torque_of(
+    shot: Shot, report: dict[str, Any] | None, ending: tuple[float, str], *, lived: bool
+) -> tuple[float | None, str]:
+    """Find how long the torque lasted [ms], and who ended it.
+
+    Of a run that goes on, nothing did, and only its report can say so: one that a trip has ended
+    is still there while its report and its picture are made.
+
+    Args:
+        shot: What was thrown at it.
+        report: Of the run; None: it was killed.
+        ending: By the witness.
+        lived: Its supervisor was there when it was asked to end.
+    """
+    if shot.goes_on and lived and report is not None and report["stop_reason"] == ASKED:
+        return None, "nothing, the run goes on"
+    return ending
+
+
+def sleep(seconds: float) -> float:
+    """Sleep by milliseconds; the longest that one of them was too long [ms]."""
+    now = time.monotonic()
+    end, longest = now + seconds, 0.0
+    while now < end:
+        time.sleep(0.001)
+        before, now = now, time.monotonic()
+        longest = max(longest, now - before - 0.001)
+    return longest * 1e3
+
+
+def until_no_torque(record: Path, fired: float) -> tuple[float, str] | None:
+    """From an instant [s] to the last torque [ms], and what ended it; None: there was none."""
+    rows = read_rows(record)
+    before = [row.torque_nm for row in rows if row.time_s <= fired]
+    if abs(before[-1]) < 0.1:
+        return None
+    last = max(i for i, row in enumerate(rows) if row.time_s <= fired or row.torque_nm != 0.0)
+    if spoke_after_the_cut(rows, fired):
+        sys.exit("a goal was sent after the supervisor had switched the torque off")
+    if last + 1 == len(rows):
+        return float("inf"), "nothing"
+    end = rows[last + 1]
+    by = ENDED_BY.get(end.instruction) if end.event == "rx" else None
+    return (end.time_s - fired) * 1e3, by or "Bus Watchdog"
+
+
+def spoke_after_the_cut(rows: list[BusRow], fired: float) -> bool:
+    """Whether a goal came after Torque Enable 0."""
+    asked = [row for row in rows if row.time_s > fired and row.event == "rx"]
+    cuts = [i for i, row in enumerate(asked) if row.params == TORQUE_OFF]
+    return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
+
+
+def said(shot: Shot, report: dict[str, Any] | None, folder: Path) -> str:
+    """Shorten the messages for the table; that a run went on until it was asked is left out."""
+    told = [line for line in (folder / "said").read_text().splitlines() if "log" in line]
+    if report is None:
+        return "nothing: it was killed"
+    reason = report["stop_reason"]
+    words = [] if shot.goes_on and reason == ASKED else [f"`{reason}`"]
+    words += [] if report["explanation"] is None else [report["explanation"]]
+    words += told if shot.goes_on else []
+    words += [f"note: {text}" for text in report["warnings"] if not text.startswith("no picture")]
+    return "; ".join(words).replace(f"{folder}/", "") or "nothing"
+
+
+def as_wanted(shot: Shot, hit: Hit) -> bool:
+    """Whether a run went on, or its torque ended in time, and nothing was left behind."""
+    if hit.left:
+        return False
+    if shot.goes_on:
+        return hit.time_ms is None and hit.status == INTERRUPTED and not hit.lost
+    lasted_ms = math.inf if hit.time_ms is None else hit.time_ms
+    return lasted_ms <= LIMIT_MS if shot.strikes_the_torque else math.isfinite(lasted_ms)
+
+
+NAMED = {shot.name: shot for shot in SHOTS}
+
+
+def aimed(given: Given) -> list[tuple[str, int]]:
+    """Each shot by its name, so many times."""
+    names = [name for name in NAMED if given.shots in name]
+    return [(name, number) for name in names for number in range(given.rounds)]
+
+
+def hit(case: tuple[str, int]) -> Hit:
+    """Shoot at a run; one that ends before the shot is begun again."""
+    name, _ = case
+    with tempfile.TemporaryDirectory() as folder:
+        attempts = (one_shot(NAMED[name], Path(folder)) for _ in range(ATTEMPTS))
+        found = next((each for each in attempts if each is not None), None)
+    if found is None:
+        sys.exit(f"{name}: {ATTEMPTS} runs ended before they were shot at")
+    return found
+
+
+def held(found: Found[tuple[str, int], Hit]) -> bool:
+    """Whether all is as it should be."""
+    return all(as_wanted(NAMED[name], hit) for (name, _), hit in found)
+
+
+def lines(found: Found[tuple[str, int], Hit]) -> list[str]:
+    """A line for each shot, and what the program says of it."""
+    names = list(dict.fromkeys(name for (name, _), _ in found))
+    hits = {name: [hit for case, hit in found if case[0] == name] for name in names}
+    words = ([name, most_said(hits[name]).replace("|", "/")] for name in names)
+    head = ["shot", "median, ms", "longest, ms", "stall, ms", "what ended the torque"]
+    return [
+        *table([*head, "exit", "rows lost", "left"], *(cells(n, hits[n]) for n in names)),
+        "",
+        "What the program says of it:",
+        "",
+        *table(["shot", "what the program says"], *words),
+        "",
+        f"Wanted: that the torque ends, in {LIMIT_MS:g} ms where the loop is struck or the bus is"
+        " gone; where the run must go on, that it does, with no row lost, and exits with"
+        f" {INTERRUPTED} when it is asked to end; nothing left. "
+        + ("It holds." if held(found) else "It does not hold on this machine."),
+    ]
+
+
+def cells(name: str, hits: list[Hit]) -> list[str]:
+    """A line of the table."""
+    times = [hit.time_ms for hit in hits if hit.time_ms is not None]
+    return [
+        name,
+        f"{statistics.median(times):.1f}" if times else "–",
+        f"{max(times):.1f}" if times else "–",
+        f"{max(hit.stall_ms for hit in hits):.1f}",
+        ", ".join(sorted({hit.by for hit in hits})),
+        ", ".join(sorted({str(hit.status) for hit in hits})),
+        f"{max(hit.lost for hit in hits)}",
+        f"{max(hit.left for hit in hits)}",
+    ]
+
+
+def most_said(hits: list[Hit]) -> str:
+    """Return the most frequent message, and the beginnings of the others."""
+    (most, _), *rest = Counter(hit.said for hit in hits).most_common()
+    begins = most.partition(";")[0]
+    others = {text.partition(";")[0] for text, _ in rest} - {begins}
+    return " ".join([most, *(f"(or {other})" for other in sorted(others))])
+
+
+STUDY = Study(
+    "kill-times.md",
+    (Part("shots", aimed, hit, lines, case_s=8.0, in_turn=True, wanted=held),),
+    (
+        Option("rounds", 5, "runs shot at in each way"),
+        Option("shots", "", "those with this text in their name"),
+    ),
+)

@@ -1,0 +1,167 @@
+"""A study's rows are kept as they come, its page is renewed in parts, and the pages know it."""
+
+import importlib
+import json
+import re
+from dataclasses import dataclass
+
+import pytest
+
+from scripts.study import ROOT, Kept, Option, Part, Study, begun, listed, main, renewed, run, usual
+from tests.docs.pages import PAGES, commands
+
+STUDIES = [name for name, _ in listed() if (ROOT / "scripts" / "studies" / f"{name}.py").exists()]
+COMPUTED = re.compile(r"<!-- computed: ([\w-]+) -->")
+asked = []
+
+
+@dataclass(frozen=True)
+class Row:
+    """A record with what JSON does not have of itself."""
+
+    squared: float
+    pair: tuple[int, ...]
+
+
+def squared(case: int) -> Row:
+    asked.append(case)
+    return Row(float("inf") if case == 3 else float(case * case), (case, case))
+
+
+def lines(found):
+    return [f"{case}: {row.squared:g} {row.pair}" for case, row in found]
+
+
+PART = Part("squares", lambda given: range(given.count), squared, lines, in_turn=True)
+STUDY = Study("squares.md", (PART,), (Option("count", 5, "of squares", quick=2),))
+PAGE = "before\n<!-- computed: squares -->\nold\n<!-- end -->\nbehind\n"
+
+
+@pytest.fixture
+def page(tmp_path):
+    asked.clear()
+    place = tmp_path / "squares.md"
+    place.write_text(PAGE)
+    return place
+
+
+def call(page, *options):
+    status = run(STUDY, "squares", "Squares.", ["--out", str(page), *options])
+    return status, page.read_text()
+
+
+def test_the_part_is_made_anew_and_the_rest_stays(page):
+    status, text = call(page, "--count", "3")
+    assert status == 0
+    assert text.startswith(
+        "before\n<!-- computed: squares -->\nBy `scripts/study squares --count 3`"
+    )
+    assert "\n0: 0 (0, 0)\n1: 1 (1, 1)\n2: 4 (2, 2)\n<!-- end -->\nbehind\n" in text
+    assert "old" not in text
+
+
+def test_what_is_the_same_everywhere_names_no_machine(page):
+    study = Study("squares.md", (PART,), STUDY.options, everywhere=True)
+    run(study, "squares", "Squares.", ["--out", str(page), "--quick"])
+    assert page.read_text() == PAGE.replace("old\n", "0: 0 (0, 0)\n1: 1 (1, 1)\n")
+
+
+def test_a_later_call_goes_on_where_one_ended(page, tmp_path):
+    rows = tmp_path / "rows"
+    call(page, "--count", "4", "--rows", str(rows))
+    assert [json.loads(line)[1] for line in rows.read_text().splitlines()] == ["0", "1", "2", "3"]
+    asked.clear()
+    _, text = call(page, "--count", "6", "--rows", str(rows))
+    assert asked == [4, 5]
+    assert "3: inf (3, 3)\n" in text and "5: 25 (5, 5)\n" in text
+
+
+def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path):
+    rows = tmp_path / "rows"
+
+    def broken(case: int) -> Row:
+        assert len(rows.read_text().splitlines() if case else []) == case
+        if case == 2:
+            raise KeyboardInterrupt
+        return squared(case)
+
+    part = Part("squares", lambda given: range(given.count), broken, lines)
+    with pytest.raises(KeyboardInterrupt):
+        begun(part, usual(STUDY), Kept(rows), None)()
+    assert len(rows.read_text().splitlines()) == 2
+
+
+def test_the_status_says_whether_what_is_wanted_holds(page):
+    part = Part(
+        "squares", PART.cases, squared, lines, in_turn=True,
+        wanted=lambda found: all(row.squared < 4 for _, row in found),
+    )  # fmt: skip
+    study = Study("squares.md", (part,), STUDY.options)
+    status = [
+        run(study, "squares", "Squares.", ["--out", str(page), "--count", count])
+        for count in ("2", "3")
+    ]
+    assert status == [0, 1]
+
+
+def test_a_page_without_a_place_is_told_before_anything_is_computed(page):
+    page.write_text("no place")
+    with pytest.raises(LookupError, match="no place for squares"):
+        call(page)
+    assert asked == []
+
+
+def test_what_one_gives_goes_before_what_is_quick(page):
+    call(page, "--quick", "--count", "4")
+    assert len(asked) == 4
+    asked.clear()
+    call(page, "--quick")
+    assert len(asked) == 2
+
+
+def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(capsys):
+    assert main([]) == 0
+    said = capsys.readouterr().out
+    assert "kill_times" in said and "same_rows" in said
+    assert main(["no_such"]) == 2
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(name, capsys):
+    module = importlib.import_module(f"scripts.studies.{name}")
+    study = module.STUDY
+    text = (ROOT / "docs" / study.page).read_text(encoding="utf-8")
+    renewed(text, {part.name: [] for part in study.parts})
+    assert f"scripts/study {name}" in text, "the page says what makes it again"
+    with pytest.raises(SystemExit, match="0"):
+        run(study, name, module.__doc__, ["--help"])
+    assert f"scripts/study {name}" in capsys.readouterr().out
+    assert all(part.row.__annotations__["return"] for part in study.parts)
+
+
+def test_no_part_of_a_page_is_nobodys():
+    theirs = {
+        (study.page, part.name)
+        for study in (importlib.import_module(f"scripts.studies.{n}").STUDY for n in STUDIES)
+        for part in study.parts
+    }
+    docs = ROOT / "docs"
+    found = {
+        (str(page.relative_to(docs)), name)
+        for page in PAGES
+        if page.is_relative_to(docs)
+        for name in COMPUTED.findall(page.read_text(encoding="utf-8"))
+    }
+    assert found == theirs
+
+
+def test_every_script_that_a_page_names_is_there():
+    names = {name for name, _ in listed()}
+    there = {name for each in (ROOT / "scripts").iterdir() for name in (each.name, each.stem)}
+    wrong = []
+    for page in PAGES:
+        for place, name in re.findall(r"\bscripts/([\w-]+)(?: (\w+))?", page.read_text("utf-8")):
+            known = name in names or not name if place == "study" else place in there
+            wrong += [] if known else [f"{page.name}: scripts/{place} {name}"]
+    assert wrong == []
+    assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
