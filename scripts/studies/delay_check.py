@@ -16,7 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.experiments.delay import BURSTS, measure_delay
-from haptic_wall.controller.experiments.steps.shaken import ExperimentFailedError, plan_shaking, shake
+from haptic_wall.controller.experiments.steps.shaken import (
+    ExperimentFailedError,
+    plan_shaking,
+    shake,
+)
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.load import load_config
 from scripts.study import Found, Given, Option, Part, Study, table, table_of
