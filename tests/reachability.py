@@ -292,10 +292,8 @@ def pages() -> Iterator[str]:
 def outside() -> Iterator[str]:
     """Python that uses the package: scripts, examples, and what the pages show."""
     for folder in ("scripts", "docs/examples"):
-        for path in filter(Path.is_file, sorted((ROOT / folder).iterdir())):
-            text = path.read_text(encoding="utf-8")
-            if path.suffix == ".py" or "python" in text.partition("\n")[0]:
-                yield text
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            yield path.read_text(encoding="utf-8")
     for page in pages():
         for block in PYTHON.findall(page):
             yield "\n".join(TYPED.findall(block)) or block
