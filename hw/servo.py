@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final, NamedTuple, Protocol
-
-from haptic_wall.hw.clock import Clock
 
 JUMP_SHARE: Final = 3.0
 """Largest plausible speed of a shaft, as a multiple of the no-load speed"""
@@ -58,11 +56,6 @@ class Facts:
     """Largest torque it accepts [N·m]."""
     torque_step: float
     """Smallest nonzero torque, and the largest difference between neighbours [N·m]; 0: none."""
-    has_bus: bool
-    """Replies travel over a bus, where they can be lost."""
-    reply_s: float = 0.0
-    """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
-    ``start``."""
     stall_torque: float = math.inf
     """Its largest torque at its rated supply, whatever its limit [N·m]; infinite: not known."""
     no_load_speed: float = 0.0
@@ -97,6 +90,19 @@ class BusCounts:
     """Good replies with an implausible position; never used"""
 
 
+@dataclass(slots=True)
+class Bus:
+    """What a loop sees of the bus between it and the servo."""
+
+    counts: BusCounts = field(default_factory=BusCounts)
+    """Begin anew with each ``start``"""
+    waited_ns: int = 0
+    """Bus wait of the last ``collect``, without its own work [ns]"""
+    reply_s: float = 0.0
+    """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
+    ``start``"""
+
+
 @dataclass(frozen=True, slots=True)
 class Check:
     """One line of the start-up sequence: found against wanted."""
@@ -114,17 +120,20 @@ class Servo(Protocol):
     ``request``, ``collect``, ``write``. The request may be sent in the period before the one that
     collects it (the reply then travels while the loop sleeps).
 
-    Where a reply takes several periods (``facts.reply_s``) a request stays outstanding until it is
+    Where a reply takes several periods (``bus.reply_s``) a request stays outstanding until it is
     answered:
     until then ``request`` has no effect, and ``collect`` does not wait.
     """
 
     facts: Facts
-    counts: BusCounts
-    waited_ns: int
-    """Bus wait of the last ``collect``, without its own work [ns]"""
-    trouble: str
-    """A fault reported by the servo itself, and its remedy; empty: none. Known after ``stop``."""
+
+    @property
+    def bus(self) -> Bus | None:
+        """Return the bus to it, the same object as long as it is open.
+
+        None: no reply travels over a bus, so none can be late or lost.
+        """
+        ...
 
     def start(self) -> list[Check]:
         """Check all conditions, then enable torque at zero torque.
@@ -166,13 +175,6 @@ class Servo(Protocol):
         """
         ...
 
-    def idle(self) -> None:
-        """Compute in advance; the loop may call it while it waits for a deadline.
-
-        It must neither send nor read on a bus.
-        """
-        ...
-
     def stop(self) -> bool:
         """Set zero torque, switch torque off, read it back. Safe to call at any time, and twice.
 
@@ -183,15 +185,4 @@ class Servo(Protocol):
 
     def close(self) -> None:
         """Release the servo; stop it first if it was started and not stopped."""
-        ...
-
-    def stand_in(self, clock: Clock) -> Servo:
-        """Return a stand-in of the same make for cache warm-ups; it moves nothing and needs no end.
-
-        It is started, and shares nothing with this servo and its bus: calls have no effect. It
-        replies at once, with invented positions.
-
-        Args:
-            clock: Its time.
-        """
         ...

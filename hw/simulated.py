@@ -13,7 +13,7 @@ import math
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import TrueServo
 
 GRAIN_NS = 1000
@@ -33,16 +33,12 @@ class SimulatedServo:
         "_true",
         "_written",
         "_written_ns",
-        "counts",
+        "bus",
         "facts",
-        "trouble",
-        "waited_ns",
     )
 
     facts: Facts
-    counts: BusCounts
-    waited_ns: int
-    trouble: str
+    bus: Bus | None
 
     def __init__(self, true: TrueServo, clock: Clock) -> None:
         """Open it; its time begins with ``start``.
@@ -59,15 +55,12 @@ class SimulatedServo:
         self._mechanism = Mechanism(true, self._instant())
         self._reading: Reading | None = None
         self._running = False
-        self.waited_ns = 0
-        self.trouble = ""
-        self.counts = BusCounts()
+        self.bus = None
         self.facts = Facts(
             name="simulated servo",
             counts_per_rev=true.counts_per_rev,
             torque_limit=true.torque_limit,
             torque_step=true.torque_step,
-            has_bus=False,
             stall_torque=true.torque_limit,
         )
 
@@ -78,7 +71,6 @@ class SimulatedServo:
         self._mechanism.engage_operator(now_ns)
         self._reading = self._written = None
         self._running = True
-        self.counts = BusCounts()
         return []
 
     def request(self) -> None:
@@ -98,7 +90,6 @@ class SimulatedServo:
         if reading is None:
             raise RuntimeError("a reading was collected without a request; call request first")
         self._reading = None
-        self.counts.cycles += 1
         return reading
 
     def write(self, torque: float) -> float:

@@ -141,7 +141,7 @@ def soak(cycles: int, seed: int) -> Soaked:
         deadline += PERIOD_NS
         clock.wait_until(deadline)
     found.cycles = cycles
-    found.counts = asdict(servo.counts)
+    found.counts = asdict(servo.bus.counts)
     found.real_s = time.monotonic() - began
     if not servo.stop():
         found.problems.append("torque off could not be read back at the end")

@@ -115,9 +115,10 @@ class StageTimes:
         def timed(servo: Servo, deadline_ns: int) -> object:
             began = now()
             found = collect(servo, deadline_ns)
-            spent[SENSE] += now() - began - servo.waited_ns
+            waited_ns = 0 if servo.bus is None else servo.bus.waited_ns
+            spent[SENSE] += now() - began - waited_ns
             calls[SENSE] += 1
-            self._waited += servo.waited_ns
+            self._waited += waited_ns
             return found
 
         return timed

@@ -15,6 +15,8 @@ import pytest
 from .bus import BusError, DynamixelBus
 from .record import BusRow
 
+pytest.register_assert_rewrite(f"{__name__}.servo_contract")
+
 __all__ = ["BusError", "BusRow", "DynamixelBus", "dynamixel_bus"]
 
 _MARKER = (

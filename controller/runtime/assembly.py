@@ -39,6 +39,7 @@ from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import peak
+from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Servo
 
@@ -58,7 +59,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
     situation = situation_of(config, servo)
     period = situation.period
     # On the simulated clock, in the same process, samples have zero age.
-    ages_ns = [0] if simulated and not servo.facts.has_bus else _ages_ns(config, servo)
+    ages_ns = [0] if simulated and servo.bus is None else _ages_ns(config, servo)
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
     intervals_ns = interval_bins_ns(config.period_ns)
@@ -127,7 +128,7 @@ def situation_of(config: Config, servo: Servo) -> Situation:
         period=config.period_ns * 1e-9,
         torque_limit=servo.facts.torque_limit,
         position_step=servo.facts.position_step,
-        slow_replies=servo.facts.reply_s > 0.0,
+        slow_replies=_reply_s(servo) > 0.0,
     )
 
 
@@ -171,7 +172,12 @@ def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[
 
 
 def _ages_ns(config: Config, servo: Servo) -> list[int]:
-    return age_bins_ns(config.period_ns, round(servo.facts.reply_s * 1e9))
+    return age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
+
+
+def _reply_s(servo: Servo) -> float:
+    """How long a reply takes, where it takes several periods [s]; else 0."""
+    return 0.0 if servo.bus is None else servo.bus.reply_s
 
 
 def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
@@ -271,8 +277,8 @@ def cache_warm_up_of(
     schedule: GainSchedule,
     injected: Sequence[float],
     program: Sequence[Phase],
-) -> CacheWarmUp:
-    """The same tick once more, of parts that nobody else has.
+) -> CacheWarmUp | None:
+    """The same tick once more, of parts that nobody else has; None: the servo has no stand-in.
 
     Args:
         config: The effective configuration.
@@ -281,6 +287,8 @@ def cache_warm_up_of(
         injected: ``most_injected`` of the schedule.
         program: What is rendered in place of the wall.
     """
+    if not isinstance(servo, HasStandIn):
+        return None
     clock = StandInClock()
     stand_in = servo.stand_in(clock)
     law = rendered(config, stand_in, program)
@@ -290,4 +298,5 @@ def cache_warm_up_of(
     )
     tick = Tick(parts)
     tick.wall_on()
-    return CacheWarmUp(tick.run, clock, config.period_ns, servo.idle)
+    idle = servo.idle if isinstance(servo, HasIdleWork) else lambda: None
+    return CacheWarmUp(tick.run, clock, config.period_ns, idle)

@@ -11,7 +11,7 @@ from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus
 
 BLOCK = 4096
 """Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
@@ -39,14 +39,14 @@ class Grid:
         waiter: Waiter,
         clock: Clock,
         telemetry: Telemetry,
-        servo: Servo,
+        bus: Bus,
         period_ns: int,
         on_block: Callable[[], None],
         late: LateTicks | None,
     ) -> None:
         self.tick = tick
         self.period_ns = period_ns
-        self._servo = servo
+        self._bus = bus
         self._late = late
         self._waiter = waiter
         self._clock = clock
@@ -85,7 +85,7 @@ class Grid:
         """
         end = math.inf if duration_s is None else self._deadline + round(duration_s * 1e9)
         tick, words, period_ns = self.tick, self._words, self.period_ns
-        waiter, servo, late = self._waiter, self._servo, self._late
+        waiter, bus, late = self._waiter, self._bus, self._late
         wait, run, now = waiter.wait, tick.run, self._clock.now_ns
         limit_ns, long_ns, rest = _never if late is None else late.limits
         deadline, missed = self._deadline, self._missed
@@ -108,12 +108,12 @@ class Grid:
                     return End.DURATION
                 ended = now()
                 deadline, missed = next_deadline(deadline, ended, period_ns)
-                waited = servo.waited_ns
+                waited = bus.waited_ns
                 rest -= 1
                 if ended - served - waited > limit_ns or waited > long_ns:
                     self._explain(served, woke, ended, missed)
                 elif rest <= 0 and late is not None:
-                    rest = late.rest(served, waiter, deadline - ended, servo.counts.lost)
+                    rest = late.rest(served, waiter, deadline - ended, bus.counts.lost)
                 block -= 1
                 if block == 0:
                     self._on_block()
@@ -126,7 +126,7 @@ class Grid:
 
     def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
         """Have a late tick explained, if ``late`` is given."""
-        servo = self._servo
+        bus = self._bus
         if self._late is not None:
-            lost = servo.counts.lost
-            self._late.late(served, woke, ended, self._waiter, servo.waited_ns, lost, missed)
+            lost = bus.counts.lost
+            self._late.late(served, woke, ended, self._waiter, bus.waited_ns, lost, missed)

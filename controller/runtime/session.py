@@ -36,6 +36,7 @@ from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.capabilities import HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import (
     ServoHealthError,
@@ -45,7 +46,7 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
 )
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Check, Servo
+from haptic_wall.hw.servo import Bus, Check, Servo
 from haptic_wall.hw.settings import ServoSettings
 
 _REPLIES = 3.0
@@ -190,7 +191,7 @@ class _Session:
             self._started = True
             self._checks = servo.start()
             # The servo's own Current Limit differs, or replies take longer than assumed.
-            if servo.facts.torque_limit != limit or servo.facts.reply_s:
+            if servo.facts.torque_limit != limit or (servo.bus or Bus()).reply_s:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{servo.facts.name}: torque is on{passed}")
@@ -204,7 +205,7 @@ class _Session:
             self._waiter,
             self._clock,
             telemetry,
-            servo,
+            servo.bus or Bus(),
             config.period_ns,
             self._around.on_block,
             self._late,
@@ -230,9 +231,10 @@ class _Session:
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
         servo, parts, tick = self.servo, self._parts, self._tick
+        trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
-            message=self._message or trip_figures(tick.trip, parts) or servo.trouble,
+            message=self._message or trip_figures(tick.trip, parts) or trouble,
             ticks=tick.ticks,
             missed=self._grid.missed,
             elapsed_s=self._grid.elapsed_s,
@@ -241,7 +243,7 @@ class _Session:
             guard=None,
             oscillation=None,
             delay=None,
-            bus=asdict(servo.counts) if servo.facts.has_bus else None,
+            bus=asdict(servo.bus.counts) if servo.bus else None,
             timing=None,
             torque_off=self._torque_off,
             checks=self._checks,
@@ -273,7 +275,7 @@ class _Session:
                 self._law,
                 watch,
                 situation_of(config, servo),
-                servo.counts,
+                (servo.bus or Bus()).counts,
             ),
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, schedule.age_ns),
@@ -326,9 +328,9 @@ def _run(
     """Warm up, switch the wall on, run; return the stop reason, and a message if needed."""
     try:
         reason = None
-        if servo.facts.has_bus or config.loop.clock == "monotonic":
+        if servo.bus or config.loop.clock == "monotonic":
             # Where replies take long, until some have come: age and position are then known.
-            reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * servo.facts.reply_s))
+            reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * (servo.bus or Bus()).reply_s))
         if reason is None:
             reason = waiting(duration_s)
         grid.tick.wall_on()

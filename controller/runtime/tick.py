@@ -24,7 +24,7 @@ from haptic_wall.controller.runtime.telemetry import (
     Word,
 )
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Outcome, Servo
+from haptic_wall.hw.servo import Bus, Outcome, Servo
 
 _OK = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _WAITING = Outcome.WAITING
@@ -72,6 +72,7 @@ class Tick:
         self._words = parts.telemetry.words
         self._row = Row()
         self._limit = parts.servo.facts.torque_limit
+        self._bus = parts.servo.bus or Bus()
         self._work_ns = 0
         self._bus_ns = 0
         self._raises = self._words[Word.RAISE]
@@ -185,7 +186,7 @@ class Tick:
         self.done = law.done
         self.ticks = words[_TICKS] = self.ticks + 1
         self.missed = words[_MISSED] = self.missed + missed
-        self._bus_ns = bus_ns = servo.waited_ns
+        self._bus_ns = bus_ns = self._bus.waited_ns
         words[_HEARTBEAT_NS] = ended_ns = self._now()
         self._work_ns = ended_ns - woke_ns - bus_ns
 

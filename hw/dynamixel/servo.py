@@ -29,7 +29,7 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, BusCounts, Check, Facts, Outcome, Reading
 
 _NAN: Final = math.nan
 _REPLY_PATIENCE: Final = 1.5
@@ -41,9 +41,9 @@ class DynamixelServo:
     """One servo on a line, real or emulated."""
 
     facts: Facts
-    counts: BusCounts
-    waited_ns: int
+    bus: Bus
     trouble: str
+    """See ``HasTrouble``"""
 
     def __init__(self, settings: DynamixelSettings, line: Line) -> None:
         """Take over ``line``; ``close`` closes it. Nothing is sent yet.
@@ -78,9 +78,8 @@ class DynamixelServo:
         self._known = False
         """It has replied as a model with a known control table"""
         self._confirmed_off = False
-        self.waited_ns = 0
         self.trouble = ""
-        self.counts = self._link.counts
+        self.bus = Bus(self._link.counts)
         self.facts = self._facts(model.current_limit, model.voltage)
         self._jump_filter = self._new_jump_filter()
 
@@ -91,7 +90,7 @@ class DynamixelServo:
         drops its torque and silently refuses goals. ``request`` detects such a pause.
 
         From here on ``facts.torque_limit`` is the servo's own, if that is lower, and
-        ``facts.reply_s`` says whether replies take several periods.
+        ``bus.reply_s`` says whether replies take several periods.
 
         Raises:
             StrangeServoError: It is of no known model; nothing was written.
@@ -135,7 +134,8 @@ class DynamixelServo:
         self.facts = self._facts(ready.current_limit, ready.volts)
         self._jump_filter = self._new_jump_filter()
         self._most = self.facts.torque_limit
-        self.counts = self._link.counts = BusCounts()
+        self.bus.reply_s = self._reply_ns * 1e-9
+        self.bus.counts = self._link.counts = BusCounts()
         self._watchdog.begin()
         self._running = True
         return ready.checks
@@ -177,7 +177,7 @@ class DynamixelServo:
         """
         # Do not wait within a period for a reply that takes several.
         sample = self._link.collect(0 if self._reply_ns else deadline_ns)
-        self.waited_ns = self._link.waited_ns
+        self.bus.waited_ns = self._link.waited_ns
         if self._health.asked and sample.outcome is Outcome.OK and not sample.alert:
             # A latched error explains more than its consequences.
             self._judge_health()
@@ -207,7 +207,7 @@ class DynamixelServo:
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
         self._watchdog.heard_ns = sampled_ns
         if not self._jump_filter.holds(counts, sampled_ns):
-            self.counts.refused += 1
+            self.bus.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
         self._alert = self._alert or alert
         return Reading(
@@ -275,11 +275,8 @@ class DynamixelServo:
         finally:
             self._line.close()
 
-    def idle(self) -> None:
-        """Do nothing: all work needs the bus."""
-
     def stand_in(self, clock: Clock) -> DynamixelServo:
-        """See ``Servo``: the same driver on a line that nobody else is on."""
+        """See ``HasStandIn``: the same driver on a line that nobody else is on."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
         other._most = other.facts.torque_limit
         other._watchdog.heard_ns = clock.now_ns()
@@ -343,8 +340,6 @@ class DynamixelServo:
             counts_per_rev=COUNTS_PER_REV,
             torque_limit=self._law.torque(steps),
             torque_step=self._law.step,
-            has_bus=True,
-            reply_s=self._reply_ns * 1e-9,
             stall_torque=self._model.stall_torque or self._law.torque(self._model.current_limit),
             no_load_speed=self._model.no_load_at(volts),
         )

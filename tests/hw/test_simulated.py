@@ -39,7 +39,7 @@ def test_its_facts_are_those_of_the_true_servo():
     servo, _ = started(counts_per_rev=1024, torque_limit=0.5, torque_step=0.002)
     facts = servo.facts
     assert (facts.counts_per_rev, facts.torque_limit, facts.torque_step) == (1024, 0.5, 0.002)
-    assert facts.has_bus is False
+    assert servo.bus is None
 
 
 def test_its_time_begins_with_the_start():

@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.trials.body import Body
 from haptic_wall.controller.experiments.trials.operators import NOBODY, NOTHING, Operator
 from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
 
 _OK = Outcome.OK
 _NEVER_NS = 1 << 62
@@ -55,11 +55,8 @@ class TrialServo:
             torque_limit=truth.torque_limit,
             torque_step=truth.torque_step,
             stall_torque=truth.stall_torque / truth.torque_gain,
-            has_bus=False,
         )
-        self.counts = BusCounts()
-        self.waited_ns = 0
-        self.trouble = ""
+        self.bus: Bus | None = None
         self.outputs: list[float] = []
         self._now_ns = clock.now_ns
         self._time_ns = self._start_ns = clock.now_ns()
@@ -127,9 +124,6 @@ class TrialServo:
         self._pending.append((self._now_ns() + self._delay_ns, truth.torque_gain * torque))
         return torque
 
-    def idle(self) -> None:
-        """Do nothing in advance."""
-
     def stop(self) -> bool:
         """Switch torque off at once. Always succeeds."""
         self._advance(self._now_ns())
@@ -139,10 +133,6 @@ class TrialServo:
 
     def close(self) -> None:
         """Do nothing: it holds no resource."""
-
-    def stand_in(self, clock: Clock) -> TrialServo:
-        """Return another servo without operator; see ``Servo``."""
-        return TrialServo(self.truth, clock)
 
     def _advance(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns], divided where a torque or the operator changes."""

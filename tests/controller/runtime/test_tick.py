@@ -29,7 +29,7 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.servo import BusCounts, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
 
 PERIOD_NS = 1_000_000
 LOST = object()
@@ -44,12 +44,11 @@ class Rung:
 class ScriptedServo:
     """Answers with the positions it is given; LOST is no reply, WAITING none yet."""
 
-    facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0, has_bus=True)
+    facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)
 
     def __init__(self, clock, positions, age_ns=0):
         self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
-        self.counts = BusCounts()
-        self.waited_ns = 0
+        self.bus = Bus()
         self.sent = []
         self.calls = []
         self.deadlines = []
@@ -67,7 +66,7 @@ class ScriptedServo:
             return Reading(outcome, math.nan, 0, self.asked_ns, math.nan, False)
         began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
-        self.waited_ns = self.clock.now_ns() - began_ns
+        self.bus.waited_ns = self.clock.now_ns() - began_ns
         return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
 
     def write(self, torque):

@@ -149,8 +149,8 @@ def test_a_moving_servo_is_never_seen_where_it_was(late_ms: float | None) -> Non
         servo.write(1.0 if period < 60 else 0.0)
         bench.clock.wait_until(begun + 1_000_000)
     assert bench.state.velocity > 4.0
-    assert servo.counts.lost == bad == 43
-    assert servo.counts.late == (0 if late_ms is None else bad)
+    assert servo.bus.counts.lost == bad == 43
+    assert servo.bus.counts.late == (0 if late_ms is None else bad)
 
 
 def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> None:
@@ -174,7 +174,7 @@ def test_stopping_works_with_a_request_under_way() -> None:
     bench.servo.request()
     assert bench.servo.stop() is True
     assert bench.state.torque == 0.0
-    assert bench.servo.counts.lost == 0
+    assert bench.servo.bus.counts.lost == 0
 
 
 def test_stopping_gets_over_lost_replies() -> None:

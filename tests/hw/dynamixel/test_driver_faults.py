@@ -51,13 +51,13 @@ def cycle(bench: Bench, torque: float = 0.0) -> Reading:
 
 def counts(bench: Bench) -> dict[str, int]:
     """What was counted, without what is zero and without the cycles."""
-    return {k: v for k, v in asdict(bench.servo.counts).items() if v and k != "cycles"}
+    return {k: v for k, v in asdict(bench.servo.bus.counts).items() if v and k != "cycles"}
 
 
 def fresh(bench: Bench) -> None:
-    bench.servo.counts.cycles = 0
+    bench.servo.bus.counts.cycles = 0
     for name in ("lost", "late", "corrupt", "refused"):
-        setattr(bench.servo.counts, name, 0)
+        setattr(bench.servo.bus.counts, name, 0)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_a_struck_reply_costs_no_more_than_the_periods_it_misses_and_is_counted_
         else:
             assert math.isnan(reading.position)
             bad += 1
-    found = bench.servo.counts
+    found = bench.servo.bus.counts
     assert found.cycles == 1000
     assert bad == found.lost + found.corrupt + found.refused
     assert set(counts(bench)) <= kinds

@@ -92,7 +92,7 @@ def test_each_reply_is_waited_for_and_none_is_lost(
     slow = Slow(period_ms=period_ms, pipelined=pipelined, phase_ms=phase_ms)
     slow.run(round(1000 / period_ms))
     assert set(slow.outcomes) == {Outcome.OK, Outcome.WAITING}
-    counts = slow.servo.counts
+    counts = slow.servo.bus.counts
     assert (counts.lost, counts.late, counts.corrupt, counts.refused) == (0, 0, 0, 0)
     # One sample with each expiry of the timer; the schedule may lose one to the grid at each end.
     assert counts.cycles == slow.outcomes.count(Outcome.OK)
@@ -106,7 +106,7 @@ def test_the_start_says_what_was_found_and_what_to_do() -> None:
     assert "one sample in 16 periods" in check.found
     assert "latency timer to 1 ms" in check.found
     assert check.wanted == "at most 1.8 ms"
-    assert slow.servo.facts.reply_s == pytest.approx(0.016, abs=0.0002)
+    assert slow.servo.bus.reply_s == pytest.approx(0.016, abs=0.0002)
 
 
 @pytest.mark.parametrize(("timer_ms", "period_ms"), [(0, 1.0), (1, 1.0), (1, 2.0), (2, 2.0)])
@@ -114,7 +114,7 @@ def test_an_adapter_in_time_is_waited_for_within_the_period(
     timer_ms: float, period_ms: float
 ) -> None:
     slow = Slow(timer_ms=timer_ms, period_ms=period_ms)
-    assert slow.servo.facts.reply_s == 0.0
+    assert slow.servo.bus.reply_s == 0.0
     assert {reading.outcome for reading in slow.run(200)[1:]} == {Outcome.OK}
 
 
@@ -124,7 +124,7 @@ def test_a_stalled_machine_at_the_start_makes_no_slow_adapter() -> None:
     slow.servo.stop()
     slow.bus.inject("late:ms=12,way=reply,every=3", slow.clock.now_ns())
     slow.checks = slow.servo.start()
-    assert slow.servo.facts.reply_s == 0.0
+    assert slow.servo.bus.reply_s == 0.0
     (check,) = (check for check in slow.checks if check.name == "adapter reply")
     assert float(check.found.split("longest ")[1].split()[0]) >= 12
 
@@ -147,7 +147,7 @@ def test_a_lost_reply_is_one_loss_and_the_next_one_is_used() -> None:
     assert after.count(Outcome.LOST) == 1
     lost = after.index(Outcome.LOST)
     assert Outcome.OK in after[lost + 1 : lost + 1 + TIMER_MS + 2]
-    assert slow.servo.counts.lost == 1
+    assert slow.servo.bus.counts.lost == 1
     # Given up well after it could have come, and long before two more would have.
     gap = lost - max(k for k in range(lost) if after[k] is Outcome.OK)
     assert TIMER_MS < gap < 2 * TIMER_MS
@@ -159,7 +159,7 @@ def test_a_broken_reply_is_known_when_it_comes() -> None:
     slow.bus.inject("corrupt:flips=3,times=1,way=reply", slow.clock.now_ns())
     after = [reading.outcome for reading in slow.run(100)]
     assert after.count(Outcome.CORRUPT) == 1
-    assert slow.servo.counts.corrupt == 1
+    assert slow.servo.bus.counts.corrupt == 1
     assert after.count(Outcome.LOST) == 0
 
 
@@ -168,8 +168,8 @@ def test_a_reply_that_comes_after_it_was_given_up_is_never_used() -> None:
     slow.run(100)
     slow.bus.inject("late:ms=40,times=1,way=reply", slow.clock.now_ns())
     after = slow.run(150)
-    assert slow.servo.counts.lost == 1
-    assert slow.servo.counts.late == 1
+    assert slow.servo.bus.counts.lost == 1
+    assert slow.servo.bus.counts.late == 1
     good = [reading.sampled_ns for reading in after if reading.outcome is Outcome.OK]
     assert good == sorted(set(good))
 
@@ -180,7 +180,7 @@ def test_a_jump_of_the_encoder_is_refused() -> None:
     slow.bus.inject("jump:counts=500,for=0.016", slow.clock.now_ns())
     after = [reading.outcome for reading in slow.run(100)]
     assert after.count(Outcome.REFUSED) == 1
-    assert slow.servo.counts.refused == 1
+    assert slow.servo.bus.counts.refused == 1
 
 
 def test_a_servo_that_falls_silent_ends_the_run_soon() -> None:
