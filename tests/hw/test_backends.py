@@ -1,0 +1,202 @@
+"""The registry of servo backends: ours, one of another distribution, and what can be wrong."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.errors import BackendError, PortError
+from haptic_wall.hw.open import backend, backend_names, cut_torque, open_port, open_servo
+from haptic_wall.hw.settings import ServoSettings, TrueServo
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "line_servo"
+PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
+
+
+def install(folder, project, *modules):
+    """What an installer leaves of a distribution: its modules, and what it says of itself."""
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    lines = []
+    for group, entries in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    for module in modules:
+        (folder / module.name).symlink_to(module)
+
+
+def distribution(name, **backends):
+    return {"name": name, "version": "1.0", "entry-points": {"haptic_wall.servos": backends}}
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A folder on the path, where distributions can be installed."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    backend.cache_clear()
+    yield folder
+    backend.cache_clear()
+
+
+@pytest.fixture
+def line_servo(tmp_path):
+    """Variables of an environment in which the example is installed."""
+    folder = tmp_path / "site"
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
+    install(folder, project, EXAMPLE / "line_servo.py", EXAMPLE / "line_board.py")
+    here = os.environ.get("PYTHONPATH", "")
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (str(folder), here)))}
+
+
+@pytest.fixture
+def board(line_servo):
+    """The port of a board that is there."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "line_board"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=line_servo,
+        text=True,
+    ) as process:
+        yield process.stdout.readline().strip()
+        process.stdin.close()
+
+
+def test_a_backend_of_another_distribution_keeps_the_contract(line_servo):
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(EXAMPLE)],
+        env=line_servo,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout, "skipped as a whole where it is not installed"
+
+
+@pytest.mark.realtime
+def test_a_wall_on_it_runs_end_to_end(line_servo, board, tmp_path):
+    sets = [
+        f"servo.port={board}",
+        "realtime.profile=best-effort",
+        # A machine with other things to do may be away for long; nothing can be hurt.
+        *("safety.max_silence_s=1", "safety.max_loss=0.9", "safety.heartbeat_s=5"),
+        "loop.rate_hz=200",
+    ]
+    done = subprocess.run(
+        [
+            *(*PROGRAM, "run", str(EXAMPLE / "wall.yaml"), "--duration", "1", "--json"),
+            *("--no-plot", "--log", str(tmp_path / "run.hwlog")),
+            *(word for text in sets for word in ("--set", text)),
+        ],
+        env=line_servo,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["stop_reason"] == "duration"
+    assert report["wall_came_on"] is True
+    assert report["bus"]["cycles"] > 50
+    assert 0.0 < report["guard"]["commanded"]["stiffness"] <= 5.0
+
+
+def test_its_options_are_checked_before_anything_runs(line_servo):
+    done = subprocess.run(
+        [
+            *(*PROGRAM, "run", str(EXAMPLE / "wall.yaml"), "--set", "servo.baud=null"),
+            *("--set", "servo.options.counts_per_rev=fine", "--set", "servo.options.most_torqe=2"),
+        ],
+        env=line_servo,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "servo.options.counts_per_rev: input should be a valid integer" in done.stderr
+    assert "did you mean servo.options.most_torque?" in done.stderr
+    assert "servo.baud (from --set): found nothing, wanted 115200" in done.stderr
+
+
+def test_ours_are_known_without_being_installed():
+    assert backend_names()[:2] == ["simulated", "dynamixel"]
+    assert backend("simulated").kind(None) == "simulated"
+    kind = backend("dynamixel").kind
+    assert (kind("emulated"), kind("/dev/ttyUSB0"), kind(None)) == (
+        "emulated",
+        "hardware",
+        "hardware",
+    )
+
+
+def test_a_name_of_ours_cannot_be_taken(site):
+    before = backend("simulated")
+    install(site, distribution("impostor", simulated="impostor:BACKEND"))
+    backend.cache_clear()
+    assert backend("simulated") is before
+
+
+def test_an_unknown_backend_is_named_with_those_that_are_known(site):
+    install(site, distribution("line-servo", line="line_servo:BACKEND"))
+    with pytest.raises(BackendError, match=r"'lime': known are simulated, dynamixel, line\.$"):
+        backend("lime")
+    with pytest.raises(ConfigError) as refused:
+        load_config("simulated", ["servo.backend=lime"])
+    (problem,) = refused.value.problems
+    assert "found 'lime', wanted one of simulated, dynamixel, line; did you mean line?" in problem
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("import a_module_that_nobody_has", "ModuleNotFoundError: No module named 'a_module_that"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("OTHER = 1", "AttributeError"),
+        ("BACKEND = 5", "is a int, wanted a haptic_wall.hw.backend.Backend"),
+    ],
+)
+def test_a_backend_that_cannot_be_loaded_is_named_with_its_distribution(
+    site, text, told, monkeypatch
+):
+    monkeypatch.delitem(sys.modules, "broken_servo", raising=False)
+    install(site, distribution("broken-servo", broken="broken_servo:BACKEND"))
+    (site / "broken_servo.py").write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        load_config("simulated", ["servo.backend=broken"])
+    (problem,) = refused.value.problems
+    assert "servo backend 'broken' of the distribution broken-servo" in problem
+    assert told in problem
+    assert "\n" not in problem
+
+
+def test_two_distributions_with_one_name_are_both_named(site):
+    for name in ("one", "other"):
+        install(site, distribution(name, twice=f"{name}:BACKEND"))
+    with pytest.raises(BackendError, match="more than once, by one and other"):
+        backend("twice")
+
+
+def test_a_simulated_servo_has_no_port_and_ends_with_its_process():
+    settings = ServoSettings(true=TrueServo(0.01))
+    assert open_port(settings) is None
+    assert cut_torque(settings, None, SimulatedClock()) is True
+
+
+def test_a_real_servo_without_a_port_is_never_said_to_be_off():
+    settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350")
+    assert cut_torque(settings, None, MonotonicClock()) is False
+    with pytest.raises(PortError, match="No serial port"):
+        open_servo(settings, MonotonicClock())
