@@ -106,7 +106,7 @@ def test_a_wall_on_it_runs_end_to_end(line_servo, board, tmp_path):
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, done.stdout[:2000] + done.stderr
     report = json.loads(done.stdout)
     assert report["stop_reason"] == "duration"
     assert report["wall_came_on"] is True
