@@ -212,7 +212,7 @@ class Search:
                 made, dot, method = name.partition(".")
                 if dot and (module.name, made) in self.reached:
                     called = method in self.attributes or made in module.foreign
-                    if called or method.startswith("__"):
+                    if called or method.startswith(("__", "test_")):
                         yield module.name, name
                 elif module.name in self.loaded and name in self.attributes:
                     yield module.name, name
