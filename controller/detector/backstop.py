@@ -402,7 +402,7 @@ class Backstop:
         self._settled = is_limit_cycle(motion, settings.torque_limit)
         self._probe.before = seen
         large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
-        if large and self._beyond_hands(seen):
+        if large and lasts(motion) and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)

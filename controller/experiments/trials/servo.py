@@ -55,6 +55,7 @@ class TrialServo:
             torque_limit=truth.torque_limit,
             torque_step=truth.torque_step,
             stall_torque=truth.stall_torque / truth.torque_gain,
+            no_load_speed=truth.no_load_speed,
         )
         self.bus: Bus | None = None
         self.outputs: list[float] = []
