@@ -19,6 +19,8 @@ LONGEST_GAP_S = 0.05
 """After a longer gap the motion is looked at anew: turning points may have passed unseen."""
 _LEAST_STEPS = 20
 """Differences that must be multiples of the smallest before it is taken for a count."""
+_ROUNDING = 1e-9
+"""Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +186,7 @@ def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detect
 def position_step(positions: Array) -> float:
     """The encoder's count, if all positions stand apart by multiples of one [rad]; else 0."""
     steps = np.abs(np.diff(positions[np.isfinite(positions)]))
-    steps = steps[steps > 0.0]
+    steps = steps[steps > _ROUNDING * np.max(steps, initial=0.0)]
     if steps.size < _LEAST_STEPS:
         return 0.0
     # Files are rounded to some digits, so the smallest difference is known to so many only.

@@ -80,7 +80,7 @@ def hold_of(config: Config, torque_limit: float, delay_steps: int) -> Hold:
     inertia, damping = belief.inertia.low / gain, belief.damping.low / gain
     delay = delay_steps * period + sample_age(config) + belief.delay.high
     samples = config.wall.velocity_samples
-    step = config.servo.counts_per_rev and 2.0 * np.pi / config.servo.counts_per_rev
+    step = config.servo.position_step
     highest = _CEILING * float(max_virtual_damping(inertia, damping, period, delay, samples))
     stiffest = np.inf
     if step:

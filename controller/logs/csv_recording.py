@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.csv_table import TORQUE, columns_of
 from haptic_wall.controller.logs.recording import (
@@ -27,7 +28,6 @@ from haptic_wall.controller.logs.recording import (
     Recording,
     gap_text,
     parted,
-    position_count,
     seconds,
     short_text,
     sliced,
@@ -60,7 +60,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
         OSError: It cannot be read, or is no regular file.
     """
     whole, notes = _whole(path)
-    known = Knowledge(position_step=position_count(whole.positions))
+    known = Knowledge(position_step=position_step(whole.positions))
     found = stretches(whole.times)
     notes += _gaps(whole.times, found)
     groups = list(_alike([stretch for stretch in found if stretch.size >= LEAST]))

@@ -19,8 +19,6 @@ GAP = 10
 """Periods without a sample that split the record."""
 MOST_TOLD = 5
 """Largest number of gaps and short stretches reported one by one"""
-_ON_COUNTS = 0.02
-"""Tolerance within which a step counts as a whole number of encoder counts [counts]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,17 +126,3 @@ def sliced(whole: Part, start: int, end: int) -> Part:
         None if whole.torques is None else whole.torques[inside],
         None if whole.stiffness is None else whole.stiffness[inside],
     )
-
-
-def position_count(positions: Floats) -> float:
-    """Return the encoder count [rad] if all steps of the position are multiples of one; else 0."""
-    moved = np.abs(np.diff(positions[np.isfinite(positions)]))
-    least = float(np.max(moved, initial=0.0)) * 1e-9
-    moved = moved[moved > least]
-    if moved.size == 0:
-        return 0.0
-    small = float(moved.min())
-    counts = moved / small
-    few = counts < 50.0  # small enough that the record's rounding does not matter
-    whole = np.abs(counts - np.round(counts))[few] < _ON_COUNTS
-    return small if few.sum() >= LEAST and bool(whole.all()) else 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.errors import LogFormatError, UserError
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.logs.csv_recording import recordings_of_csv
@@ -24,7 +25,6 @@ from haptic_wall.controller.logs.recording import (
     Part,
     Recording,
     parted,
-    position_count,
 )
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.windows import WINDOW, Window, windows
@@ -186,7 +186,7 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
         damping=belief.damping.value / gain,
         coulomb=belief.coulomb.value / gain,
         lag=min(lag, MOST_LAG_S),
-        position_step=position_count(whole.positions),
+        position_step=position_step(whole.positions),
         virtual_damping=float(np.median(rows["damping"])),
         surface=surface,
         side=0 if math.isnan(surface) else SIGNS[config.wall.side],

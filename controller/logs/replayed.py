@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.detected import Detected, add
 from haptic_wall.controller.logs.pieces import Damage, End, fault_text
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.recording import LEAST, Part, position_count
+from haptic_wall.controller.logs.recording import LEAST, Part
 from haptic_wall.controller.logs.replay import Replay
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
@@ -104,7 +105,7 @@ def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:
     told = ended.get("servo")
     if not isinstance(told, dict):  # a log of an earlier version, or an incomplete one
         good = first["outcome"] == Outcome.OK
-        return _Facts(position_step=position_count(np.where(good, first["position"], np.nan)))
+        return _Facts(position_step=position_step(np.where(good, first["position"], np.nan)))
     counts = _above_0(told.get("counts_per_rev"), math.inf)
     return _Facts(
         torque_limit=_above_0(told.get("torque_limit"), math.inf),

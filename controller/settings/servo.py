@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
@@ -223,6 +224,14 @@ class Servo(Section):
     def kind(self) -> Kind:
         """Return the kind of servo behind the servo interface."""
         return backend(self.backend).kind(self.port)
+
+    @property
+    def position_step(self) -> float:
+        """Return the encoder count that is expected [rad]; 0: the position is not quantised.
+
+        Of a real servo nobody configures it: that of a Dynamixel.
+        """
+        return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
 
     def asked(self) -> ServoSettings:
         """This section as a backend takes it.

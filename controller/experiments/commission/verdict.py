@@ -44,7 +44,7 @@ class Question:
             config: With the best known model.
             delay: Result of the step ``delay``; None: the age is an estimate for the bus.
         """
-        step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
+        step = config.servo.position_step
         age = sample_age(config) if delay is None else float(delay["parts"]["age"]["guard"])
         if config.servo.kind != "simulated" or config.loop.clock != "simulated":
             # A run uses the next larger age of its gain schedule.

@@ -88,7 +88,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
             "servo.torque_limit: found nothing, wanted the largest torque the motions may use"
             " [N·m]; set it to the servo's stall torque or less"
         )
-    step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
+    step = config.servo.position_step
     least = max(60.0 * step, 0.02)
     if not least <= reach <= math.pi:
         raise UserError(

@@ -210,7 +210,7 @@ def _contact_report(contact: Contact) -> dict[str, float]:
 def _decision(config: Config, side: Any, limit: float, age: float) -> Decision:  # noqa: ANN401
     """Decide on the wall that a run would command at the measured age."""
     request, period = config.request(), config.period_s
-    step = math.tau / config.servo.counts_per_rev if config.servo.counts_per_rev else 0.0
+    step = config.servo.position_step
     situation = Situation(config.belief(), period, limit, step)
     inserted = config.delay.steps * period
     age = max(age, config.guard.sample_age)

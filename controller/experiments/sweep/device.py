@@ -59,7 +59,6 @@ class Device:
                 "servo.torque_limit: found null, wanted a torque [N·m]: a sweep plans its kicks by"
                 " it; set it, for instance to the servo's stall torque"
             )
-        counts = servo.counts_per_rev if servo.kind != "hardware" else 4096
         return cls(
             inertia=belief.inertia.value / gain.value,
             damping=belief.damping.value / gain.value,
@@ -68,7 +67,7 @@ class Device:
             velocity_samples=config.wall.velocity_samples,
             torque_limit=limit,
             max_speed=config.driven_speed,
-            position_step=2.0 * np.pi / counts if counts else 0.0,
+            position_step=servo.position_step,
             worst=(
                 belief.inertia.low / gain.high,
                 belief.damping.low / gain.high,

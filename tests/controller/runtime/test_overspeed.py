@@ -101,9 +101,9 @@ def test_a_clip_lowers_what_a_spring_can_have_taken():
 
 
 def test_the_limits_come_from_the_no_load_speed_or_from_the_number():
-    xm430 = Facts("XM430", 4096, 4.1, 0.005, True, no_load_speed=4.817)
+    xm430 = Facts("XM430", 4096, 4.1, 0.005, no_load_speed=4.817)
     assert speed_limits(None, xm430, real=True) == pytest.approx((14.45, 3.854), rel=1e-3)
     assert speed_limits(None, xm430, real=False) == pytest.approx((30.0, 3.854), rel=1e-3)
     assert speed_limits(7.0, xm430, real=True) == (7.0, 7.0)
-    unknown = Facts("simulated", 4096, 4.1, 0.005, False)
+    unknown = Facts("simulated", 4096, 4.1, 0.005)
     assert speed_limits(None, unknown, real=False) == (30.0, math.inf)
