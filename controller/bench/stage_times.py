@@ -146,7 +146,7 @@ class StageTimes:
         return timed
 
     def _unheard(self, warm_up: Method) -> Method:
-        """``CacheWarmUp``, whose ticks are none of the loop's."""
+        """Wrap ``CacheWarmUp``, so that its dry-run ticks are not timed."""
         kept = self._ticks, self.inside_ns, self.around_ns
 
         def untimed(cache_warm_up: CacheWarmUp, left_ns: int) -> None:

@@ -1,1 +1,1 @@
-"""The detector: does the wall oscillate by itself, and what is done about it."""
+"""The detector: judges whether the wall oscillates by itself, and answers it."""

@@ -1,7 +1,7 @@
-"""Which torque acted while the servo moved: what was sent, a delay ago, fractions counted too.
+"""Computes the torque that acted while the servo moved: the sent torque, delayed by the lag.
 
-Work is torque times motion, and it is the torque that acts in that period: pairing motion with
-the torque just sent hides what the delay adds.
+Work is acting torque times motion of the same period: combining the motion with the torque just
+sent would hide the effect of the delay.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 
 _SPARE = 64
-"""Periods kept beyond the lag: skipped ones, and a lag that grows a little, need no new memory."""
+"""Periods kept beyond the lag, so that skipped periods and a slightly larger lag need no new
+memory."""
 
 
 class ActingTorque:
-    """Mean torque over the period that ends with the present sample, from the torques sent.
+    """Computes the mean torque over the period that ends with the present sample.
 
     A torque sent with sample k acts from ``lag`` periods after that sample on, until the next one
     does. With lag = n + f (n whole, 0 <= f < 1) the mean over the period that ends with sample k is
@@ -22,7 +23,7 @@ class ActingTorque:
     It counts periods, not calls: over skipped ones the last torque was held.
 
     Args:
-        lag_periods: From a sample to its torque acting, >= 0 [periods].
+        lag_periods: From a sample until its torque acts, >= 0 [periods].
 
     Raises:
         ValueError: The lag is negative or not finite.
@@ -32,7 +33,7 @@ class ActingTorque:
 
     def __init__(self, lag_periods: float) -> None:
         self._ring: list[float] = []
-        self._at = 0  # where the next torque goes
+        self._at = 0  # index of the next torque
         self._last = 0.0
         self.lag = lag_periods
 
@@ -56,20 +57,20 @@ class ActingTorque:
             self._at = 0
 
     def push(self, sent: float, periods: int = 1) -> float:
-        """Mean torque that acted since the sample before; then keep the one sent with this one.
+        """Return the mean torque since the last sample; then store the torque sent with this one.
 
         Args:
             sent: Torque sent with the present sample [N·m].
-            periods: From the sample before to this one, >= 1.
+            periods: From the last sample to this one, >= 1.
         """
         acted = self.acted(periods)
         self.send(sent)
         return acted
 
     def acted(self, periods: int = 1) -> float:
-        """Mean torque from the sample before to the present one [N·m], ``periods`` later.
+        """Return the mean torque from the last sample to the present one [N·m], ``periods`` later.
 
-        To be called once a sample, before ``send``.
+        Call it once a sample, before ``send``.
         """
         if periods > 1:
             return self._skipped(periods)
@@ -80,13 +81,13 @@ class ActingTorque:
         return fraction * ring[newer - 1] + (1.0 - fraction) * ring[newer]
 
     def send(self, torque: float) -> None:
-        """Keep the torque sent with the present sample [N·m]."""
+        """Store the torque sent with the present sample [N·m]."""
         ring, at = self._ring, self._at
         ring[at] = self._last = torque
         self._at = (at + 1) % len(ring)
 
     def _skipped(self, periods: int) -> float:
-        # Beyond the ring's length nothing but the last torque is left: no need to count on.
+        # After more periods than the ring's length only the last torque is left.
         turns = min(periods, len(self._ring) + 1)
         total = 0.0
         for turn in range(turns):

@@ -1,10 +1,11 @@
-"""Notices a wall that moves the shaft by itself, whatever the servo is, and makes it softer.
+"""The backstop: finds a wall that moves the shaft by itself, on any servo, and reduces its gains.
 
-A motion that does not die may be fed by the wall, or made by a hand. The motion alone does not say
-which: a change of the wall does. So the wall is probed: at a turning point elastic torque, the
-limit of that torque, and damping all go down to a quarter. What the wall moves then takes longer:
-twice as long for a linear spring. What a hand moves takes as long as before. Nothing that is
-believed of the servo enters the answer.
+A motion that does not decay may be fed by the wall, or made by a hand. The motion alone does not
+show which; a change of the wall does. So the wall is probed: at a turning point the elastic torque,
+the limit of that torque, and the damping are all reduced to a quarter. A motion that the wall makes
+then becomes
+slower: twice as slow for a linear spring. A hand's motion keeps its period. The result uses no
+belief about the servo.
 """
 
 from __future__ import annotations
@@ -31,38 +32,37 @@ from haptic_wall.controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, S
 from haptic_wall.controller.detector.steady import Steadiness
 
 _PROBED, _PROBED_COUNTS = 0.01745, 10.0
-"""Amplitude from which undying motion is probed: 1° [rad], or in counts of the encoder"""
+"""Amplitude from which a persisting motion is probed: 1° [rad], or in encoder counts"""
 _SMALL, _SMALL_COUNTS = 0.005, 3.0
-"""The same for motion that is suspected, or as even as no hand's"""
+"""The same for suspected motion, or motion more regular than a hand's"""
 PROBE = 0.25
 """Scale of elastic torque, its limit and damping in a probe [1]"""
 _LOADED = 0.24
 """Mean torque over the limit from which a motion is not probed: the probed wall would give way"""
 STEADY = 40
-"""Half-cycles in a row that no hand makes so evenly"""
+"""Consecutive half-cycles that no hand makes so regularly"""
 _LEAST_GAIN = -0.05
-"""Contacts left slower than they were entered, as logarithm of the speeds, die by themselves."""
+"""Contacts with a smaller logarithm of exit over entry speed decay by themselves."""
 _THROWS, _THROWS_LOADED = 3, 12
-"""Contacts in a row that are left clearly faster than entered before they are probed; or before
-they end the run, where the wall must not be probed"""
+"""Consecutive contacts left clearly faster than entered that cause a probe; or that end the run,
+where the wall must not be probed"""
 _BOUNCE = 0.75
 """Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
 _UNPROBED = 20
 """Regular half-cycles that end the run where the wall must not be probed and the servo may have the
 apparent inertia"""
 _CYCLES_EVEN = 2
-"""Ends of half-cycles in a row at which the motion is regular before it is probed"""
+"""Consecutive regular ends of half-cycles that a motion needs before a probe"""
 _UNLIKELY = 10
-"""Regular half-cycles after which a motion is probed though the servo cannot be so light or heavy
-"""
+"""Regular half-cycles that cause a probe although the servo cannot have the apparent inertia"""
 _BEYOND = 8
 """Half-cycles whose largest is compared with that of as many before where they are beyond hands"""
 _HOLD_OFF_S = 10.0
-"""Time for which a motion like the one that a hand made is not probed again"""
+"""Time for which a motion similar to a hand's is not probed again"""
 _OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
-"""Logarithm of the ratio of periods, and growth, from which a motion is not like it"""
+"""Logarithm of the ratio of periods, and growth, from which a motion is not similar"""
 _AGAIN_S = 5.0
-"""A motion that stopped in a probe and is back within this time is the wall's."""
+"""A motion that stopped in a probe and returns within this time is the wall's."""
 _AS_BEFORE = 0.85, 1.25, 1.6
 """Range of the period over that before the alarm in which the alarm was wrong; the upper end for
 the first step, and for later ones"""
@@ -70,49 +70,48 @@ _AS_LARGE = 0.4
 """Amplitude over that before the alarm from which a hand may make the motion: where the torque
 saturated before, what the softer wall keeps up has the same period when it is much smaller."""
 _OWN = 1.3, 2.0, 3.0
-"""Ratio of the period to that before the alarm that leaves no doubt, step by step; a linear spring
-makes it 2, 4 and 8"""
+"""Ratio of the period to that before the alarm that proves the wall's motion, step by step; a
+linear spring makes it 2, 4 and 8"""
 _GOES_ON = 6
-"""Half-cycles of undying motion on the softest wall that are a hand's"""
+"""Half-cycles of persisting motion on the softest wall that prove a hand"""
 _STEPS = 3
 """Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
 _BACKLASH = 4.0
-"""Largest amplitude of a limit cycle that backlash is blamed for, in thresholds"""
+"""Largest amplitude of a limit cycle attributed to backlash, in thresholds"""
 _BETWEEN = 4.0
-"""The wall comes back at so many times the torque where the spring was at rest between two samples
-"""
+"""Factor on the rest torque where the spring was at rest between two samples"""
 _LEAST_STEPS = 2.0
-"""Encoder counts within which the spring is at rest however stiff it is [1]"""
+"""Encoder counts within which the spring is at rest at any stiffness [1]"""
 CYCLES, LONGEST_S = 6.0, 5.0
-"""Time within which a motion must die: cycles of the slowest motion, and at most this long [s]"""
+"""Time within which a motion must decay: cycles of the slowest motion, and at most this long [s]"""
 _HURRY = 0.9
-"""Fraction of that time after which a motion that does not die ends the run"""
+"""Fraction of that time after which a persisting motion ends the run"""
 
 
 class Phase(IntEnum):
-    """Phases of the backstop."""
+    """The state of the backstop."""
 
     WATCHING = 0
     PROBING = 1
     REDUCED = 2
     RETURNING = 3
-    """The wall comes back as soon as its spring is at rest."""
+    """Back-off: the gains return as soon as the wall's spring is at rest."""
 
 
 class Cause(IntEnum):
     """Why the wall was reduced."""
 
     LONGER = 0
-    """A half-cycle took longer in the probe."""
+    """A half-cycle became longer in the probe."""
     STOPPED = 1
-    """The motion stopped in the probe, and somebody suspected the wall, or it came again."""
+    """The motion stopped in the probe, and the wall was suspected, or the motion returned."""
     BEYOND_HANDS = 2
-    """No hand moves a shaft so fast, so sharply, or so evenly."""
+    """No hand moves a shaft so fast, so sharply, or so regularly."""
 
 
 @dataclass(frozen=True, slots=True)
 class BackstopSettings:
-    """When the backstop looks, and what it may do."""
+    """Settings of the backstop: thresholds, and permitted actions."""
 
     period: float
     """T [s]"""
@@ -121,52 +120,52 @@ class BackstopSettings:
     threshold: float
     """Amplitude from which a motion is probed [rad]"""
     small: float
-    """Amplitude from which a suspected or steady motion is [rad]"""
+    """Amplitude from which a suspected or steady motion is probed [rad]"""
     light: float
-    """Least apparent inertia the servo may have, torque as commanded [kg·m²]. With ``heavy`` it
-    only decides how soon a motion is probed."""
+    """Least plausible apparent inertia, in commanded torque [kg·m²]. With ``heavy`` it only decides
+    how soon a motion is probed."""
     heavy: float
-    """Largest one [kg·m²]"""
+    """Largest plausible one [kg·m²]"""
     heaviest: float
-    """Largest inertia that is believed, likewise: the slowest motion that K allows [kg·m²]"""
+    """Largest believed inertia, in commanded torque: decides the slowest motion at K [kg·m²]"""
     rest_torque: float
-    """The wall comes back where the difference of the elastic torques is less [N·m]."""
+    """The gains return where the change of the elastic torque is less [N·m]."""
     torque_limit: float
     """[N·m]"""
     acts: bool = True
-    """It may change the wall; else it only tells."""
+    """It may change the wall; else it only reports."""
     bounces: bool = False
     """It watches contacts, not half-cycles."""
     unprobed: int = STEADY
-    """Regular half-cycles after which a motion that may not be probed counts as steady"""
+    """Regular half-cycles after which a motion that must not be probed counts as steady"""
 
 
 def sizes(position_step: float) -> tuple[float, float]:
-    """``threshold`` and ``small`` [rad] for an encoder count [rad]; 0: the encoder has none."""
+    """Return ``threshold`` and ``small`` [rad] for an encoder count [rad]; 0: no encoder step."""
     if not position_step:
         return _PROBED, _SMALL
     return _PROBED_COUNTS * position_step, _SMALL_COUNTS * position_step
 
 
 class Backstop:
-    """Sees what repeats, probes the wall, reduces it, and gives up.
+    """Finds persisting motion, probes the wall, reduces it, and gives up if that fails.
 
     Attributes:
-        phase: What it does.
+        phase: Its state.
         stiffness_scale: Of the elastic torque and of its limit [1].
         damping_scale: Of the damping [1].
         alarm: The wall feeds the motion.
-        steady: The motion repeats as evenly as no hand's; or it is regular, and may not be probed.
+        steady: The motion is more regular than a hand's; or it is regular, and must not be probed.
         failed: Reducing does not help: the run must end.
-        moved: Probes that found a hand.
-        probes: All probes.
-        reductions: Alarms.
-        returned: Alarms that were found wrong; what they took was given back.
-        suspected: Somebody else has reduced the wall, and wants to know whether the wall moves the
-            shaft: the next motion is probed. May be set at any time.
+        moved: Number of probes that found a hand.
+        probes: Number of probes.
+        reductions: Number of alarms.
+        returned: Number of wrong alarms, whose reduction was undone.
+        suspected: The caller has reduced the wall, and asks whether the wall moves the shaft: the
+            next motion is probed. May be set at any time.
         small_cycle: The last alarm was about a steady motion below the threshold.
-        backlash: What was last answered was a motion of a few degrees at most that neither grew nor
-            saturated the torque: a limit cycle of backlash, most likely.
+        backlash: The last answered motion was small and neither grew nor saturated the torque: most
+            likely a limit cycle of backlash.
     """
 
     __slots__ = (
@@ -207,11 +206,11 @@ class Backstop:
     )
 
     def __init__(self, settings: BackstopSettings, motion: Repeated) -> None:
-        """Begin to watch.
+        """Start to watch.
 
         Args:
-            settings: When it looks, and what it may do.
-            motion: What has been seen of the motion; whoever updates it says so to ``ended``.
+            settings: Thresholds and permitted actions.
+            motion: The observed motion; its owner reports each end to ``update``.
         """
         self._settings = settings
         self._motion = motion
@@ -234,7 +233,7 @@ class Backstop:
         """Take a sample.
 
         Args:
-            span: Time since the sample before [s].
+            span: Time since the last sample [s].
             elongation: Of the wall's spring, either sign [rad].
             stiffness: K without this object's scale [N·m/rad].
             ended: A half-cycle, or a contact, has ended.
@@ -262,11 +261,11 @@ class Backstop:
                 self._probe_what_throws()
 
     def _return(self, elongation: float, last: float) -> None:
-        """Give the wall back if its spring is at rest.
+        """Restore the gains if the wall's spring is at rest.
 
         Args:
             elongation: Of the spring [rad].
-            last: At the sample before; a fast motion is at rest between two samples [rad].
+            last: At the last sample; a fast motion is at rest between two samples [rad].
         """
         missing = abs((1.0 - self.stiffness_scale) * self._stiffness * elongation)
         most = self._settings.rest_torque
@@ -278,21 +277,21 @@ class Backstop:
             self._whole = -1  # the present half-cycle began on a softer wall
 
     def raise_again(self) -> None:
-        """Give back what was taken, as soon as the spring is at rest, and begin to watch anew."""
+        """Restore the gains as soon as the spring is at rest, and restart the watch."""
         self.phase = Phase.RETURNING
         self.alarm = self.small_cycle = self.suspected = False
         self._hands = self._stop = NEVER
         self._streak = 0
 
     def resume(self) -> None:
-        """Begin to watch anew after a pause; what an alarm took stays taken."""
+        """Restart the watch after a pause; reductions stay."""
         self._streak = self._count = 0
         self.alarm = False
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
 
     def _ended(self) -> None:
-        """Take notice that a half-cycle, or a contact, has ended."""
+        """Process the end of a half-cycle or contact."""
         motion, settings = self._motion, self._settings
         self._count += 1
         size = min(motion.amplitude, motion.amplitude_2)
@@ -321,7 +320,7 @@ class Backstop:
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
     def _watch(self, size: float) -> None:
-        """Answer a motion that is regular and does not die.
+        """React to a regular motion that does not decay.
 
         Args:
             size: Smaller amplitude of the last two half-cycles [rad].
@@ -342,7 +341,7 @@ class Backstop:
             self.alarm = False
 
     def _goes_on_beyond_hands(self) -> bool:
-        """Whether a motion that is no hand's goes on, regular or not: that of two modes is not."""
+        """Whether a motion beyond hands persists, regular or not: that of two modes is not."""
         seen = sighting(self._motion, self._time)
         if not self._beyond_hands(seen):
             self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
@@ -356,7 +355,7 @@ class Backstop:
         return goes_on
 
     def _consider(self) -> None:
-        """Decide what a regular motion that does not die is answered with."""
+        """Decide how to react to a regular motion that does not decay."""
         motion, settings = self._motion, self._settings
         self._begun = self._since
         self._settled = is_limit_cycle(motion, settings.torque_limit)
@@ -374,7 +373,7 @@ class Backstop:
                 self.failed = True  # a softer wall would give way
         elif self._held_off(seen):
             if self.steady and seen.amplitude >= settings.threshold:
-                self._alarm(Cause.BEYOND_HANDS)  # no hand is so even
+                self._alarm(Cause.BEYOND_HANDS)  # no hand is so regular
         elif (
             self.steady
             or self._streak >= _UNLIKELY
@@ -383,10 +382,10 @@ class Backstop:
             self._ask(within=False)
 
     def _probe_a_suspicion(self, *, begun: bool) -> None:
-        """Probe a motion as soon as somebody suspects the wall.
+        """Probe a motion as soon as the wall is suspected.
 
         Args:
-            begun: A half-cycle has begun some time ago; its length will say little.
+            begun: A half-cycle has begun some time ago; its length is no evidence.
         """
         motion, settings = self._motion, self._settings
         known = min(motion.known, self._whole)
@@ -408,7 +407,7 @@ class Backstop:
         self._ask(within=begun)
 
     def _probe_what_throws(self) -> None:
-        """Probe a wall that throws the shaft back, contact by contact, however regular it is."""
+        """Probe a wall that returns the shaft faster, contact by contact, regular or not."""
         seen = sighting(self._motion, self._time)
         if (
             not self._settings.acts
@@ -435,17 +434,17 @@ class Backstop:
 
     @property
     def _loaded(self) -> bool:
-        """Whether the wall holds up a load that would push through the wall of a probe."""
+        """Whether the wall holds a load that would push through the probed wall."""
         return self._gives_way(0)
 
     def _gives_way(self, steps: int) -> bool:
-        """Whether the load would push through a wall that goes down from so many steps."""
+        """Whether the load would push through a wall reduced from so many steps."""
         limit = PROBE**steps * self._settings.torque_limit
         return abs(self._motion.load) > _LOADED * limit
 
     @property
     def _softest(self) -> bool:
-        """Whether the reduced wall cannot go down any further, or would give way to its load."""
+        """Whether the wall cannot be reduced further, or would give way to its load."""
         return self._step >= _STEPS or self._gives_way(self._step)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
@@ -453,7 +452,7 @@ class Backstop:
         return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude, pull)
 
     def _held_off(self, seen: Sighting) -> bool:
-        """Whether a hand was found to make a motion like this one not long ago."""
+        """Whether a hand was recently found to make a similar motion."""
         hands = self._hands
         return (
             seen.at - hands.at < _HOLD_OFF_S
@@ -462,14 +461,14 @@ class Backstop:
         )
 
     def _ask(self, *, within: bool) -> None:
-        """Begin a probe; ``within`` a half-cycle that has begun before."""
+        """Start a probe; ``within`` a half-cycle that has begun before."""
         self.phase = Phase.PROBING
         self.probes += 1
         self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self.damping_scale = PROBE
 
     def _answer(self, verdict: Verdict) -> None:
-        """Do what follows from a probe."""
+        """React to the verdict of a probe."""
         if verdict == Verdict.WALL:
             self._alarm(Cause.LONGER)
         elif verdict == Verdict.STOPPED:
@@ -480,9 +479,9 @@ class Backstop:
             self.phase = Phase.RETURNING
 
     def _stopped(self) -> None:
-        """Take notice that the motion has stopped in the probe.
+        """Process a motion that has stopped in the probe.
 
-        It was the wall's if somebody suspected that, or if it comes again and stops again.
+        It was the wall's if that was suspected, or if it returns and stops again.
         """
         before = self._probe.before
         again = self._time - self._stop.at < _AGAIN_S and alike(
@@ -493,12 +492,12 @@ class Backstop:
             return
         self._stop = before._replace(at=self._time)
         if before.amplitude < self._settings.threshold and not self.suspected:
-            self.backlash = self._settled  # it was as even as a machine's
+            self.backlash = self._settled  # it was as regular as a machine's
         self.suspected = False
         self.phase = Phase.RETURNING
 
     def _alarm(self, cause: Cause) -> None:
-        """Reduce the wall; damping stays where the probe took longer: the spring is to blame."""
+        """Reduce the wall; keep the damping if the probe took longer: the spring is the cause."""
         self.reductions += not self.alarm
         self.alarm = True
         self.suspected = False
@@ -514,7 +513,7 @@ class Backstop:
         self.damping_scale = PROBE if cause == Cause.STOPPED else 1.0
 
     def _judge(self, undying: bool) -> None:
-        """Go on reducing a motion that does not die; give the wall back if a hand makes it."""
+        """Continue to reduce a persisting motion; restore the gains if a hand makes it."""
         motion, settings = self._motion, self._settings
         size = min(motion.amplitude, motion.amplitude_2)
         if size < (settings.small if self.small_cycle else settings.threshold):
@@ -546,7 +545,7 @@ class Backstop:
             self._count = 0
 
     def _hand_after_all(self, seen: Sighting) -> bool:
-        """Whether the reduced wall is moved as fast and about as far as before, as by a hand.
+        """Whether the motion on the reduced wall is as fast and about as large as a hand's.
 
         Args:
             seen: The motion now.
@@ -565,7 +564,7 @@ class Backstop:
         )
 
     def _own(self, seen: Sighting) -> bool:
-        """Whether there is no doubt that the wall makes this motion.
+        """Whether the wall certainly makes this motion.
 
         Args:
             seen: The motion now.
@@ -580,32 +579,32 @@ class Backstop:
         return self.steady
 
     def _is_last(self) -> bool:
-        """Whether there is nothing left to reduce, or no time."""
+        """Whether no further reduction is possible, or no time is left."""
         return self._softest or (not self._settings.bounces and self._late())
 
     def _late(self) -> bool:
-        """Whether the time within which the motion must die is running out."""
+        """Whether the time within which the motion must decay is nearly over."""
         return self._time - self._begun > _HURRY * min(CYCLES * self._slowest, LONGEST_S)
 
     @property
     def _slowest(self) -> float:
-        """Period of the slowest motion that K allows [s]."""
+        """Return the period of the slowest motion at K [s]."""
         stiffness = self._stiffness
         return math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
 
     def _died(self) -> None:
-        """Take notice that the reduced wall is at rest; the next motion has its own time."""
+        """Process the rest of the reduced wall; the next motion has its own time."""
         self.alarm = False
         self._begun = self._time
 
     def _was_wrong(self) -> None:
-        """Take the alarm back."""
+        """Undo the alarm."""
         self.alarm = self.small_cycle = self.backlash = False
         self.returned += 1
         self._somebody_moves_it()
 
     def _somebody_moves_it(self) -> None:
-        """Give the wall back, and leave this motion alone for a while."""
+        """Restore the gains, and ignore this motion for a while."""
         self.moved += 1
         self.suspected = False
         self._hands = self._probe.before._replace(at=self._time)

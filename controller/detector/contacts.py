@@ -1,42 +1,41 @@
-"""Cuts the motion at a wall that never pulls into contacts, without any belief about the servo."""
+"""Divides the motion at a one-sided wall into contacts, without any belief about the servo."""
 
 from __future__ import annotations
 
 import math
 
 _GATE_COUNTS, _GATE = 8.0, 0.005
-"""The speeds before and after a contact are taken between the surface and a gate so far outside of
-it: in counts of the encoder; without one [rad]"""
+"""The speeds before and after a contact are measured between the surface and a gate this far
+outside: in encoder counts; without an encoder step [rad]"""
 _SMOOTH = 0.4
 """Fraction of a new gain in the smoothed one"""
 _THROWN = 0.2
-"""Logarithm of the exit speed over the entry speed from which the wall throws the shaft back: hands
-seldom leave three contacts in a row so fast"""
+"""Logarithm of exit over entry speed from which the wall returns the shaft faster: hands seldom
+leave three consecutive contacts so fast"""
 _FINEST = 1e-6
-"""Depth of the least contact, where the encoder has no steps [rad]: a motion of no energy divides
-by nothing."""
+"""Depth of the least contact without an encoder step [rad]: avoids a division by zero."""
 
 
 class Contacts:
     """The last four contacts with a one-sided wall, each from entry to exit.
 
-    It has the attributes of ``HalfCycles``, so that the same questions can be asked of both. The
-    spring's elongation is zero at both ends of a contact, so the apparent inertia is found as
-    there, with the depth for the distance.
+    It has the attributes of ``HalfCycles``, so that both can be judged alike. The spring's
+    elongation is zero at both ends of a contact, so the apparent inertia is computed as there, with
+    the depth for the distance.
 
     Attributes:
-        known: Contacts seen since the start.
+        known: Contacts since the start.
         duration: Of the last one [s]; ``duration_2`` to ``duration_4``: of those before it.
         amplitude: Greatest depth in it [rad]; likewise.
         inertia: Apparent inertia in it [kg·m²]; ``inertia_2``: in the one before.
         pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; likewise.
         elapsed: Since the last contact ended [s].
         interval: Between the ends of the last two contacts [s].
-        load: Mean torque over that time [N·m]: what the wall holds up.
+        load: Mean torque over that time [N·m]: the load that the wall holds.
         gain: Logarithm of the exit speed over the entry speed, smoothed over some two contacts. A
-            contact whose speeds are not known counts as 0: what an earlier, larger motion did says
-            nothing about one that stays within the gate.
-        gaining: Contacts in a row that were left clearly faster than they were entered.
+            contact with unknown speeds counts as 0: an earlier, larger motion is no evidence about
+            one that stays within the gate.
+        gaining: Consecutive contacts that were left clearly faster than they were entered.
     """
 
     __slots__ = (
@@ -74,15 +73,15 @@ class Contacts:
     )
 
     def __init__(self, position_step: float) -> None:
-        """Begin with nothing known.
+        """Start with no contact.
 
         Args:
             position_step: Encoder count [rad]; 0: none. A contact is at least one deep.
         """
         self._least = position_step or _FINEST
         self._gate = _GATE_COUNTS * position_step if position_step else _GATE
-        # Times since the gate was passed on the way in, and the surface on the way out, and what
-        # the last way in took; NaN: none [s].
+        # Times since passing the gate inward and the surface outward, and the duration of the last
+        # way in; NaN: none [s].
         self._way_in = self._way_out = self._took = math.nan
         self.gain = 0.0
         self.gaining = 0
@@ -98,12 +97,12 @@ class Contacts:
         self.elapsed = self.interval = 0.0
 
     def update(self, depth: float, torque: float, span: float) -> bool:
-        """Take a sample; whether a contact has ended with it.
+        """Take a sample; return whether a contact has ended with it.
 
         Args:
             depth: Inside the wall where positive [rad].
-            torque: Commanded since the sample before, positive toward greater depth [N·m].
-            span: Time since the sample before [s].
+            torque: Commanded since the last sample, positive toward greater depth [N·m].
+            span: Time since the last sample [s].
         """
         before, self._last = self._last, depth
         moved = depth - before
@@ -133,12 +132,12 @@ class Contacts:
         return True
 
     def _pass(self, before: float, depth: float, slowness: float) -> None:
-        """Take the times at which gate and surface are passed, between the samples.
+        """Compute when gate and surface were passed, between the samples.
 
-        Times count from the sample before; the caller adds what has passed since.
+        Times count from the last sample; the caller adds the time since.
 
         Args:
-            before: Depth at the sample before [rad].
+            before: Depth at the last sample [rad].
             depth: Depth now [rad].
             slowness: Time over distance between them, signed [s/rad].
         """
@@ -157,14 +156,14 @@ class Contacts:
             self._way_out = before * slowness
         if depth <= gate < before:
             took = self._way_out + (gate - before) * slowness
-            if took > 0.0 and self._took > 0.0:  # also false where either is not known
+            if took > 0.0 and self._took > 0.0:  # also false where either is NaN
                 gain = math.log(self._took / took)
                 self.gain += _SMOOTH * (gain - self.gain)
                 self.gaining = self.gaining + 1 if gain > _THROWN else 0
             self._way_in = self._way_out = self._took = math.nan
 
     def _keep(self) -> None:
-        """Keep the contact that has just ended."""
+        """Store the contact that has just ended."""
         self.duration_4, self.amplitude_4 = self.duration_3, self.amplitude_3
         self.duration_3, self.amplitude_3 = self.duration_2, self.amplitude_2
         self.duration_2, self.amplitude_2 = self.duration, self.amplitude

@@ -1,4 +1,4 @@
-"""The detector over a record: what it would have said at every sample."""
+"""Runs the detector over a record: computes its result at every sample."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from haptic_wall.controller.detector.own_motion import OwnMotion
 Array = NDArray[np.float64]
 
 LONGEST_GAP_S = 0.05
-"""After a longer gap the motion is looked at anew: turning points may have passed unseen."""
+"""After a longer gap the detector restarts: turning points may be missing."""
 _LEAST_STEPS = 20
-"""Differences that must be multiples of the smallest before it is taken for a count."""
+"""Number of differences that must be multiples of the smallest for it to be a count."""
 _ROUNDING = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionRecord:
-    """What was seen at every sample; arrays of one length."""
+    """The detector's results at every sample; arrays of one length."""
 
     state: NDArray[np.int8]
     """``State`` values"""
@@ -38,10 +38,9 @@ class DetectionRecord:
     alarm: NDArray[np.bool_]
     """Whether the wall feeds a sustained or growing oscillation"""
     worst: State
-    """The worst state of all"""
+    """The worst state"""
     worst_at: int
-    """Sample from which its frequency, amplitude and growth are best taken: the largest amplitude
-    in that state"""
+    """Sample of the largest amplitude in that state"""
     first_alarm_s: float
     """Time of the first alarm, on the record's own clock [s]; NaN: none"""
 
@@ -55,7 +54,7 @@ class DetectionRecord:
         growth: Array,
         alarm: NDArray[np.bool_],
     ) -> DetectionRecord:
-        """The record of samples, its worst state and its first alarm looked up.
+        """Return the record of samples, with its worst state and its first alarm.
 
         Args:
             times: Of the samples [s], shape (n,).
@@ -73,18 +72,18 @@ class DetectionRecord:
 
 @dataclass(frozen=True, slots=True)
 class KnownWall:
-    """What is known of the wall that was rendered; NaN: not known."""
+    """Known parameters of the rendered wall; NaN: not known."""
 
     stiffness: ArrayLike = math.nan
     """Commanded K, one value or one a sample [N·m/rad]"""
     virtual_damping: float = 0.0
     """Commanded B [N·m·s/rad]"""
     surface: float = math.nan
-    """Where it stands [rad]"""
+    """Position of its surface [rad]"""
     side: int = 0
     """0: two-sided; +1 or -1: it fills the positions above or below, and never pulls"""
     inserted: float = 0.0
-    """From a sample to the torque that was computed from it being commanded [s]"""
+    """Inserted delay, from a sample to commanding its torque [s]"""
 
 
 def detect(
@@ -100,15 +99,15 @@ def detect(
     """Run the detector over a record.
 
     Args:
-        times: Of the samples, increasing, shape (n,) [s]. Samples that are missing count as periods
-            not seen; after a gap of more than 50 ms the motion is looked at anew.
-        positions: Shape (n,) [rad]; where NaN the sample is left out.
+        times: Of the samples, increasing, shape (n,) [s]. Missing samples count as skipped periods;
+            after a gap of more than 50 ms the detector restarts.
+        positions: Shape (n,) [rad]; samples with NaN are skipped.
         torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: at none.
-        settings: What is known of the servo; its period is the grid's. Without a position step it
-            is taken from the record, if there is one.
-        lag: From a sample to its torque acting, >= 0 [s].
+        settings: Known values of the servo; its period is the grid's. A missing position step is
+            estimated from the record, if it has one.
+        lag: From a sample until its torque acts, >= 0 [s].
         stiffness: As in ``wall``, where nothing else is known.
-        wall: What is known of the wall.
+        wall: Known parameters of the wall.
 
     Raises:
         ValueError: The lengths differ, or times do not increase.
@@ -149,14 +148,14 @@ def detect(
         frequency[k], amplitude[k] = detector.frequency_hz, detector.amplitude
         growth[k] = detector.growth
         if (own.alarm or own.steady) and state[k] < State.SUSTAINED:
-            # What the believed values do not explain, but no hand does either.
+            # Motion that neither the believed values nor a hand explains.
             state[k] = State.GROWING if own.alarm else State.SUSTAINED
             frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
     return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
 
 
 def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
-    """Sees motion that no hand makes, whatever the servo is; a record cannot be probed."""
+    """Return the watch for motion beyond hands, on any servo; a record cannot be probed."""
     step = settings.position_step
     step = step if step > 0.0 else 0.0
     threshold, small = sizes(step)
@@ -184,14 +183,14 @@ def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detect
 
 
 def position_step(positions: Array) -> float:
-    """The encoder's count, if all positions stand apart by multiples of one [rad]; else 0."""
+    """Return the encoder count if all positions differ by multiples of one [rad]; else 0."""
     steps = np.abs(np.diff(positions[np.isfinite(positions)]))
     steps = steps[steps > _ROUNDING * np.max(steps, initial=0.0)]
     if steps.size < _LEAST_STEPS:
         return 0.0
-    # Files are rounded to some digits, so the smallest difference is known to so many only.
+    # Files are rounded to some digits, which limits the precision of the smallest difference.
     smallest = float(np.median(steps[steps < 1.5 * steps.min()]))
     counts = steps[steps < 20.0 * smallest] / smallest
     whole = bool(np.mean(np.abs(counts - np.rint(counts)) < 0.1) > 0.99)
-    # Without an encoder the smallest is far below most.
+    # Without an encoder step the smallest difference is far below most others.
     return smallest if whole and counts.size > 0.5 * steps.size else 0.0

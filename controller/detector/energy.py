@@ -1,56 +1,57 @@
-"""What the wall gives out and friction eats, with room for a belief that is wrong by a fifth.
+"""Judges from energy whether the wall feeds a motion, with tolerance for beliefs wrong by a fifth.
 
-The wall's energy is a property of the motion and the wall, whoever moves: on the way from one point
-to another a spring gives back what it took, a damper takes more, and delay gives out. So a wall
-that gives out more than friction eats is too stiff, with a hand on it or without.
+The wall's energy depends on the motion and the wall only, not on the source of the motion: on the
+way from one point to another a spring returns what it took, a damper takes more, and delay gives
+energy. So a wall that gives more than friction dissipates is too stiff, with or without a hand on
+it.
 
-Whether somebody moves it is told by what is left over: over a swing the torque's work pays for
-friction, and its moment for the inertia, unless a hand pays too.
+A hand shows in the remainder: over a half-cycle the torque's work equals the friction's, and its
+moment that of the inertia, unless a hand acts too.
 
-Source: condition on work after Hannaford and Ryu, IEEE T-RA 18(1), 2002, with the torque that acts.
+Source: condition on work after Hannaford and Ryu, IEEE T-RA 18(1), 2002, with the acting torque.
 """
 
 from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.detector.swings import Sums, Swing
+from haptic_wall.controller.detector.half_cycle_sums import HalfCycle, Sums
 
 _FRICTION_ROOM = 0.3
-"""Share by which friction may be larger than believed."""
+"""Fraction by which friction may exceed its belief."""
 _DELAY_ROOM = 0.15
-"""Share of ``K t_d`` by which damping that balances it may be larger: with a delay that is believed
-a fifth too long, a wall at nine tenths of its limit seems to give out nearly a tenth."""
+"""Tolerance for the damping that balances the delay, as a fraction of ``K t_d``: with a believed
+delay a fifth too long, a wall at nine tenths of its limit seems to give nearly a tenth of its
+energy."""
 _CLEAR = 0.06
-"""What must be left then, of the energy in the motion."""
+"""Least excess, as a fraction of the motion's energy."""
 _COUNTS = 0.6
-"""And of what a count's spring torque works on the way: a motion of less than a count per delay
-seems to be given so much, because each count's torque acts after the count."""
+"""Least excess, as a fraction of the work of one count's spring torque: each count's torque acts
+after the count, so that a motion of less than a count per delay seems to get this much."""
 _FEWEST = 2.5
-"""Periods to have passed first: a turning point that no sample has met is known to one."""
+"""Periods that must have passed first: a turning point between samples is known to one period."""
 _WRONG = 0.3
-"""Share of a believed value by which the true one may be larger: a fifth too low, and some more."""
+"""Fraction by which a true value may exceed its belief: a fifth, and some more."""
 _LIGHTEST, _HEAVIEST, _MASS_COUNTS = 1.0 / 1.3, 1.4, 1.0
-"""Inertia that a motion may seem to have, of the believed one: that a fifth too high, and too low,
-and what damping that acts late adds to it while it grows fast; the third per amplitude in counts"""
+"""Range of the apparent over the believed inertia: a belief a fifth off, and the effect of delayed
+damping on a fast-growing motion; the third per amplitude in counts"""
 _LOSS_ROOM, _LOSS_COUNTS = 0.02, 0.35
-"""Room for what is not a belief: the filter's and the encoder's share, per amplitude in counts."""
+"""Tolerance for the filter and the encoder; the second per amplitude in counts."""
 
 
 class EnergyBalance:
-    """Judges what a motion costs, and who pays.
+    """Judges the energy of a motion, and its source.
 
     Attributes:
-        surface: Where the wall stands [rad]; NaN: not known.
+        surface: Position of the wall [rad]; NaN: not known.
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
-        lag: Believed delay from a sample to its torque acting [s].
-        moves: Whether the torque's moment was what this servo's inertia needed, in the last swing.
-        pays: Whether its work was what friction takes: nobody else paid, and nobody took.
-        share: Inertia that the torque seems to have moved, of the believed one.
-        left: Work that it did beyond friction's, as a damping over ``m ω``; 0 without the inertia.
-        growth: Of the oscillation, from what the wall has last given out too much [1/s]; NaN: it
-            has not.
+        lag: Believed delay from a sample until its torque acts [s].
+        moves: The torque's moment was that of this servo's inertia, in the last half-cycle.
+        pays: Its work was that of friction: there was no other source or sink.
+        share: Apparent over believed inertia.
+        left: Its work beyond friction's, as a damping over ``m ω``; 0 without the inertia.
+        growth: Of the oscillation, from the last excess energy of the wall [1/s]; NaN: none.
     """
 
     __slots__ = (
@@ -82,7 +83,7 @@ class EnergyBalance:
         position_step: float,
         limit: float,
     ) -> None:
-        """What is believed of the servo; see ``DetectorSettings``."""
+        """Take the believed values of the servo; see ``DetectorSettings``."""
         self._period = period
         self._inertia = inertia
         self._damping = 0.0 if math.isnan(damping) else damping
@@ -110,11 +111,11 @@ class EnergyBalance:
 
     @property
     def natural(self) -> float:
-        """Angular frequency of the undamped oscillation [rad/s]; NaN: not known."""
+        """Return the angular frequency of the undamped oscillation [rad/s]; NaN: not known."""
         return self._natural
 
     def potential(self, position: float) -> float:
-        """Energy in the wall's spring, its torque limited [J]; NaN: not known."""
+        """Return the energy in the wall's spring, its torque limited [J]; NaN: not known."""
         depth = position - self.surface
         if self.side:
             depth *= self.side
@@ -128,12 +129,12 @@ class EnergyBalance:
         return 0.5 * stiffness * depth * depth
 
     def gives_out(self, now: Sums, since: Sums, way: float, speed: float) -> bool:
-        """Whether the wall has given out clearly more since a turning point than friction eats.
+        """Whether the wall has given clearly more since a turning point than friction dissipates.
 
         Args:
             now: The sums to the present.
-            since: Those to a turning point before; with a wall that never pulls, the one before
-                the last: it gives back on the way out what it has taken on the way in.
+            since: Those to an earlier turning point; with a one-sided wall, the one before the
+                last: it returns on the way out what it has taken on the way in.
             way: From there to here [rad].
             speed: Present velocity [rad/s].
         """
@@ -147,49 +148,52 @@ class EnergyBalance:
         given = now[2] - since[2] + self.potential(now[0]) - stored
         late = self._stiffness * self.lag
         left = given - (1.0 + _FRICTION_ROOM) * lost - _DELAY_ROOM * late * square
-        # A damper that acts late lends energy in mid-swing, as if the body were lighter; to second
-        # order in the delays of hold and difference, too.
+        # A delayed damper gives energy in the middle of a half-cycle, as if the body were lighter;
+        # hold and difference add to it in second order.
         spring, damper = self.lag + 0.5 * self._period, self.lag + self._period
         lent = self.virtual_damping * damper - 0.5 * self._stiffness * spring * spring
         if lent > 0.0:
             left -= 0.5 * lent * speed * speed
-        # Over a whole swing either term is the energy of the oscillation.
+        # Over a whole half-cycle both terms are the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
         if not left > _CLEAR * energy + _COUNTS * self._stiffness * step * way:
-            return False  # also where the surface is not known, and so nothing of all this
+            return False  # also where the surface is not known
         self.growth = 0.5 * (given - lost) / (energy * elapsed)
         return True
 
-    def gave(self, swing: Swing) -> bool:
-        """Whether over this whole swing the wall gave out more than friction is believed to eat."""
-        lost = self._damping * swing.square + self._coulomb * swing.path
-        return swing.work + self.potential(swing.end) - self.potential(swing.start) > lost
+    def gave(self, half_cycle: HalfCycle) -> bool:
+        """Whether over this whole half-cycle the wall gave more than the believed friction."""
+        lost = self._damping * half_cycle.square + self._coulomb * half_cycle.path
+        return (
+            half_cycle.work + self.potential(half_cycle.end) - self.potential(half_cycle.start)
+            > lost
+        )
 
-    def judge(self, swing: Swing, before: Swing | None) -> None:
-        """Judge what moves the servo over this swing, and who pays for it.
+    def judge(self, half_cycle: HalfCycle, before: HalfCycle | None) -> None:
+        """Judge what moves the servo over this half-cycle, and the source of its energy.
 
-        Both are asked of this swing and the one before together where that is known: a steady push
-        then pays next to nothing, and it is as large as the torque's mean, since the velocity
-        starts and ends at zero. Against a wall that never pulls a servo returns only if something
-        pushes it, and there a swing by itself says nothing.
+        Both are computed for this half-cycle and the one before together where that is known: a
+        steady push then does nearly no work, and equals the mean torque, since the velocity starts
+        and ends at zero. From a one-sided wall a servo returns only if a push acts, and there a
+        single half-cycle is no evidence.
 
         Sets ``moves``, ``pays``, ``share`` and ``left``.
 
         Args:
-            swing: The one that has just ended.
+            half_cycle: The one that has just ended.
             before: The one before it; None: not known.
         """
-        work, square, path = swing.work, swing.square, swing.path
-        duration, speed = swing.duration, math.pi / swing.duration
-        moment = swing.virial
+        work, square, path = half_cycle.work, half_cycle.square, half_cycle.path
+        duration, speed = half_cycle.duration, math.pi / half_cycle.duration
+        moment = half_cycle.virial
         if before is not None:
             duration += before.duration
             square += before.square
             path += before.path
-            impulse = swing.impulse + before.impulse
-            moment = swing.moment + before.moment
-            moment -= impulse * (swing.area + before.area) / duration
-            work += before.work - impulse / duration * (swing.end - before.start)
+            impulse = half_cycle.impulse + before.impulse
+            moment = half_cycle.moment + before.moment
+            moment -= impulse * (half_cycle.area + before.area) / duration
+            work += before.work - impulse / duration * (half_cycle.end - before.start)
             if not self.side:
                 speed = 2.0 * math.pi / duration
         elif self.side:
@@ -197,7 +201,7 @@ class EnergyBalance:
             return
         seems, known = -moment / square, not math.isnan(self._inertia)
         inertia = self._inertia if known else abs(seems)
-        fine = self._step / swing.amplitude
+        fine = self._step / half_cycle.amplitude
         self.share = seems / inertia if inertia > 0.0 else 0.0
         self.moves = _LIGHTEST - _MASS_COUNTS * fine < self.share < _HEAVIEST + _MASS_COUNTS * fine
         # As dampings, all of them [N·m·s/rad].
@@ -207,5 +211,5 @@ class EnergyBalance:
         late = scale * speed * self.lag  # K t_d, at the frequency that this is
         room = _WRONG * (lost + late) + (_LOSS_ROOM + _LOSS_COUNTS * fine) * scale
         self.left = left / scale if known else 0.0
-        # Friction that is not known is paid for as well.
+        # The torque also supplies unknown friction.
         self.pays = left > -room and (left < room or not known)

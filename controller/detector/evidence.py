@@ -1,7 +1,6 @@
-"""Evidence of who makes a motion, the wall or a hand: pure questions, with their thresholds.
+"""Evidence on the source of a motion, the wall or a hand: pure functions, with their thresholds.
 
-The thresholds of what hands do, and of what a probe shows, are measured: docs/detector-table.md
-says how often they are wrong.
+The thresholds for hands and probes are measured: docs/detector-table.md gives their error rates.
 """
 
 from __future__ import annotations
@@ -12,50 +11,50 @@ from typing import NamedTuple
 from haptic_wall.controller.detector.half_cycles import Repeated
 
 KEPT = 0.98
-"""A motion that does not die keeps this fraction of its amplitude over a cycle."""
+"""Least fraction of the amplitude that a persisting motion keeps over a cycle."""
 DYING = 0.95
-"""Ratio of amplitudes over a cycle in a motion that dies"""
+"""Ratio of amplitudes over a cycle in a decaying motion"""
 _SAME_PERIOD = 0.12
 """Largest logarithm of the ratio of durations in a regular motion"""
 _SATURATED, _SATURATED_PERIOD = 0.55, 0.3
 """Fraction of the torque limit that is the mean pull of a saturated motion, and its tolerance:
 such a motion lengthens while it grows"""
 _FASTER_THAN_HANDS_HZ, _SHARPER_THAN_HANDS = 15.0, 700.0
-"""No hand moves a shaft to and fro by a degree as fast as this, nor turns it around with such an
+"""No hand moves a shaft to and fro by a degree as fast as this, nor reverses it with such an
 acceleration [rad/s²]: 0.5 rad to either side at 6 Hz, 0.1 rad at 13 Hz"""
 _POWERFUL = 40.0 * 7.0**3
-"""Nor does a hand give the wall more power than this over the cube of the frequency [W·Hz³]: 40 W
-at 7 Hz, 14 W at 10 Hz. The alternating torque of a muscle, and the way that the mass of a hand then
-goes, both fall with the frequency. In thirty hours the operators of the tables gave up to 23 W."""
+"""Largest power of a hand on the wall times the cube of the frequency [W·Hz³]: 40 W at 7 Hz, 14 W
+at 10 Hz. The alternating torque of a muscle, and the motion of a hand's mass under it, both fall
+with the frequency. In thirty hours the operators of the tables gave up to 23 W."""
 _FIRST, _SECOND, _BOTH = 1.05, 1.40, 2.6
 """The wall moves the shaft if the first and the second half-cycle of a probe, and their sum, are
 longer than this; relative to the half-cycles before"""
 _CONTACT, _CONTACTS = 1.6, 3.5
-"""The same of the two contacts of a probe: least ratio of each, and of their sum. A hand's contact
-lasts longer at a softer wall too, but not that much."""
+"""The same for the two contacts of a probe: least ratio of each, and of their sum. A hand's contact
+is also longer at a softer wall, but not that much."""
 _GROWN, _FIRST_GROWN = 1.3, 1.25
 """Growth from which the first one must be longer: a hand meets less resistance in the probe"""
 _EXPLAINED, _EACH, _SUM = 0.78, 1.1, 2.4
-"""Or if both are a little longer, by each and by the sum, while the torque explains the motion to
-so much of the apparent inertia, and the amplitude has not grown"""
+"""Or if both are a little longer, by each and by the sum, while the torque explains this fraction
+of the apparent inertia, and the amplitude has not grown"""
 _UNSURE, _UNSURE_INERTIA, _AS_UNSURE = (1.18, 1.45), (0.35, 0.7), 0.06
-"""Range of the second half-cycle and of the apparent inertia of a probe that does not tell a hand's
-motion from one that a hand only holds; and how well two such answers agree"""
+"""Range of the second half-cycle and of the apparent inertia of a probe that cannot distinguish a
+hand's motion from one that a hand only holds; and the agreement of two such answers"""
 _LONGEST, _LARGEST = 3.2, 3.2
-"""A half-cycle, and an amplitude, by which the motion has changed altogether"""
+"""Ratio of a half-cycle, and of an amplitude, from which the motion is another one"""
 _LONGEST_CONTACT, _DEEPEST_CONTACT, _HEAVIEST_CONTACT = 6.0, 6.0, 2.5
-"""The same of a contact, and of the apparent inertia in it: a push from outside raises all three"""
+"""The same for a contact, and for the apparent inertia in it: an outside push raises all three"""
 _APPARENT = 0.5, 1.6
 """Range of the apparent inertia in a probe over that before, if the torque still explains the
-motion. What a hand moves seems lighter by the scale of the probe."""
+motion. A hand's motion seems lighter by the scale of the probe."""
 _FADES_HZ = 8.0
-"""Slower motions whose period stays are hands; others may be a load on its transmission."""
+"""Slower motions with constant period are hands'; others may be a load on its transmission."""
 _SETTLED = 0.05
 """Largest logarithm of the change of an amplitude over a cycle in a limit cycle"""
 
 
 class Sighting(NamedTuple):
-    """A motion as it was at a time."""
+    """A motion at one time."""
 
     cycle: float
     """Its period [s]"""
@@ -71,7 +70,7 @@ NEVER = Sighting(1.0, 1.0, 1.0, -math.inf)
 
 
 def sighting(motion: Repeated, at: float) -> Sighting:
-    """The motion of the last two half-cycles.
+    """Return the motion of the last two half-cycles.
 
     Args:
         motion: Half-cycles or contacts.
@@ -104,7 +103,7 @@ def same_period(motion: Repeated) -> bool:
 
 
 def saturates(motion: Repeated, limit: float) -> bool:
-    """Whether the last three saturated the torque to either side, and did not die.
+    """Whether the last three half-cycles saturated the torque to either side, without decay.
 
     Args:
         motion: Half-cycles.
@@ -119,7 +118,7 @@ def saturates(motion: Repeated, limit: float) -> bool:
 
 
 def is_limit_cycle(motion: Repeated, limit: float) -> bool:
-    """Whether the motion neither grows nor saturates: something else than the limit bounds it.
+    """Whether the motion neither grows nor saturates: something other than the limit bounds it.
 
     Args:
         motion: Half-cycles.
@@ -159,14 +158,14 @@ def explains(inertia: float, before: float) -> bool:
 
     Args:
         inertia: Apparent inertia now [kg·m²].
-        before: That on the whole wall [kg·m²].
+        before: Apparent inertia on the whole wall [kg·m²].
     """
     least, most = _APPARENT
     return least * before < inertia < most * before
 
 
 class Answer(NamedTuple):
-    """What a probe shows, relative to the motion before it."""
+    """The result of a probe, relative to the motion before it."""
 
     first: float
     """Duration of its first half-cycle, over half the period before [1]"""
@@ -203,7 +202,7 @@ def as_unsure(one: Answer, other: Answer) -> bool:
     """Whether two probes have the same answer, which a hand's motion seldom gives twice.
 
     Args:
-        one: An answer by which the wall does not move the shaft.
+        one: An answer that shows no motion by the wall.
         other: That of the probe before.
     """
     least, most = _UNSURE

@@ -1,24 +1,24 @@
-"""Cuts a motion into half-cycles at its turning points, without any belief about the servo."""
+"""Divides a motion into half-cycles at its turning points, without any belief about the servo."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 _HYSTERESIS_COUNTS = 1.5
-"""Counts of the encoder by which a turning point must be left: flicker of one count is none."""
+"""Distance from a turning point that confirms it [counts]: a flicker of one count does not."""
 _HYSTERESIS = 0.05
 """The same, as a fraction of the distance between the last two turning points"""
 _RIPPLE, _FORGETS = 0.35, 0.8
-"""A half-cycle smaller than this, relative to the largest lately, is a ripple on it, as a flexible
-transmission makes; the largest is forgotten by the second factor in each half-cycle."""
+"""A half-cycle smaller than this, relative to the largest lately, is a ripple on it, as of a
+flexible transmission; in each half-cycle the largest is reduced by the second factor."""
 _COARSE, _REMEMBERS = 0.25, 20
-"""Fraction of the largest distance that a turning point must be left by for so many half-cycles
-after a ripple: ripples then end no half-cycle."""
+"""For so many half-cycles after a ripple, a turning point is confirmed by this fraction of the
+largest distance: ripples then end no half-cycle."""
 _PATIENCE = 3.0
-"""Half-cycles for which a turning point may stay unleft before the size of the motion is forgotten:
-a motion that has become so much smaller would else never be seen again."""
+"""Unconfirmed half-cycles after which the size of the motion is forgotten: otherwise a motion that
+has become much smaller would never be found again."""
 _FINEST = 1e-6
-"""The least hysteresis, where the encoder has no steps [rad]."""
+"""The least hysteresis, without an encoder step [rad]."""
 
 
 class Repeated(Protocol):
@@ -48,12 +48,12 @@ class Repeated(Protocol):
 class HalfCycles:
     """The last four half-cycles of a motion, each from one turning point to the next.
 
-    The apparent inertia is the one that the commanded torque would have moved in that time if
-    nothing else had acted: the velocity is zero at both ends, so that the integral of torque times
-    distance from the middle is minus the inertia times the integral of the squared velocity.
+    The apparent inertia is the one that the commanded torque alone would have moved in that time:
+    the velocity is zero at both ends, so that the integral of torque times distance from the middle
+    is minus the inertia times the integral of the squared velocity.
 
     Attributes:
-        known: Half-cycles seen since the start.
+        known: Half-cycles since the start.
         duration: Of the last one [s]; ``duration_2`` to ``duration_4``: of those before it.
         amplitude: Half the distance between its turning points [rad]; likewise.
         inertia: Apparent inertia in the last one [kg·m²]; ``inertia_2``: in the one before.
@@ -63,7 +63,7 @@ class HalfCycles:
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
         gain: 0; only contacts have one. ``gaining``: likewise.
-        load: Mean torque over the last two half-cycles [N·m]: what the wall holds up.
+        load: Mean torque over the last two half-cycles [N·m]: the load that the wall holds.
     """
 
     __slots__ = (
@@ -107,7 +107,7 @@ class HalfCycles:
     )
 
     def __init__(self, period: float, position_step: float) -> None:
-        """Begin with nothing known.
+        """Start with no half-cycle.
 
         Args:
             period: T [s].
@@ -149,19 +149,19 @@ class HalfCycles:
         self._square_then = 0.0
 
     def forget(self) -> None:
-        """Begin anew at the next sample."""
+        """Restart at the next sample."""
         self._started = False
         self.known = 0
         self._direction = 0
         self._hysteresis = self._least
 
     def update(self, position: float, torque: float, span: float) -> bool:
-        """Take a sample; whether a half-cycle has ended since the one before.
+        """Take a sample; return whether a half-cycle has ended since the last one.
 
         Args:
             position: [rad]
-            torque: Commanded since the sample before [N·m].
-            span: Time since the sample before [s].
+            torque: Commanded since the last sample [N·m].
+            span: Time since the last sample [s].
         """
         if not self._started:
             self._started = True
@@ -201,7 +201,7 @@ class HalfCycles:
         self._moment_then = self._impulse_then = self._square_then = 0.0
 
     def _reach(self, position: float) -> None:
-        """Take the present place for the turning point until a farther one comes."""
+        """Take the present position as the turning point until a farther one comes."""
         self._extreme = position
         self._since_extreme = 0.0
         self._moment_then = self._moment
@@ -209,7 +209,7 @@ class HalfCycles:
         self._square_then = self._square
 
     def _turn(self, position: float) -> None:
-        """End a half-cycle at the farthest place, and begin the next one there."""
+        """End a half-cycle at the farthest position, and begin the next one there."""
         start, end = self._start, self._extreme
         self.duration_4, self.amplitude_4 = self.duration_3, self.amplitude_3
         self.duration_3, self.amplitude_3 = self.duration_2, self.amplitude_2
@@ -226,7 +226,7 @@ class HalfCycles:
         both = self.duration + self.duration_2
         self.load = (self._impulse_then + self._impulse_before) / both
         self._impulse_before = self._impulse_then
-        # Sums that began at the old start go on from the new one.
+        # Shift the sums from the old start to the new one.
         impulse = self._impulse - self._impulse_then
         self._moment = self._moment - self._moment_then - (end - start) * impulse
         self._impulse = impulse

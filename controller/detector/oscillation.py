@@ -1,8 +1,9 @@
-"""Notices that the loop oscillates by itself: quiet, decaying, sustained, growing.
+"""The detector: judges from the believed values whether the loop oscillates by itself.
 
-Three questions, in the order in which they can be answered. Has the wall given out more energy
-since the last turning point than friction can eat? Does the acting torque alone explain the motion,
-swing after swing, while it grows? And if it does not grow: is it more regular than any hand?
+It answers three questions, in the order in which they can be answered. Has the wall given more
+energy since the last turning point than friction can dissipate? Does the acting torque alone
+explain the motion, half-cycle after half-cycle, while it grows? And if it does not grow: is it more
+regular than any hand?
 """
 
 from __future__ import annotations
@@ -13,53 +14,54 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from haptic_wall.controller.detector.energy import EnergyBalance
+from haptic_wall.controller.detector.half_cycle_sums import HalfCycle, HalfCycleSums
 from haptic_wall.controller.detector.regularity import bounces_grow, goes_on, grows_evenly, line
 from haptic_wall.controller.detector.streaks import Streaks
-from haptic_wall.controller.detector.swings import Swing, Swings
 
 _FILTER = 0.25
-"""The filter's time constant, times the angular frequency expected."""
+"""The filter's time constant times the expected angular frequency."""
 _SLOWEST_FILTER_S = 0.05
 _PATIENCE = 3.0
-"""As many swings without a turning point are quiet."""
+"""Half-cycle durations without a turning point that mean quiet."""
 _KEPT = 40
-"""Turning points kept."""
+"""Number of stored turning points."""
 _GROWN = ((3, 0.50), (4, 0.50), (6, 0.50), (8, 0.55))
-"""Growth of the amplitude's logarithm over so many explained swings that is an alarm."""
+"""Numbers of explained half-cycles, and growth of the amplitude's logarithm over them that raises
+an alarm."""
 _STRAIGHT, _STRAIGHT_COUNTS = 0.01, 0.2
-"""Scatter that it may have about a straight line; the second per amplitude in counts."""
+"""Largest scatter of it about a straight line; the second per amplitude in counts."""
 _LEAST_COUNTS = 8.0
-"""Amplitude from which growth is told from the encoder's steps."""
+"""Amplitude from which growth is distinguished from the encoder's steps."""
 _OUTWARD, _EACH = 0.4, 0.5
-"""Growth of the distance from the wall over two explained swings or more that is an alarm, and the
-share of its mean that either of the last two must have."""
+"""Growth of the distance from the wall over at least two explained half-cycles that raises an
+alarm, and the fraction of its mean that each of the last two must have."""
 _ON = 0.6
-"""Share of the mean growth that the last swing must have."""
+"""Fraction of the mean growth that the last half-cycle must have."""
 _LONG = ((16, 0.28), (24, 0.28))
-"""The same where it must be as regular as no hand's."""
+"""The same as ``_GROWN``, for growth more regular than a hand's."""
 _UNPAID = ((8, 0.64), (24, 0.7))
-"""And where only the inertia fits, because delay or friction are far from what is believed."""
+"""The same where only the inertia fits, because delay or friction differ much from the belief."""
 _UNPAID_COUNTS, _UNPAID_STEPS = 16.0, 0.1
-"""Amplitude from which that is told, and its scatter per amplitude in counts."""
+"""Least amplitude for that, and its scatter per amplitude in counts."""
 _REGULAR, _REGULAR_COUNTS = 0.008, 0.2
-"""Scatter of the amplitude's logarithm that no hand keeps up with; the second per amplitude in
-counts."""
+"""Scatter of the amplitude's logarithm that no hand achieves; the second per amplitude in counts.
+"""
 _STEADY = 0.01
-"""Growth per swing that is none, and the most that a sustained oscillation may lose."""
+"""Negligible growth per half-cycle, also the largest loss of a sustained oscillation."""
 _SHRINKS = 0.04
-"""Loss per swing, over two, that ends an alarm."""
+"""Loss per half-cycle, over two, that ends an alarm."""
 _ALARMING = 3.5
-"""Counts from which an oscillation is worth an alarm: a lightly damped wall of any stiffness keeps
-up one or two by its encoder's steps alone."""
+"""Least amplitude of an alarm [counts]: a lightly damped wall of any stiffness sustains one or two
+by its encoder's steps alone."""
 _FIRST_WAY, _LATER_WAY = 8.0, 14.0
-"""Counts to be travelled before what the wall gives out is judged: from rest, and in the swings
-that follow, in which a hand may have a part."""
+"""Travel before the wall's energy is judged [counts]: from rest, and in later half-cycles, in which
+a hand may take part."""
 _SYMMETRIC = 0.9
-"""Logarithm of the most that a swing may differ from the one before."""
+"""Largest logarithm of the ratio of a half-cycle to the one before."""
 
 
 class State(IntEnum):
-    """What the loop does by itself; the worse, the greater. A hand's motion is quiet."""
+    """State of the loop's own oscillation; the worse, the greater. A hand's motion is quiet."""
 
     QUIET = 0
     DECAYING = 1
@@ -69,9 +71,9 @@ class State(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
-    """What the detector knows of the servo; NaN: not known.
+    """The detector's knowledge of the servo; NaN: not known.
 
-    Without inertia it goes by the motion alone.
+    Without the inertia it uses the motion alone.
     """
 
     period: float
@@ -89,16 +91,15 @@ class DetectorSettings:
 
 
 class Detector:
-    """Watches position and acting torque, sample by sample.
+    """Judges position and acting torque, sample by sample.
 
     Attributes:
         state: Of the motion now.
         frequency_hz: Of the oscillation [Hz]; NaN while there is none.
         amplitude: Half its width [rad]; 0 while there is none.
         growth: Rate at which the amplitude's logarithm grows [1/s]; NaN while there is none.
-        alarm: Whether it is sustained or grows, and the wall feeds it.
-        balance: What it believes of the wall; its ``surface``, ``side`` and ``lag`` may be set at
-            any time.
+        alarm: It is sustained or grows, and the wall feeds it.
+        balance: The energy balance; its ``surface``, ``side`` and ``lag`` may be set at any time.
     """
 
     def __init__(self, settings: DetectorSettings) -> None:
@@ -114,8 +115,8 @@ class Detector:
             settings.position_step,
             settings.torque_limit,
         )
-        self._swings: Swings | None = None
-        self._before: Swing | None = None
+        self._sums: HalfCycleSums | None = None
+        self._before: HalfCycle | None = None
         self._mixed = self._blind = False
         self._streaks = Streaks()
         self._sizes: deque[float] = deque(maxlen=_KEPT)
@@ -137,18 +138,18 @@ class Detector:
         self._refilter()
 
     def _refilter(self) -> None:
-        if self._swings is not None and self.balance.natural > 0.0:
-            self._swings.filter(min(_FILTER / self.balance.natural, _SLOWEST_FILTER_S))
+        if self._sums is not None and self.balance.natural > 0.0:
+            self._sums.filter(min(_FILTER / self.balance.natural, _SLOWEST_FILTER_S))
 
     @property
     def energy(self) -> tuple[float, float]:
-        """Work of the acting torque [J] and integral of the squared velocity [rad²/s], filtered."""
-        swings = self._swings
-        return (0.0, 0.0) if swings is None else (swings.work, swings.square)
+        """Return the torque's work [J] and the integrated squared velocity [rad²/s]."""
+        sums = self._sums
+        return (0.0, 0.0) if sums is None else (sums.work, sums.square)
 
     def restart(self) -> None:
-        """Forget what was seen."""
-        self._swings = None
+        """Discard all observations."""
+        self._sums = None
         self._quiet()
 
     def _quiet(self) -> None:
@@ -170,39 +171,39 @@ class Detector:
 
         Args:
             position: Measured [rad].
-            torque: Mean torque that acted since the sample before [N·m]; NaN: not known, and what
-                it has to do with the motion is not judged.
-            periods: From the sample before to this one, >= 1.
+            torque: Mean torque that acted since the last sample [N·m]; NaN: not known, and its
+                relation to the motion is not judged.
+            periods: From the last sample to this one, >= 1.
         """
-        swings = self._swings
+        sums = self._sums
         if math.isnan(torque):
             torque, self._blind = 0.0, True
-        if swings is None:
-            self._swings = Swings(self.settings.period, self._step, position)
+        if sums is None:
+            self._sums = HalfCycleSums(self.settings.period, self._step, position)
             self._refilter()
             return self.state
-        if swings.update(position, torque, periods):
-            earlier = swings.before
-            swing = swings.swing()
-            if swing is not None:
-                self._swung(swing)
+        if sums.update(position, torque, periods):
+            earlier = sums.before
+            half_cycle = sums.half_cycle()
+            if half_cycle is not None:
+                self._take(half_cycle)
                 if self._gives and self.balance.side and not (self.alarm or self._torn):
-                    way = swing.path + abs(swing.start - earlier[0])
+                    way = half_cycle.path + abs(half_cycle.start - earlier[0])
                     if way > 2.0 * self._way:
-                        self._check(self.balance.gives_out(swings.since, earlier, way, 0.0))
+                        self._check(self.balance.gives_out(sums.since, earlier, way, 0.0))
             self._mixed = self._blind = False
-        elif swings.time > self._patience:
+        elif sums.time > self._patience:
             self._quiet()
         elif self._gives and not (self.alarm or self.balance.side or self._torn):
-            since = swings.since
-            way = abs(swings.position - since[0])
+            since = sums.since
+            way = abs(sums.position - since[0])
             if way > self._way:
-                self._check(self.balance.gives_out(swings.now(), since, way, swings.speed))
+                self._check(self.balance.gives_out(sums.now(), since, way, sums.speed))
         return self.state
 
     @property
     def _torn(self) -> bool:
-        """Whether the present swing's energy cannot be told."""
+        """Whether the present half-cycle's energy is unknown."""
         return self._mixed or self._blind
 
     def _check(self, gives_out: bool) -> None:
@@ -213,19 +214,19 @@ class Detector:
             if math.isnan(self.frequency_hz):
                 self.frequency_hz = self.balance.natural / (2.0 * math.pi)
 
-    def _swung(self, swing: Swing) -> None:
-        """Take a swing into account."""
-        self._patience = swing.ended + _PATIENCE * swing.duration
+    def _take(self, half_cycle: HalfCycle) -> None:
+        """Process a half-cycle."""
+        self._patience = half_cycle.ended + _PATIENCE * half_cycle.duration
         balance, blind, streaks = self.balance, self._blind, self._streaks
         if not blind:
-            balance.judge(swing, self._before)
-        self._before = None if blind else swing
-        fine = self._step / swing.amplitude
-        size = math.log(swing.amplitude)
+            balance.judge(half_cycle, self._before)
+        self._before = None if blind else half_cycle
+        fine = self._step / half_cycle.amplitude
+        size = math.log(half_cycle.amplitude)
         sizes, times = self._sizes, self._times
         change = size - sizes[-1] if sizes else 0.0
         sizes.append(size)
-        times.append(swing.ended)
+        times.append(half_cycle.ended)
         alike = abs(change) <= _SYMMETRIC
         moved = blind or (balance.moves and not self._mixed)
         streaks.take(
@@ -235,24 +236,24 @@ class Detector:
             left=0.0 if blind else balance.left,
             fine=fine,
         )
-        streaks.went_outward(self._outward(swing) if streaks.explained else 0.0)
+        streaks.went_outward(self._outward(half_cycle) if streaks.explained else 0.0)
         self._way = _LATER_WAY * self._step
         if balance.side:
             self._gives = streaks.moved > 1
         else:
-            self._gives = self._mixed or (balance.gave(swing) and (moved or len(sizes) == 1))
+            self._gives = self._mixed or (balance.gave(half_cycle) and (moved or len(sizes) == 1))
         known = len(sizes)
-        self.amplitude = swing.amplitude
+        self.amplitude = half_cycle.amplitude
         back = min(known - 1, 4)
-        self.frequency_hz = 0.5 / swing.duration
+        self.frequency_hz = 0.5 / half_cycle.duration
         if back:
-            passed = swing.ended - times[-1 - back]
+            passed = half_cycle.ended - times[-1 - back]
             self.frequency_hz = 0.5 * back / passed
             self.growth = (size - sizes[-1 - back]) / passed
         if self.alarm:
             self._alarmed(fine)
         elif self._regular(fine) or (not (blind or balance.side) and self._grown()):
-            self.alarm = swing.amplitude >= _ALARMING * self._step
+            self.alarm = half_cycle.amplitude >= _ALARMING * self._step
             self.state = State.SUSTAINED
             if self.alarm:
                 self._alarmed(fine)
@@ -261,10 +262,10 @@ class Detector:
         elif not streaks.explained:
             self.state = State.QUIET
 
-    def _outward(self, swing: Swing) -> float:
-        """By how much its end is farther from a two-sided wall than its start, as a logarithm."""
+    def _outward(self, half_cycle: HalfCycle) -> float:
+        """Return the growth of the distance from a two-sided wall, as a logarithm."""
         surface = self.balance.surface
-        start, end = swing.start - surface, swing.end - surface
+        start, end = half_cycle.start - surface, half_cycle.end - surface
         least = _LEAST_COUNTS * self._step
         if start * end < 0.0 and abs(start) > least and abs(end) > least:
             return math.log(abs(end / start))
@@ -275,22 +276,22 @@ class Detector:
         if streaks.outward >= 2 and streaks.grown > _OUTWARD and streaks.least_outward > _EACH:
             return True
         sizes = self._sizes
-        for swings, growth in _GROWN:
-            if streaks.explained < swings:
+        for half_cycles, growth in _GROWN:
+            if streaks.explained < half_cycles:
                 return False
-            known = min(swings + 1, len(sizes))
+            known = min(half_cycles + 1, len(sizes))
             first = sizes[-known]
             grown = sizes[-1] - first
-            # A motion that grows by itself grows on; a hand's has grown, and then stays.
+            # A motion that grows by itself continues to grow; a hand's motion stops growing.
             last = sizes[-1] - sizes[-2]
-            if first > self._least and grown > growth and last > _ON * grown / swings:
+            if first > self._least and grown > growth and last > _ON * grown / half_cycles:
                 straight = _STRAIGHT + _STRAIGHT_COUNTS * self._step * math.exp(-first)
                 if line(sizes, known).scatter < straight:
                     return True
         return False
 
     def _regular(self, fine: float) -> bool:
-        """Whether it grows slowly, or goes on, more regularly than a hand can."""
+        """Whether it grows slowly, or persists, more regularly than a hand can."""
         sizes, least, streaks = self._sizes, self._least, self._streaks
         allowed = _REGULAR + _REGULAR_COUNTS * fine
         if self.balance.side and sizes[-1] > least and bounces_grow(sizes, streaks.moved):

@@ -1,4 +1,4 @@
-"""Watches a wall of either kind with the backstop: its half-cycles, and its contacts."""
+"""Applies the backstop to a wall of either kind: to its half-cycles, and to its contacts."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from haptic_wall.controller.detector.probe import STILL
 
 
 class OwnMotion:
-    """Feeds a position and a torque to the backstop, and says what the wall does by itself.
+    """Gives position and torque to the backstop, and reports the wall's own motion.
 
-    A two-sided wall, and a one-sided one that is leaned on, is watched by its half-cycles; bouncing
-    off a one-sided wall by its contacts.
+    A two-sided wall, and a one-sided one under a steady push, is watched by its half-cycles;
+    bouncing off a one-sided wall by its contacts.
 
     Attributes:
         scale: Of the elastic torque and of its limit [1].
@@ -36,7 +36,7 @@ class OwnMotion:
     def __init__(
         self, settings: BackstopSettings, bounces: BackstopSettings | None, side: int
     ) -> None:
-        """Begin to watch.
+        """Start to watch.
 
         Args:
             settings: For half-cycles.
@@ -57,14 +57,14 @@ class OwnMotion:
 
         Args:
             away: Position, counted from the wall's surface [rad].
-            torque: Sent with the sample before [N·m].
-            span: Time since the sample before [s].
+            torque: Sent with the last sample [N·m].
+            span: Time since the last sample [s].
             stiffness: K without this object's scale [N·m/rad].
         """
         backstop, bounces = self._backstop, self._bounces
         ended = self._half_cycles.update(away, torque, span)
         if backstop.suspected and self._still and not self.answering:
-            self._suspect(False)  # what was suspected is over; it is no reason to probe what comes
+            self._suspect(False)  # the suspected motion is over, and the next one needs no probe
         if bounces is None:
             backstop.update(span, away, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
@@ -75,7 +75,7 @@ class OwnMotion:
             self._inside = False
         whole = ended and self._inside
         if ended:
-            if not whole:  # a half-cycle with a part outside says nothing about the spring
+            if not whole:  # a half-cycle with a part outside is no evidence about the spring
                 self._half_cycles.known = 0
             self._inside = depth > 0.0
         backstop.update(span, elongation, stiffness, ended=whole)
@@ -87,7 +87,7 @@ class OwnMotion:
         self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
 
     def suspect(self) -> None:
-        """Have this motion probed, however regular it is; lapses where it stops before."""
+        """Request a probe of this motion, regular or not; cancelled if it stops before."""
         self._suspect(True)
 
     def _suspect(self, suspected: bool) -> None:
@@ -97,23 +97,23 @@ class OwnMotion:
 
     @property
     def _still(self) -> bool:
-        """Whether no turning point comes any more, inside of the wall or outside."""
+        """Whether no turning point comes any more, inside the wall or outside."""
         motion = self._half_cycles
         return motion.elapsed > STILL * motion.interval > 0.0
 
     @property
     def suspected(self) -> bool:
-        """Whether a suspicion has not been answered yet."""
+        """Whether a suspicion is still open."""
         return self._backstop.suspected or (self._bounces is not None and self._bounces.suspected)
 
     def raise_again(self) -> None:
-        """Give back what was taken, as soon as the spring is at rest."""
+        """Restore the gains, as soon as the spring is at rest."""
         self._backstop.raise_again()
         if self._bounces is not None:
             self._bounces.raise_again()
 
     def resume(self) -> None:
-        """Begin to watch anew after a pause; what an alarm took stays taken."""
+        """Restart the watch after a pause; reductions stay."""
         self._half_cycles.forget()
         self._contacts.known = self._contacts.gaining = 0
         self._suspect(False)
@@ -128,7 +128,7 @@ class OwnMotion:
 
     @property
     def steady(self) -> bool:
-        """Whether the motion repeats as evenly as no hand's."""
+        """Whether the motion is more regular than a hand's."""
         return self._backstop.steady
 
     @property
@@ -138,7 +138,7 @@ class OwnMotion:
 
     @property
     def reduced(self) -> tuple[float, float]:
-        """Scales of stiffness and damping after alarms; a probe does not count."""
+        """Return the scales of stiffness and damping after alarms, without probes."""
         both = [self._backstop] if self._bounces is None else [self._backstop, self._bounces]
         taken = [one for one in both if one.phase == Phase.REDUCED]
         return (
@@ -148,7 +148,7 @@ class OwnMotion:
 
     @property
     def answering(self) -> bool:
-        """Whether the wall is being probed, is reduced, or comes back."""
+        """Whether the wall is being probed, reduced, or restored."""
         bounces = self._bounces
         return self._backstop.phase != Phase.WATCHING or (
             bounces is not None and bounces.phase != Phase.WATCHING
@@ -161,13 +161,13 @@ class OwnMotion:
 
     @property
     def moved(self) -> int:
-        """Probes that found a hand."""
+        """Return the number of probes that found a hand."""
         moved = self._backstop.moved
         return moved if self._bounces is None else moved + self._bounces.moved
 
     @property
     def counts(self) -> tuple[int, int, int, int]:
-        """Probes, probes that found a hand, alarms, and alarms that were taken back."""
+        """Return the numbers of probes, hands found, alarms, and alarms taken back."""
         one, other = self._backstop, self._bounces
         if other is None:
             return one.probes, one.moved, one.reductions, one.returned
@@ -180,13 +180,13 @@ class OwnMotion:
 
     @property
     def motion(self) -> Repeated:
-        """What repeats: the contacts where they raised the alarm, else the half-cycles."""
+        """Return the contacts if they raised the alarm, else the half-cycles."""
         bounces = self._bounces
         return self._contacts if bounces is not None and bounces.alarm else self._half_cycles
 
     @property
     def frequency_hz(self) -> float:
-        """Of the motion [Hz]; NaN: not known."""
+        """Return the frequency of the motion [Hz]; NaN: not known."""
         motion = self.motion
         if motion is self._half_cycles:
             cycle = motion.duration + motion.duration_2
@@ -196,6 +196,6 @@ class OwnMotion:
 
     @property
     def amplitude(self) -> float:
-        """Of the motion [rad]."""
+        """Return the amplitude of the motion [rad]."""
         motion = self.motion
         return 0.5 * (motion.amplitude + motion.amplitude_2)

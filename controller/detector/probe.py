@@ -18,12 +18,12 @@ from haptic_wall.controller.detector.half_cycles import Repeated
 SAME_PERIOD, SAME_AMPLITUDE = 0.1, 0.5
 """Largest logarithms of the ratios of periods and of amplitudes of one motion at two times"""
 STILL = 3.0
-"""Times between turning points without another one after which a motion has stopped [1]"""
+"""Turning-point intervals without a turning point after which a motion has stopped [1]"""
 _EARLY = 0.15
 """Part of a half-cycle within which a probe has begun at its turning point [1]"""
 _FADE_SIZE = 2.5
-"""Motions whose period stays in a probe and that are smaller than so many thresholds may be tremor;
-larger ones may be a load that swings on its transmission."""
+"""Motions with constant period in a probe and smaller than so many thresholds may be tremor; larger
+ones may be a load that swings on its transmission."""
 _FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
 """Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
 _COLLAPSED, _QUICKER, _SLOWER = 0.6, 0.8, 3.2
@@ -33,16 +33,16 @@ but pushes through the probed wall it becomes so slow, a hand's does not."""
 
 
 class Verdict(IntEnum):
-    """What a probe shows."""
+    """The result of a probe."""
 
     OPEN = 0
-    """Nothing yet"""
+    """No result yet"""
     WALL = 1
     """The wall moves the shaft."""
     STOPPED = 2
-    """The motion has stopped: either does so."""
+    """The motion has stopped: no evidence."""
     HAND = 3
-    """Somebody moves the shaft."""
+    """A hand moves the shaft."""
     CHANGED = 4
     """This is another motion than before."""
 
@@ -71,11 +71,11 @@ class Probe:
         self.before = NEVER
 
     def begin(self, motion: Repeated, *, within: bool) -> None:
-        """The wall has just been made softer.
+        """Start: the wall has just been made softer.
 
         Args:
-            motion: What was seen until now.
-            within: A half-cycle has begun before; its length will say nothing if that is long ago.
+            motion: The motion until now.
+            within: A half-cycle has begun before; its length is no evidence if that is long ago.
         """
         self._count = -1 if within and motion.elapsed > _EARLY * motion.duration else 0
 
@@ -84,11 +84,11 @@ class Probe:
         return motion.elapsed > STILL * max(motion.interval, 0.5 * self.before.cycle)
 
     def ended(self, motion: Repeated, now: Sighting) -> Verdict:
-        """Judge when a half-cycle has ended.
+        """Judge the end of a half-cycle.
 
         Args:
             motion: With that half-cycle.
-            now: The same, as it is sighted.
+            now: The present motion.
         """
         self._count += 1
         before = self.before
@@ -123,7 +123,7 @@ class Probe:
         return Verdict.OPEN
 
     def _twice_unsure(self, answer: Answer) -> bool:
-        """Whether the probe of this motion before had the same doubtful answer."""
+        """Whether the last probe of this motion had the same doubtful answer."""
         last, self._unsure = self._unsure, (answer, self.before)
         return (
             last is not None

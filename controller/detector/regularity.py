@@ -1,7 +1,7 @@
-"""Whether amplitudes grow, or stay, as evenly as a loop makes them and no hand does.
+"""Judges whether amplitudes grow, or stay, more regularly than a hand can make them.
 
-Amplitudes come as natural logarithms, one a swing, the last one at the end. All of it is asked only
-at the end of a streak of swings, so that it costs nothing in most ticks.
+Amplitudes are natural logarithms, one per half-cycle, in order. The functions are called only at
+the end of a streak of half-cycles, so that most ticks do not need them.
 """
 
 from __future__ import annotations
@@ -12,24 +12,25 @@ from itertools import islice
 from typing import NamedTuple
 
 _NONE = 5e-4
-"""Loss per swing that is none."""
+"""Negligible loss per half-cycle."""
 _BOUNCES, _BOUNCED, _BACK = 12, 0.25, 0.01
-"""Swings of bouncing, the growth over them, and what a bounce may be smaller than the one before"""
+"""Half-cycles of bouncing, the growth over them, and the tolerated loss from one bounce to the next
+"""
 
 
 class Line(NamedTuple):
-    """A straight line through values one apart."""
+    """A straight line through equidistant values."""
 
     slope: float
-    """From one to the next"""
+    """Change from one value to the next"""
     scatter: float
-    """Root mean square of what is left"""
+    """Root mean square of the residuals"""
     error: float
     """Standard error of the slope"""
 
 
 def line(values: deque[float], n: int) -> Line:
-    """The straight line through the last n >= 3 values."""
+    """Fit a straight line to the last n >= 3 values."""
     last = list(islice(values, len(values) - n, None))
     middle, mean = 0.5 * (n - 1), sum(last) / n
     spread = n * (n * n - 1.0) / 12.0
@@ -49,23 +50,23 @@ def grows_evenly(
 
     Args:
         sizes: Amplitudes.
-        rules: Numbers of swings, ascending, and the growth over so many that is enough.
-        streak: Swings that may be looked at.
+        rules: Numbers of half-cycles, ascending, and the growth over so many that is enough.
+        streak: HalfCycleSums that may be looked at.
         least: Smallest amplitude from which growth is told.
         allowed: Largest scatter.
     """
-    for swings, growth in rules:
-        if streak < swings:
+    for half_cycles, growth in rules:
+        if streak < half_cycles:
             return False
-        if sizes[-swings] > least:
-            found = line(sizes, swings)
-            if found.slope * swings > growth and found.scatter < allowed:
+        if sizes[-half_cycles] > least:
+            found = line(sizes, half_cycles)
+            if found.slope * half_cycles > growth and found.scatter < allowed:
                 return True
     return False
 
 
 def goes_on(sizes: deque[float], allowed: float) -> bool:
-    """Whether all the amplitudes are the same, or grow; ``allowed``: largest scatter."""
+    """Whether all the amplitudes are equal, or grow; ``allowed``: largest scatter."""
     found = line(sizes, len(sizes))
     return found.slope > -2.0 * found.error - _NONE and found.scatter < allowed
 
@@ -73,9 +74,9 @@ def goes_on(sizes: deque[float], allowed: float) -> bool:
 def bounces_grow(sizes: deque[float], streak: int) -> bool:
     """Whether each bounce off a wall that never pulls is higher than the one before, or as high.
 
-    Every other swing is compared: from the turning point inside of the wall to the one outside it
-    is as far as back. The contact begins at another phase of the period each time, so that the
-    growth is not as even as that of an oscillation.
+    Every other half-cycle is compared, because the way out of the wall equals the way back. The
+    contact begins at another phase of the period each time, so that the growth is not as even as
+    that of an oscillation.
     """
     if streak < _BOUNCES or len(sizes) <= _BOUNCES:
         return False

@@ -1,4 +1,4 @@
-"""The servo of a recording, from its torques against its motion."""
+"""Estimates the servo of a recording from its torques and its motion."""
 
 from __future__ import annotations
 
@@ -13,47 +13,46 @@ Array = NDArray[np.float64]
 
 _LEAST_CYCLES: Final = 1.5
 _WINDOW: Final = 0.6
-"""Length of the window that the motion is weighted by [cycles]"""
+"""Length of the weighting window [cycles]"""
 _MOST: Final = 200_000
-"""Samples that are looked at; further ones tell nothing new"""
+"""Largest number of used samples; more add no information"""
 _FINITE: Final = 0.95
-"""Fraction of the samples that must be there"""
+"""Least fraction of valid samples"""
 _UNEXPLAINED: Final = 0.15
-"""Fraction of the torque that an inertia and a damping may leave unexplained, rms"""
+"""Largest fraction of the torque that inertia and damping may leave unexplained, rms"""
 
 
 @dataclass(frozen=True, slots=True)
 class FittedServo:
-    """An inertia that moves so by these torques alone."""
+    """The inertia that moves like this under these torques alone."""
 
     inertia: float
     """J [kg·m²]"""
     speed: float
     """Of the oscillation [rad/s]"""
     balance: float
-    """b - J w sin(w t_d): the motion dies out above 0, and is fed below [N·m·s/rad]"""
+    """b - J w sin(w t_d): the motion decays above 0, and is fed below [N·m·s/rad]"""
 
     def lag(self, damping: float = 0.0) -> float:
-        """The delay from a sample to its torque acting [s].
+        """Return the delay from a sample until its torque acts [s].
 
         Args:
-            damping: b [N·m·s/rad]; friction that is not counted makes the delay seem shorter by
-                what it takes.
+            damping: b [N·m·s/rad]; neglected friction makes the delay seem shorter.
         """
         sine = (damping - self.balance) / (self.inertia * self.speed)
         return math.asin(min(1.0, max(0.0, sine))) / self.speed
 
     def damping(self, lag: float) -> float:
-        """b, where the delay [s] is known; 0 at least [N·m·s/rad]."""
+        """Return b for a known delay [s]; at least 0 [N·m·s/rad]."""
         return max(0.0, self.balance + self.inertia * self.speed * math.sin(self.speed * lag))
 
 
 def fitted_servo(positions: Array, torques: Array, period: float) -> FittedServo | None:
-    """The servo that these torques alone move so; None: a hand moves it, or it does not oscillate.
+    """Estimate the servo from these torques alone; None: a hand moves it, or it does not oscillate.
 
     ``torque = J a + b v``. Every term is weighted by a smooth window and integrated by parts, so
-    that counted positions are not differentiated. From an oscillation delay and damping can't both
-    be told: their difference is.
+    that counted positions are not differentiated. An oscillation does not determine delay and
+    damping separately, only their difference.
 
     Args:
         positions: Shape (n,) [rad]; NaN where one is missing.
@@ -96,7 +95,7 @@ def fitted_servo(positions: Array, torques: Array, period: float) -> FittedServo
 
 
 def _whole(values: Array) -> Array | None:
-    """About their mean, with what is missing interpolated; None: that is too much."""
+    """Return values about their mean, missing ones interpolated; None: too many are missing."""
     fine = np.isfinite(values)
     if np.count_nonzero(fine) < max(1.0, _FINITE * values.size):
         return None

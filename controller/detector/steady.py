@@ -1,26 +1,26 @@
-"""Counts half-cycles that repeat as evenly as a machine makes them and no hand does."""
+"""Counts half-cycles that repeat more regularly than a hand can make them."""
 
 from __future__ import annotations
 
 from haptic_wall.controller.detector.half_cycles import Repeated
 
 _AMPLITUDE, _COUNTS = 0.02, 0.6
-"""An amplitude may differ by so much of itself, or by so many counts of the encoder."""
+"""Largest difference of amplitudes, relative, or in encoder counts."""
 _DURATION, _PERIODS = 0.03, 2.1
-"""A duration may differ by so much of itself, or by so many periods."""
+"""Largest difference of durations, relative, or in periods."""
 
 
 class Steadiness:
     """Counts the repetitions of one motion, each compared to the first one of its direction.
 
     Attributes:
-        count: Repetitions in a row.
+        count: Consecutive repetitions.
     """
 
     __slots__ = ("_amplitude", "_counts", "_duration", "_periods", "count")
 
     def __init__(self, period: float, position_step: float) -> None:
-        """Begin with none.
+        """Start with none.
 
         Args:
             period: T [s].
@@ -33,7 +33,7 @@ class Steadiness:
         self.count = 0
 
     def take(self, motion: Repeated) -> None:
-        """Count what has just ended, or begin anew with it."""
+        """Count the half-cycle that has just ended, or restart with it."""
         way = motion.known & 1
         if self.count > 1:
             first, lasted = self._amplitude[way], self._duration[way]

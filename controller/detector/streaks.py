@@ -1,7 +1,7 @@
-"""How many swings in a row the torque explains, and whether what is left over stays the same.
+"""Counts consecutive half-cycles that the torque explains with a constant remainder.
 
-A belief that is wrong is wrong by the same in every swing, so that what it leaves unexplained stays
-the same while the amplitude changes. What a hand does is another thing each time.
+A wrong belief is wrong by the same in every half-cycle, so that its unexplained remainder stays
+constant while the amplitude changes. A hand's remainder varies.
 """
 
 from __future__ import annotations
@@ -9,20 +9,20 @@ from __future__ import annotations
 import math
 
 _SAME, _SAME_COUNTS = 0.03, 0.525
-"""What is left over may differ by so much within a streak, of ``m ω``; the second per amplitude in
+"""Largest variation of the remainder within a streak, in ``m ω``; the second per amplitude in
 counts."""
 _ONE_MASS, _ONE_MASS_COUNTS = 0.2, 1.0
-"""And the inertia that the torque seems to move, as a share."""
+"""Largest relative variation of the apparent inertia, likewise."""
 
 
 class Streaks:
-    """Counts swings without a break.
+    """Counts consecutive half-cycles.
 
     Attributes:
-        moved: Swings in which the torque moved what it is believed to move.
-        explained: Of the last ones, those in which it paid for it too, and what was left over
-            stayed the same.
-        even: Swings in which what was left over stayed the same, explained or not.
+        moved: Half-cycles in which the torque moved the believed inertia.
+        explained: Of the last ones, those in which it also supplied friction, with a constant
+            remainder.
+        even: Half-cycles with a constant remainder, explained or not.
         outward: Of the last explained ones, those that led farther away from the wall.
         grown: By how much, as a logarithm.
     """
@@ -42,20 +42,20 @@ class Streaks:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all of them."""
+        """Restart all counts."""
         self.moved = self.explained = self.even = self.outward = 0
         self.grown = 0.0
         self._last = (0.0, 0.0)
         self._left = self._share = (math.nan, math.nan)
 
     def take(self, *, moved: bool, explained: bool, share: float, left: float, fine: float) -> None:
-        """Take a swing.
+        """Count a half-cycle.
 
         Args:
-            moved: Whether the torque moved the servo's inertia.
-            explained: Whether it paid for friction, too, and for nothing else.
-            share: Inertia that it moved, of the believed one.
-            left: Work that it did beyond friction's, as a damping over ``m ω``.
+            moved: The torque moved the servo's inertia.
+            explained: It also supplied friction, and nothing else.
+            share: Apparent over believed inertia.
+            left: Its work beyond friction's, as a damping over ``m ω``.
             fine: A count of the encoder, over the amplitude.
         """
         self._share, same = _within(self._share, share, _ONE_MASS + _ONE_MASS_COUNTS * fine)
@@ -65,7 +65,7 @@ class Streaks:
         self.explained = min(self.explained + 1, self.even) if explained else 0
 
     def went_outward(self, outward: float) -> None:
-        """Take the growth of the distance from the wall, as a logarithm; <= 0: it did not grow."""
+        """Count the growth of the distance from the wall, as a logarithm; <= 0: no growth."""
         if outward > 0.0:
             self.outward += 1
             self.grown += outward
@@ -75,14 +75,14 @@ class Streaks:
 
     @property
     def least_outward(self) -> float:
-        """The smaller one of the last two, of their mean; 1 where all are alike."""
+        """Return the smaller one of the last two over their mean; 1 where all are equal."""
         return min(self._last) * self.outward / self.grown if self.outward else 0.0
 
 
 def _within(
     span: tuple[float, float], value: float, most: float
 ) -> tuple[tuple[float, float], bool]:
-    """The span that holds the value too, and whether it is narrow enough; else the value alone."""
+    """Return the span extended by the value if narrow enough, else the value alone; and which."""
     low, high = min(value, span[0]), max(value, span[1])
     if high - low > most:
         return (value, value), False

@@ -1,4 +1,4 @@
-"""The wall of a recording, from its torques against its positions."""
+"""Estimates the wall of a recording from its torques and its positions."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from haptic_wall.controller.detector.detection import KnownWall
 Array = NDArray[np.float64]
 
 MOST_DELAY: Final = 40
-"""Samples that a torque may be behind the position it was computed from"""
+"""Largest delay of a torque after its position [samples]"""
 _LEAST: Final = 30
-"""Samples with a torque that tell a wall"""
+"""Least number of samples with a torque"""
 _UNEXPLAINED: Final = 0.03
-"""Fraction of the torque that a wall may leave unexplained, rms"""
+"""Largest fraction of the torque that a wall may leave unexplained, rms"""
 _EXACT: Final = 1e-6
-"""And from which on nothing else need be tried"""
+"""Fraction at which no other delay need be tried"""
 _NOTHING: Final = 1e-9
-"""Damping over stiffness that is rounding [s]"""
+"""Damping over stiffness that is only rounding [s]"""
 _FREE: Final = 0.02
-"""Fraction of samples without torque from which on a wall has an outside"""
+"""Fraction of samples without torque from which a wall has an outside"""
 _MOST: Final = 100_000
-"""Samples that are fitted; further ones tell nothing new"""
+"""Largest number of fitted samples; more add no information"""
 
 
 def fitted_wall(positions: Array, torques: Array, period: float) -> KnownWall | None:
-    """The wall whose torques these are; None: they are no wall's, or stiffness and place change.
+    """Estimate the wall; None: the torques are no wall's, or stiffness and place change.
 
     ``torque = -K (x - x0) - B dx/T``, of a position up to 40 samples before, not limited; zero
-    outside of a one-sided wall.
+    outside a one-sided wall.
 
     Args:
         positions: Shape (n,) [rad]; NaN where one is missing.
@@ -67,7 +67,7 @@ def fitted_wall(positions: Array, torques: Array, period: float) -> KnownWall | 
 
 
 def _side(torques: Array, acts: NDArray[np.bool_]) -> int:
-    """Into which direction it goes on; 0: it has no outside."""
+    """Return the direction in which it continues; 0: it has no outside."""
     free = np.count_nonzero(np.isfinite(torques) & ~acts)
     if free < _FREE * torques.size:
         return 0

@@ -1,11 +1,10 @@
-"""Watches the running wall for an oscillation of its own making, and answers it.
+"""The oscillation watch: finds an oscillation of the running wall's own, and answers it.
 
-Two look at the motion. The detector knows the believed values, is quick, and may be wrong about a
-hand where they are wide. The backstop believes nothing: it probes the wall. ``report`` only tells.
-``reduce`` has an alarm of the detector probed, and leaves the reduction to the backstop; what it
-took comes back only on request, or where a hand turns out to have moved the shaft. ``trip`` ends
-the run at an alarm of either. The torque itself is never limited in its rate: that would be one
-more delay.
+Two parts judge the motion. The detector uses the believed values, is fast, and may be wrong about a
+hand where their bounds are wide. The backstop uses no belief: it probes the wall. ``report`` only
+reports. ``reduce`` has an alarm of the detector probed, and leaves the reduction to the backstop;
+the gains return only on request, or where a hand turns out to have moved the shaft. ``trip`` ends
+the run at an alarm of either. The torque's rate is never limited: that would add delay.
 """
 
 from __future__ import annotations
@@ -24,53 +23,54 @@ from haptic_wall.controller.laws.wall import Law
 Answer = Literal["report", "reduce", "trip"]
 
 GIVEN, BOUNCES = 0.02, 1.5
-"""Energy that a one-sided wall may give out in a bounce beyond what it took and what friction may
-eat [J]; and the time after the entry in which it counts, in half-cycles of the heaviest servo"""
+"""Energy that a one-sided wall may give in a bounce beyond what it took and what friction may
+dissipate [J]; and the time after the entry in which it counts, in half-cycles of the heaviest servo
+"""
 _OUTGROWN = 1.25
-"""So much further than before the alarm is more than passivity control can hold [1]"""
+"""Growth since the alarm that is more than passivity control can hold [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class WatchSettings:
-    """What the watch knows, and what it is to do."""
+    """The watch's knowledge, and its permitted actions."""
 
     detector: DetectorSettings
     answer: Answer
     lag: float
-    """From a torque's being sent to its action, believed [s]"""
+    """Believed lag, from sending a torque until it acts [s]"""
     inserted: float = 0.0
-    """From a torque's being computed to its being sent [s]"""
+    """Inserted delay, from computing a torque to sending it [s]"""
     patient: bool = False
     """Passivity control acts: an alarm is answered only when the motion outgrows it"""
     side: int = 0
     """0: the wall is two-sided; +1 or -1: it fills the positions above or below it"""
     backstop: BackstopSettings | None = None
-    """When the wall is probed; None: only where the believed values say so"""
+    """When the wall is probed; None: only after an alarm of the detector"""
     bounces: BackstopSettings | None = None
     """The same for the contacts with a one-sided wall"""
     damping_high: float = 0.0
-    """Largest viscous friction that is believed, torque as commanded [N·m·s/rad]"""
+    """Largest believed viscous friction, in commanded torque [N·m·s/rad]"""
     heavy: float = 0.0
-    """Largest inertia that is believed, likewise [kg·m²]"""
+    """Largest believed inertia, in commanded torque [kg·m²]"""
 
 
 class Watch:
-    """The detector on the torque that acts, and what is done about an alarm.
+    """Runs the detector on the acting torque and the backstop, and answers their alarms.
 
     Attributes:
-        taken_back: Alarms that were taken back, since a hand was found to move the shaft.
+        taken_back: Number of alarms taken back because a hand was found to move the shaft.
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
-        state: The worst seen.
+        state: The worst state so far.
         frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
-            NaN: none was seen.
+            NaN: none.
         amplitude: Of it [rad].
-        first_alarm_s: When the sample came that raised the first alarm, from the first with the
-            wall on [s]; NaN: none has.
-        current: What the motion does now.
+        first_alarm_s: Time of the first alarm's sample, from the first with the wall on [s]; NaN:
+            none.
+        current: State of the motion now.
         acted: Mean torque that acted between the last two samples [N·m].
-        commanded: The same by what was commanded, where ``acted`` was measured [N·m].
+        commanded: The same in commanded torque, where ``acted`` was measured [N·m].
         spanned: Periods between them.
-        own: What the backstop has seen; None: there is none.
+        own: Results of the backstop; None: there is none.
     """
 
     __slots__ = (
@@ -136,28 +136,28 @@ class Watch:
         self._before = self.state, self.frequency_hz, self.amplitude, math.nan
 
     def set_age(self, age_s: float) -> None:
-        """Say how old a sample is when its torque is sent [s]."""
+        """Set the age of a sample when its torque is sent [s]."""
         lag_s = age_s + self._settings.lag
         self._acting.lag = lag_s / self._period
         self._detector.balance.lag = lag_s + self._settings.inserted
 
     def passed(self, periods: int) -> None:
-        """A tick has come, ``periods`` after the one before."""
+        """Count a tick, ``periods`` after the last one."""
         self._mean += self._acting.acted(periods) * periods
         self._periods += periods
         self._ticks += periods
 
     def sent(self, torque: float) -> None:
-        """Keep the torque that the tick has sent [N·m]."""
+        """Store the torque that the tick has sent [N·m]."""
         self._acting.send(torque)
         self._sent = torque
 
     def sample(self, position: float, law: Law, measured: float) -> None:
-        """Take a new position, in the tick that ``passed`` has told of.
+        """Take a new position, in a tick counted by ``passed``.
 
         Args:
             position: [rad]
-            law: What is rendered, for its stiffness, damping and place.
+            law: The rendered law, with its stiffness, damping and position.
             measured: Torque from the servo's current [N·m]; NaN: it gives none.
         """
         self.spanned = periods = self._periods
@@ -189,7 +189,7 @@ class Watch:
             self._size = math.nan
 
     def _backstop(self, own: OwnMotion, away: float, stiffness: float) -> None:
-        """Watch what the believed values do not explain, and the energy of a contact."""
+        """Watch motion that the believed values do not explain, and the energy of a contact."""
         moved = own.moved
         own.update(away, self._sent, self.spanned * self._period, stiffness)
         if own.moved > moved:
@@ -206,11 +206,11 @@ class Watch:
             self._contact(away * side > 0.0)
 
     def _contact(self, inside: bool) -> None:
-        """Trip where the wall has given out much more in a bounce than it has taken.
+        """Trip where the wall has given much more energy in a bounce than it has taken.
 
-        A bounce lasts half a cycle. Only about one and a half of them after the entry are judged:
-        a hand that moves to and fro inside of the wall takes energy from it for as long as it
-        likes, and friction eats it.
+        A bounce lasts half a cycle. Only about one and a half of them after the entry are judged: a
+        hand that moves to and fro inside the wall takes energy from it without a limit, and
+        friction dissipates it.
         """
         work, square = self._detector.energy
         if not inside:
@@ -226,13 +226,13 @@ class Watch:
                 self.failed = self.failed or work - work_then - eaten > GIVEN
 
     def raise_again(self) -> None:
-        """Allow all that the guard allows again, and begin to watch anew."""
+        """Restore the guard's gains, and restart the watch."""
         if self.own is not None:
             self.own.raise_again()
         self._detector.restart()
 
     def resume(self) -> None:
-        """Begin to watch anew after a pause without torque; what an alarm took stays taken."""
+        """Restart the watch after a pause without torque; reductions stay."""
         self._detector.restart()
         if self.own is not None:
             self.own.resume()
@@ -243,7 +243,7 @@ class Watch:
         self._periods = 0
 
     def _take_back(self) -> None:
-        """Take an alarm of the detector back: a probe has found that somebody moves the shaft."""
+        """Take an alarm of the detector back: a probe has found that a hand moves the shaft."""
         if self._detector.alarm:
             self.taken_back += 1
             self._detector.restart()
@@ -256,7 +256,7 @@ class Watch:
 
     @property
     def seen(self) -> tuple[float, float, float, bool]:
-        """Frequency [Hz], amplitude [rad] and growth [1/s] of the motion now, and an alarm."""
+        """Return frequency [Hz], amplitude [rad] and growth [1/s] now, and an alarm."""
         detector, own = self._detector, self.own
         if own is not None and (own.alarm or own.steady) and detector.state < State.SUSTAINED:
             return own.frequency_hz, own.amplitude, math.nan, own.alarm or detector.alarm
@@ -265,12 +265,12 @@ class Watch:
 
     @property
     def scale(self) -> float:
-        """Of the wall's elastic torque and of its limit, while the backstop answers [1]."""
+        """Return the scale of the wall's elastic torque and of its limit, by the backstop [1]."""
         return 1.0 if self.own is None else self.own.scale
 
     @property
     def damping_scale(self) -> float:
-        """Of its damping [1]."""
+        """Return the scale of its damping [1]."""
         return 1.0 if self.own is None else self.own.damping_scale
 
     def _note(self, state: State, amplitude: float, frequency_hz: float) -> None:
@@ -281,7 +281,7 @@ class Watch:
             self.frequency_hz = frequency_hz
 
     def _follow(self, position: float, surface: float, periods: int) -> None:
-        """Know when, and how far from the wall, the motion last went another way than before."""
+        """Record when, and how far from the wall, the motion last reversed."""
         moved = position - self._position
         if isnan(moved):
             self._turned_at = abs(position - surface)
@@ -309,7 +309,7 @@ class Watch:
 
 
 def oscillation_report(watch: Watch) -> dict[str, object]:
-    """What was seen, for the report: None for what there was not."""
+    """Return the observations for the report: None for missing ones."""
     seen = watch.state > State.QUIET
     alarmed = not isnan(watch.first_alarm_s)
     known = seen and math.isfinite(watch.frequency_hz)

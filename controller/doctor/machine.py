@@ -14,7 +14,7 @@ _LATE_SHARE = 4
 
 
 def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]:
-    """Judge the requested rights; only ``strict`` requires them, and not all.
+    """Judge the granted rights; a missing one is a fault only if ``strict`` requires it.
 
     Args:
         settings: From ``realtime.apply``.

@@ -221,7 +221,7 @@ class Tick:
             self.trip = parts.safety.failed(self._now())
 
     def _engage(self, woke_ns: int, contact: bool) -> bool:
-        """Whether the wall comes on in this tick, after a warm-up or a release of the dead man."""
+        """Record that the wall is off; return whether it comes on in this tick."""
         parts = self._parts
         gate, law, sampler = parts.engagement, parts.law, parts.sampler
         if self._on:
@@ -238,7 +238,7 @@ class Tick:
         return True
 
     def _may_rise(self) -> bool:
-        """Whether the pending increase of K is allowed although the shaft is in contact."""
+        """Whether K may rise by the largest possible amount although the shaft is in contact."""
         parts = self._parts
         elongation = parts.sampler.position - parts.law.position
         return parts.engagement.may_rise(parts.gains.largest_rise, elongation)

@@ -1,4 +1,4 @@
-"""Fractions that both the rules between fields and a run use."""
+"""Fractions of a period and of the no-load speed that both the rules and a run use."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def _integrals(rate: float, time: float) -> tuple[float, float]:
 
 
 class Slide(NamedTuple):
-    """A motion from an instant on, per unit inertia."""
+    """Initial speed and acting pushes of a motion, per unit inertia."""
 
     velocity: float
     """At the start [rad/s]"""

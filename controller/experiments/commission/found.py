@@ -1,4 +1,4 @@
-"""Defines and checks the result of each step in its JSON file, on writing and on reading.
+"""Defines and checks the result of each commissioning step in its JSON file.
 
 A folder may come from another user, and its files may have been edited.
 """

@@ -1,8 +1,8 @@
-"""Cuts motion into swings, from one turning point to the next, and sums up what each one cost.
+"""Divides motion into half-cycles, and integrates work and moments over each.
 
-Over a swing the velocity starts and ends at zero. So whatever the wall is, the work of all that
-acts is zero, and so is the mean of ``d(m v x)/dt``: work of the torque against friction, and
-torque times displacement against ``m v²``, tell whether the torque alone explains the motion.
+Over a half-cycle the velocity starts and ends at zero. So for any wall the work of all torques is
+zero, and so is the mean of ``d(m v x)/dt``: work of the torque against friction, and torque times
+displacement against ``m v²``, show whether the torque alone explains the motion.
 """
 
 from __future__ import annotations
@@ -11,29 +11,29 @@ import math
 from typing import NamedTuple
 
 HYSTERESIS = 1.5
-"""Counts of the encoder that a turning point must be left by: flicker of one count is none."""
+"""Distance from a turning point that confirms it [counts]: a flicker of one count does not."""
 _FINEST = 1e-9
 """The same without an encoder's steps [rad]."""
 
 
 Sums = tuple[float, float, float, float, float, float, float]
-"""What has come together since the start, up to a turning point: filtered position [rad], time [s],
-and ``work, square, area, moment, impulse`` of ``Swings``"""
+"""Sums from the start to a turning point: filtered position [rad], time [s], and ``work, square,
+area, moment, impulse`` of ``HalfCycleSums``"""
 
 
-class Swing(NamedTuple):
-    """From one turning point to the next."""
+class HalfCycle(NamedTuple):
+    """The motion and its integrals from one turning point to the next."""
 
     start: float
-    """Filtered position at the turning point before [rad]"""
+    """Filtered position at the first turning point [rad]"""
     end: float
-    """At this one [rad]"""
+    """Filtered position at the second one [rad]"""
     ended: float
-    """When [s since the start]"""
+    """Its end [s since the start]"""
     duration: float
     """[s], > 0"""
     amplitude: float
-    """Half the way between them, as it is without the filter [rad]"""
+    """Half the distance between them, corrected for the filter [rad]"""
     work: float
     """Of the acting torque [J]"""
     square: float
@@ -47,20 +47,20 @@ class Swing(NamedTuple):
 
     @property
     def path(self) -> float:
-        """Way travelled [rad]."""
+        """Return the travelled distance [rad]."""
         return abs(self.end - self.start)
 
     @property
     def virial(self) -> float:
-        """Integral of torque times distance from the middle [J·s]; free motion: -m ``square``."""
+        """Return the integral of torque times distance from the middle [J·s]."""
         return self.moment - 0.5 * (self.start + self.end) * self.impulse
 
 
-class Swings:
-    """Filters position and acting torque alike, and sums between turning points.
+class HalfCycleSums:
+    """Filters position and acting torque alike, and integrates between turning points.
 
-    The filter's time constant is a small share of the oscillation's period. It turns the encoder's
-    steps into a velocity, and because it acts on both, the phase between them is kept.
+    The filter's time constant is a small fraction of the oscillation's period. It turns the
+    encoder's steps into a velocity, and because it acts on both, it keeps the phase between them.
 
     Attributes:
         position: Filtered [rad].
@@ -96,12 +96,12 @@ class Swings:
     )
 
     def __init__(self, period: float, position_step: float, position: float) -> None:
-        """Begin at rest.
+        """Start at rest.
 
         Args:
             period: T [s].
             position_step: Encoder count q >= 0 [rad].
-            position: Where it rests [rad].
+            position: Rest position [rad].
         """
         self._period = period
         self._hysteresis = max(HYSTERESIS * position_step, _FINEST)
@@ -120,14 +120,14 @@ class Swings:
         self._gain = 1.0 - math.exp(-self._period / time_constant) if time_constant > 0 else 1.0
 
     def update(self, position: float, torque: float, periods: int) -> bool:
-        """Take a sample; whether a turning point has been left, which ends a swing.
+        """Take a sample; return whether a turning point was confirmed, which ends a half-cycle.
 
-        ``swing`` then gives it, until the next call.
+        ``half_cycle`` then returns it, until the next call.
 
         Args:
             position: Measured [rad].
-            torque: Mean one since the sample before [N·m].
-            periods: From the sample before, >= 1.
+            torque: Mean one since the last sample [N·m].
+            periods: From the last sample, >= 1.
         """
         gain = self._gain if periods == 1 else 1.0 - (1.0 - self._gain) ** periods
         span = periods * self._period
@@ -147,7 +147,7 @@ class Swings:
         self.moment += impulse * middle
         away = now - self._turn[0]
         if away * self._direction >= 0.0 and (self._direction or away == 0.0):
-            # Also while it rests there: a swing begins when it is let go.
+            # Also while it rests there: a half-cycle begins with the motion.
             self._turn = (
                 now,
                 self.time,
@@ -163,7 +163,7 @@ class Swings:
         return away > self._hysteresis or away < -self._hysteresis
 
     def now(self) -> Sums:
-        """All sums to the present."""
+        """Return all sums to the present."""
         return (
             self.position,
             self.time,
@@ -174,10 +174,10 @@ class Swings:
             self.impulse,
         )
 
-    def swing(self) -> Swing | None:
-        """The swing that ended where the turning point was, and begin the next one.
+    def half_cycle(self) -> HalfCycle | None:
+        """Return the half-cycle that ended at the turning point, and begin the next one.
 
-        To be called once whenever ``update`` says so. None for the first motion from rest.
+        Call it once whenever ``update`` returns true. None for the first motion from rest.
         """
         start, end = self.since, self._turn
         first = self._direction == 0
@@ -192,7 +192,7 @@ class Swings:
         if duration <= 0.0 or square <= 0.0:
             return None
         attenuation = math.pi / duration * self._tau
-        return Swing(
+        return HalfCycle(
             begun,
             left,
             end[1],
