@@ -1,4 +1,4 @@
-"""What a person who gave an option that is not there may have meant."""
+"""Suggests what a person meant by an unknown option."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import click
 
 
 def for_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
-    """The option that is called so, or the value of the configuration; empty: nothing is alike.
+    """Return the similar option or configuration value; empty: there is none.
 
     Args:
-        error: Which option there is not, for which command, and which are written alike.
-        arguments: Of the command line: the value that the option was given.
+        error: The unknown option, its command, and similar names.
+        arguments: Of the command line, with the option's value.
     """
     name = error.option_name
     paths = _paths(error.ctx, name.lstrip("-").replace("-", "_")) if name.startswith("--") else []
@@ -24,7 +24,7 @@ def for_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
 
 
 def _paths(context: click.Context | None, name: str) -> list[str]:
-    """The paths that ``--set`` of a command takes and that end in a name, or are it."""
+    """Return the paths for ``--set`` of a command that end in a name, or equal it."""
     if context is None:
         return []
     sets = [each for each in context.command.params if each.name == "sets"]
@@ -35,7 +35,7 @@ def _paths(context: click.Context | None, name: str) -> list[str]:
 
 
 def _value(name: str, arguments: Sequence[str]) -> str:
-    """The value that an option was given; ``VALUE`` where it had none."""
+    """Return the value of an option; ``VALUE`` if it had none."""
     for here, following in zip(arguments, [*arguments[1:], ""], strict=True):
         if here.startswith(f"{name}="):
             return here.partition("=")[2]

@@ -33,7 +33,7 @@ SECTIONS = {
     "telemetry_row": "haptic_wall.controller.bench.telemetry_row",
     "detector": "haptic_wall.controller.bench.detector",
 }
-"""Each section's module, which has ``measure() -> Section``."""
+"""Module of each section, which has ``measure() -> Section``."""
 ABOUT_S = {
     "lateness": 90,
     "stages": 60,
@@ -46,7 +46,7 @@ ABOUT_S = {
     "telemetry_row": 3,
     "detector": 1,
 }
-"""What each takes with its peers [s]; a busy machine takes up to half as long again"""
+"""Duration of each with its peers [s]; up to half as long again on a busy machine"""
 _PAGE = Kind(
     "a report of haptic-wall bench",
     re.compile(rb"<!DOCTYPE html>.{0,400}<title>haptic-wall ", re.DOTALL),

@@ -1,4 +1,4 @@
-"""``haptic-wall boundary``: what a servo in a loop can hold, why no more, and what would help."""
+"""``haptic-wall boundary``: computes a servo's stiffness limits, and the effect of improvements."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.names import did_you_mean
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
-"""Longer ones are milliseconds, written where seconds are wanted."""
+"""Larger values are probably milliseconds in place of seconds."""
 _MOST_PERIODS = 500
 """Longest delay in periods: beyond it each answer takes many seconds."""
 _WIDEST = 10_000
-"""Highest over lowest of a range: over more nothing is guaranteed, and to find that takes long."""
+"""Largest ratio of a range's ends: with more nothing is guaranteed, and finding that takes long."""
 
 
 @click.command()
@@ -108,10 +108,10 @@ def command(
 
 
 def _question(given: dict[str, Any]) -> Question:
-    """The question that the options ask.
+    """Return the question of the options.
 
     Raises:
-        UserError: Something is missing or outside of its domain; the message names the option.
+        UserError: An option is missing or outside of its domain; the message names it.
     """
     facts = _facts(given["servo_name"])
     period = _period(given["period"], given["rate"])
@@ -206,7 +206,7 @@ def _domain(option: str, given: Bounded, zero: bool) -> Bounded:
 
 
 def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, float]:
-    """Counts per turn (0: the encoder is not counted) and torque limit [N·m]."""
+    """Return counts per turn (0: the encoder is not counted) and torque limit [N·m]."""
     counts, limit = given["counts_per_rev"], given["torque_limit"]
     for option, value in (("--counts-per-rev", counts), ("--torque-limit", limit)):
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -230,7 +230,7 @@ def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, fl
 def _delay_parts(
     delay: float, period: float, baud: float | None, latency_timer: float | None
 ) -> DelayParts:
-    """What the delay is made of, as far as the options tell."""
+    """Return the parts of the delay, as far as the options give them."""
     named: dict[str, float] = {}
     if baud is not None:
         if not (math.isfinite(baud) and baud > 0):

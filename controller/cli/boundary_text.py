@@ -1,4 +1,4 @@
-"""The answer of ``haptic-wall boundary`` as readable text: points, peak, and the design table."""
+"""Formats the answer of ``haptic-wall boundary``: points, peak, and the design table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.delay_parts import ms
 
 _LOWER = 0.98
-"""What lowers the stiffness by more is told apart."""
+"""Largest factor on the stiffness that is reported separately."""
 _UNITS = {
     "virtual_damping": ("virtual damping", "N·m·s/rad"),
     "linear": ("linear", "N·m/rad"),
@@ -29,10 +29,10 @@ _PARTS = {
 
 
 def boundary_text(found: Mapping[str, Any]) -> str:
-    """The answer as text.
+    """Format the answer as text.
 
     Args:
-        found: As the command's ``--json`` gives it.
+        found: The answer, as for ``--json``.
     """
     return "\n".join(
         [
@@ -167,7 +167,7 @@ def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = ()) -> Iterator[str]:
-    """Columns as wide as they must be, numbers to the right."""
+    """Align columns, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (

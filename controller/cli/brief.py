@@ -1,4 +1,4 @@
-"""The report of a run in eight lines; ``haptic_wall.controller.cli.text`` has all of it."""
+"""Formats the report of a run in eight lines; ``haptic_wall.controller.cli.text`` has all of it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _LABEL: Final = 12
 
 
 def brief_text(report: Mapping[str, Any]) -> str:
-    """The report of ``haptic-wall run`` in eight lines.
+    """Format the report of ``haptic-wall run`` in eight lines.
 
-    They are more only where the end of the run takes so many: a trip's explanation and a torque
-    that could not be read back are never cut. What has no room is counted in the line ``more``.
+    There are more lines only for a trip's explanation and a torque that could not be read back,
+    which are never shortened. The line ``more`` counts omitted notes.
 
     Args:
-        report: As the command's ``--json`` gives it; what is None is left out.
+        report: The report, as for ``--json``; None is omitted.
     """
     ended, places = list(ending(report)), list(files(report))
     notes = [("note", str(note)) for note in report.get("warnings") or []]

@@ -112,7 +112,7 @@ def command(
 def _measured(
     loaded: Loaded, reach: float, store: CommissionStore, seconds: float
 ) -> tuple[Ended, dict[str, Any]]:
-    """Take the steps, in about so many seconds; the report, written unless nothing was measured."""
+    """Execute the steps, in about so many seconds; write the report unless nothing was measured."""
     from haptic_wall.controller.experiments.commission.report import report
     from haptic_wall.controller.experiments.commission.sequence import run_steps
     from haptic_wall.controller.experiments.commission.steps import Bench
@@ -146,7 +146,7 @@ def _store(
 
     refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
-        take_folder("--out", out, {}, force=False)  # the store knows what may be replaced
+        take_folder("--out", out, {}, force=False)  # the store decides what may be replaced
     asked = settings_of(loaded.config, reach)
     return CommissionStore(out, asked, loaded.name, as_json, fresh, only_look)
 
@@ -154,7 +154,7 @@ def _store(
 def _answer_plan(
     loaded: Loaded, announcement: Announcement, kept: list[Step], as_json_wanted: bool
 ) -> None:
-    """Say what would be done; ``kept``: steps that are not taken again."""
+    """Print the planned steps; ``kept``: steps that are not repeated."""
     if as_json_wanted:
         plan = {"name": loaded.name, "seconds": announcement.seconds, "steps": announcement.lines}
         answer(as_json({**plan, "kept": kept}))
@@ -180,7 +180,7 @@ def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
 
 
 def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
-    """Say what will move; before a real servo does, wait for a yes."""
+    """Announce the motions; wait for a yes before a real servo moves."""
     for line in _plan_lines(loaded, announcement):
         say(line)
     servo = loaded.config.servo
@@ -193,7 +193,7 @@ def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
 
 
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
-    """The report's data, and its page written."""
+    """Write the page; return the report's data."""
     from haptic_wall.controller.experiments.commission.report import report
     from haptic_wall.controller.experiments.commission.store import ALLOWED
     from haptic_wall.controller.experiments.commission.verdict import Question

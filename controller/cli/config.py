@@ -18,7 +18,7 @@ from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import Loaded, load_config
 
 _VALUE_WIDTH = 40
-"""Of a value with its unit; a belief with bounds is the longest."""
+"""Width of a value with its unit; a belief with bounds is the longest."""
 
 
 @click.command()
@@ -72,7 +72,7 @@ def _entry(loaded: Loaded, field: Field) -> dict[str, Any]:
 
 
 def _row(loaded: Loaded, field: Field) -> str:
-    """A field in two or more lines: name, value, unit and origin; then range and meaning."""
+    """Format a field in two or more lines: name, value, unit and origin; then range and meaning."""
     origin = loaded.origins.get(field.path, "default")
     value = f"{_text(_value(loaded, field))} {field.unit}"
     mark = " " if _kind(loaded) in field.used_by else "-"

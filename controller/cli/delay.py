@@ -1,4 +1,4 @@
-"""``haptic-wall delay``: the loop's delay, from a sample to the motion its torque causes."""
+"""``haptic-wall delay``: measures the loop's delay, from a sample to its torque's motion."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _whole(values: list[float]) -> list[int]:
 
 
 def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
-    """A table of the parts, one of what was recovered, and where the rest is."""
+    """Format a table of the parts, one of the recovered delays, and the files."""
     lines = [
         f"delay from sample to motion  {_with_error(found.total.value, found.total.stderr)}",
         f"  inserted                   {ms(found.configured * period)}",

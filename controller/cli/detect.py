@@ -1,4 +1,4 @@
-"""``haptic-wall detect``: the oscillation detector over a recorded log or CSV."""
+"""``haptic-wall detect``: runs the oscillation detector over a log or CSV."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 _NUMBER = click.FLOAT
 _LOG_BYTES_S, _CSV_BYTES_S = 2e7, 5e6
-"""How much of a file is looked at in a second"""
+"""Bytes of a file processed in a second"""
 _LIGHTEST, _MOST = 1e-12, 1e6
-"""Of what is known of a servo, in SI units"""
+"""Range of the servo's given values, in SI units"""
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""``haptic-wall doctor``: what is wrong with a testbed, what would mend it, and mending it."""
+"""``haptic-wall doctor``: finds the faults of a testbed, names the remedies, and applies them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def command(
             raise UserError(f"{option}: it belongs to --fix; add that, or leave it out")
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
-    with interrupting():  # the port's settings are put back
+    with interrupting():  # the port's settings are restored
         report = examine(loaded.config, _say, consent, change_baud)
     answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.findings.wrong else 0)

@@ -141,7 +141,7 @@ def command(
         stack.enter_context(on_signals(lambda received, _frame: signals.append(received)))
         witness = beside = None
         if record is not None:
-            if not die_with_parent:  # else the parent has taken it
+            if not die_with_parent:  # else the parent has claimed it
                 take_file("--record", record, RECORD, force=force)
             beside = Beside(record, RECORD, force=force)
             stack.callback(beside.discard)
@@ -179,7 +179,7 @@ def command(
             )
         if beside is not None and record is not None:
             with writing("--record", record):
-                beside.place()  # the bus is there, and so is a record of it
+                beside.place()  # the bus and its record exist
         settings = realtime.apply("best-effort", PRIORITY, os.sched_getaffinity(0))
         realtime.freeze_garbage()
         click.echo(terminal.path)
@@ -197,12 +197,12 @@ def command(
 
 
 def _orphaned(owner: int | None) -> Callable[[], bool]:
-    """Tells whether the process that started this one has ended.
+    """Return a function that tells whether the process that started this one has ended.
 
-    Not by PR_SET_PDEATHSIG: that comes when the *thread* ends that started this process.
+    It does not use PR_SET_PDEATHSIG: that acts when the *thread* ends that started this process.
 
     Args:
-        owner: Its number: it may have ended before this is asked; None: it has not.
+        owner: Its process id: it may have ended before the first call; None: it has not.
     """
     parent = os.getppid()
     if owner is not None and owner != parent and not Path(f"/proc/{owner}").exists():
@@ -211,7 +211,7 @@ def _orphaned(owner: int | None) -> Callable[[], bool]:
 
 
 def _leave_nothing(record: Path, orphaned: Callable[[], bool]) -> None:
-    """Remove a record in a folder of its own that nobody is there to read."""
+    """Remove a record in a folder of its own if no process is left to read it."""
     if orphaned():
         with suppress(OSError):
             record.unlink(missing_ok=True)
@@ -226,10 +226,10 @@ def _speed(text: str) -> int:
 
 
 def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
-    """The adapter's timer [ms] and block size [bytes].
+    """Return the adapter's timer [ms] and block size [bytes].
 
     Raises:
-        UserError: One of them is none.
+        UserError: One of them is invalid.
     """
     sizes = whole(1, 4096)
     try:
@@ -250,13 +250,13 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
 
 
 def _say(text: str) -> None:
-    with suppress(OSError):  # whoever started the bus may have stopped reading
+    with suppress(OSError):  # the parent may have stopped reading
         click.echo(printable(text))
 
 
 @contextmanager
 def _as_user_error(option: str = "") -> Iterator[None]:
-    """What the emulator finds wrong with what it was given, the user gave."""
+    """Turn the emulator's errors about its arguments into the user's."""
     try:
         yield
     except FileExistsError as error:

@@ -1,4 +1,4 @@
-"""Which servos an emulated bus has, and what they truly are, from the words of the command line."""
+"""Reads the servos of an emulated bus, and their true parameters, from the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
 from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
 from haptic_wall.hw.settings import HandName, TrueServo
 
-# An MX-64, for want of a published identification of an XM430.
+# An MX-64: no identification of an XM430 is published.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
 DEFAULT_TRUTH = TrueServo(
     inertia=0.011951,
@@ -45,7 +45,7 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
 
 
 def truth_of(model: Model, given: Mapping[str, Any]) -> TrueServo:
-    """True parameters of a servo of this model, with those given in place of the defaults.
+    """Return true parameters of a servo of this model, with given ones in place of the defaults.
 
     Args:
         model: Its stall torque limits the torque unless that is given.
@@ -60,10 +60,10 @@ def truth_of(model: Model, given: Mapping[str, Any]) -> TrueServo:
 
 
 def given_truth(sets: Iterable[str]) -> dict[str, Any]:
-    """The values of ``--set``, by name.
+    """Return the values of ``--set``, by name.
 
     Raises:
-        UserError: A name is unknown, or a value is none it can have.
+        UserError: A name is unknown, or a value is invalid.
     """
     given: dict[str, Any] = {}
     for text in sets:
@@ -85,12 +85,12 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
 
 
 def servo_of(text: str) -> tuple[Model, int, int]:
-    """Model, id and firmware from MODEL[:ID[:FIRMWARE]].
+    """Return model, id and firmware from MODEL[:ID[:FIRMWARE]].
 
-    The firmware is by default the first one that knows all that is emulated.
+    The default firmware is the first one with every emulated feature.
 
     Raises:
-        UserError: The model is unknown, or a number is none.
+        UserError: The model is unknown, or a number is invalid.
     """
     name, *rest = text.split(":")
     model = {known.upper(): found for known, found in MODELS.items()}.get(name.strip().upper())

@@ -1,7 +1,7 @@
-"""Where the command ``haptic-wall`` begins: a Ctrl-C is quiet from here on, before anything loads.
+"""The entry point of ``haptic-wall``: handles Ctrl-C quietly before anything is imported.
 
-Loading what a command needs takes up to half a second, in which Python answers a Ctrl-C with a
-traceback, or with whatever the library that is just loading makes of it.
+Importing a command's modules takes up to half a second, in which Python answers a Ctrl-C with a
+traceback, or with an error of the library that is being imported.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from haptic_wall.controller.cli import interrupt
 
 
 def main() -> int | str | None:
-    """Load the program and run the command of this process; its exit status."""
+    """Import the program and run the command of this process; return its exit status."""
     interrupt.leave_at_once()
     from haptic_wall.controller.cli.main import main as run
     from haptic_wall.controller.system.signals import was_interrupted

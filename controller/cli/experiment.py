@@ -1,4 +1,4 @@
-"""What the commands that experiment share: leave to move, where files go, how one may end."""
+"""Shared parts of the experiments' commands: consent to move, files, exit status."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT
 from haptic_wall.controller.system.whole_file import whole
 
 _FASTER = 20.0
-"""The simulated clock than real time"""
+"""Speed of the simulated clock relative to real time"""
 yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:
-    """Before a real servo moves by itself, wait for somebody's leave, where somebody is.
+    """Wait for a person's consent before a real servo moves by itself.
 
     Args:
         servo: Of the configuration.
-        yes: It is given already.
+        yes: Consent is already given.
 
     Raises:
-        click.Abort: It is not given.
+        click.Abort: Consent is refused.
     """
     if servo.kind != "hardware" or yes or not sys.stdin.isatty():
         return
@@ -51,22 +51,22 @@ def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
 
     Args:
         config: Of the servo.
-        seconds: How long it takes in real time, about [s].
+        seconds: Approximate duration in real time [s].
     """
     simulated = config.loop.clock == "simulated"
     return working("measuring", seconds / _FASTER if simulated else seconds)
 
 
 def folder_for(out: Path | None, what: str, *, force: bool) -> Path:
-    """The folder of an experiment's files: the one named, or a new one in ./runs/.
+    """Return the folder of an experiment's files: the named one, or a new one in ./runs/.
 
     Args:
-        out: What ``--out`` names; None: nothing.
-        what: The command; JSON and picture are called so.
-        force: Replace whatever is called so.
+        out: Value of ``--out``; None: not given.
+        what: The command, also the name of JSON and picture.
+        force: Replace any file of these names.
 
     Raises:
-        UserError: It is a file, or cannot be looked at, or those in it are not of this program.
+        UserError: It is a file, or cannot be accessed, or its files are not of this program.
     """
     if out is None:
         return new_stem("--out", what)
@@ -85,9 +85,9 @@ def keep(
     """Write an experiment's JSON and picture.
 
     Args:
-        folder: As ``folder_for`` gave it.
+        folder: From ``folder_for``.
         what: As for ``folder_for``.
-        report: What goes into the JSON, ``RESULT_MARK`` first.
+        report: Content of the JSON, ``RESULT_MARK`` first.
         draw: Draws the picture.
         force: As for ``folder_for``.
 

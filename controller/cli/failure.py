@@ -1,4 +1,4 @@
-"""What a command that fails says: words on standard error, and with --json an object for programs.
+"""Reports a failed command: text on standard error, and with --json an object for programs.
 
 The object is ``{error, field, advice, exit_status}``. Messages have one style everywhere:
 ``FIELD: what was found, wanted what; what to do``; of a servo, and of this machine,
@@ -19,7 +19,7 @@ from haptic_wall.controller.errors import ConfigError, HapticWallError
 from haptic_wall.hw.errors import ServoError
 
 _FIELD = re.compile(r"--[a-z][a-z-]*|[A-Z]{3,}(?= |:)|[a-z]+\.[a-z_]+")
-"""An option, an argument or a configuration's path, at the beginning of a message"""
+"""An option, an argument or a configuration path, at the beginning of a message"""
 _NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
 
 
@@ -42,12 +42,12 @@ def wants_json(arguments: Sequence[str]) -> bool:
 
 
 def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[str] = ()) -> int:
-    """Say an error; its exit status.
+    """Report an error; return its exit status.
 
     Args:
-        error: What happened; without a text it is Ctrl-C, which people know of.
+        error: The error; without a text it is Ctrl-C, which needs no explanation.
         status: Exit status.
-        json: Tell programs too, unless they have their answer already.
+        json: Also print the object for programs, unless the answer is already printed.
         arguments: Of the command line.
     """
     text = str(error) or "interrupted"
@@ -58,13 +58,13 @@ def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[s
     if json and not is_answered():
         try:
             answer(as_json(_failure(error, text, status)))
-        except OSError:  # a full disk: the exit status still tells
+        except OSError:  # a full disk: the exit status remains
             forget_output()
     return status
 
 
 def _in_one_style(error: click.ClickException, arguments: Sequence[str]) -> str:
-    """What click has found, in the words of the other errors."""
+    """Word click's error like the other errors."""
     context = error.ctx if isinstance(error, click.UsageError) else None
     more = f"`{context.command_path} --help` lists what there is" if context else ""
     if isinstance(error, click.NoSuchOption):

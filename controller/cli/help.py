@@ -1,4 +1,4 @@
-"""``haptic-wall help``: what ``--help`` says, for hands that type it first."""
+"""``haptic-wall help``: prints the same as ``--help``."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ def command(context: click.Context, command_name: str | None) -> None:
         answer(program.get_help())
         return
     wanted = program.command.get_command(program, command_name)
-    assert wanted is not None  # else an error has said so
+    assert wanted is not None  # else an error was raised
     with click.Context(wanted, info_name=command_name, parent=program) as inner:
         answer(inner.get_help())

@@ -147,7 +147,7 @@ def _places(
     *,
     force: bool,
 ) -> tuple[Path, Path]:
-    """Where picture and logs go; what cannot be written is refused before anything moves."""
+    """Return the places of picture and logs; refuse unwritable ones before anything moves."""
     if plot is not None:
         refuse_other_pictures("--plot", plot)
     refuse_same_file({**read, "--out": out, "--plot": plot})
@@ -163,7 +163,7 @@ def _places(
 
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
-    """Move and fit; an end before the end has its own exit status."""
+    """Move and fit; an early end has its own exit status."""
     from haptic_wall.controller.experiments.identify.identification import SECONDS, identify
     from haptic_wall.controller.experiments.testbed import (
         ExperimentInterruptedError,
@@ -183,7 +183,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
 
 @dataclass(slots=True)
 class _Kept:
-    """Writes files; the reasons where that fails wait until the figures are printed."""
+    """Writes files; collects the errors until the figures are printed."""
 
     force: bool
     failures: list[str] = field(default_factory=list)
@@ -208,7 +208,7 @@ def _draw(found: Identified, name: str, path: Path) -> None:
 
 
 def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
-    """The points of a sweep, and the configuration they were measured with: else ``config``."""
+    """Return the points of a sweep, and their configuration: by default ``config``."""
     from pydantic import ValidationError
 
     from haptic_wall.controller.experiments.identify.boundary_fit import read_points
@@ -229,7 +229,7 @@ def _from_sweep(
     loaded: Loaded,
     found: Identified | None,
 ) -> dict[str, Any]:
-    """What the boundary says, beside the motion or the belief."""
+    """Return the boundary's results beside those of the motion or the belief."""
     from haptic_wall.controller.experiments.identify.boundary_fit import Loop, fit_boundary
     from haptic_wall.controller.experiments.identify.identification import Estimated
     from haptic_wall.controller.experiments.identify.text import (
@@ -247,7 +247,7 @@ def _from_sweep(
         finding = found.torque_gain, found.inertia, found.coulomb
         gain, inertia, coulomb = (e.value for e in finding)
         damping, delay = found.damping, found.delay
-    # The boundary was measured in torque commanded.
+    # The boundary was measured in commanded torque.
     known = (Estimated(damping.value / gain, damping.stderr / gain), delay)
     loop = Loop(
         inertia=inertia / gain,

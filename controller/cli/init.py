@@ -25,7 +25,7 @@ from haptic_wall.controller.system.file_kinds import Kind
 from haptic_wall.controller.system.whole_file import whole
 
 _NO_FILE = Kind("empty", re.compile(rb"(?!)"))
-"""A configuration that somebody may have edited is never replaced unasked"""
+"""Kind of an editable configuration, which is never replaced without ``--force``"""
 _HINT = """\
 #
 # Lines such as `# key: value` show what else can be set, and its default: take the first # away
@@ -77,7 +77,7 @@ def command(file: Path, preset: str, force: bool) -> None:
 
 
 def commented(preset: str) -> str:
-    """A preset's text with what else can be set as comments.
+    """Return a preset's text with all other fields as comments.
 
     Args:
         preset: Its name.
@@ -98,7 +98,7 @@ def commented(preset: str) -> str:
 
 
 def _with_others(lines: list[str], others: dict[str, list[str]]) -> Iterator[str]:
-    """The lines of a preset; what else a section has is taken out of ``others`` and follows it."""
+    """Yield a preset's lines; after each section its other fields, removed from ``others``."""
     hinted, inside = False, ""
     for line in [*lines, ""]:
         if not hinted and not line.startswith("#"):

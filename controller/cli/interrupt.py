@@ -1,9 +1,8 @@
-"""What a Ctrl-C does where nothing has to be put in order: the process ends.
+"""Handles Ctrl-C where no clean-up is needed: ends the process at once.
 
-That is nearly everywhere. Raised as KeyboardInterrupt in whatever is just being done, it would be
-swallowed now and then: libraries that are being loaded turn it into other errors, or print it and
-go on. Who has something to put in order hears it by ``haptic_wall.controller.system.signals``, for
-that while.
+That is nearly everywhere. A KeyboardInterrupt at any point is sometimes lost: libraries that are
+being imported turn it into other errors, or print it and continue. Code with clean-up uses
+``haptic_wall.controller.system.signals`` for that time.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from typing import NoReturn
 INTERRUPTED = 130
 """Exit status"""
 _OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
-"""What ``--json`` is answered with, as ``failure.tell`` says it; nothing is loaded for it"""
+"""The answer for ``--json``, as from ``failure.tell``, without imports"""
 _answered: list[Callable[[], bool]] = []
 _first: list[Callable[[], None]] = []
 
 
 def leave_at_once() -> None:
-    """From now on a Ctrl-C ends the process; not where it is ignored, or was handled before.
+    """End the process on Ctrl-C from now on, unless Ctrl-C is ignored or already handled.
 
-    One that the launcher has held back does so now.
+    A Ctrl-C that the launcher has blocked acts now.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
@@ -36,32 +35,32 @@ def leave_at_once() -> None:
 
 
 def leave_to_the_system() -> None:
-    """From now on the system ends the process: Python is about to end, and calls no handler safely.
+    """Let the system end the process from now on: Python is ending, and can call no handler safely.
 
-    Not where Ctrl-C is ignored, or was handled before.
+    Not where Ctrl-C is ignored, or was already handled.
     """
     if signal.getsignal(signal.SIGINT) is _leave:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def end_without_python(status: int) -> NoReturn:
-    """End this process, but not as Python does, which takes its libraries apart.
+    """End this process without Python's own shutdown.
 
-    A library that a KeyboardInterrupt came through, matplotlib's fonts for instance, may be in a
-    state in which that aborts the process.
+    A library that a KeyboardInterrupt has passed through, such as matplotlib's fonts, may abort
+    during that shutdown.
 
     Args:
         status: Of the exit.
     """
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # nobody listens; it is closed
+        with suppress(OSError, ValueError):  # no reader; closed
             stream.flush()
     atexit._run_exitfuncs()
     os._exit(status)
 
 
 def say_nothing_after(answered: Callable[[], bool]) -> None:
-    """To programs (``--json``) one object is said, and no second one.
+    """Print no second object for programs (``--json``).
 
     Args:
         answered: Whether the command has printed its answer.
@@ -70,7 +69,7 @@ def say_nothing_after(answered: Callable[[], bool]) -> None:
 
 
 def do_first(action: Callable[[], None]) -> None:
-    """Before a Ctrl-C ends the process ``action`` is done; it waits for nothing."""
+    """Call ``action`` before a Ctrl-C ends the process; it must not wait."""
     _first[:] = [action]
 
 
@@ -78,6 +77,6 @@ def _leave(_signal: int, _frame: FrameType | None) -> None:
     for action in _first:
         action()
     if "--json" in sys.argv and not any(answered() for answered in _answered):
-        with suppress(OSError):  # nobody listens
+        with suppress(OSError):  # no reader
             os.write(1, _OBJECT)
     os._exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""The line of a terminal that shows a run while it goes on, and the keys that end it."""
+"""Displays a run in one line of the terminal, and reads the keys that end it."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ _RED, _YELLOW, _PLAIN = "\x1b[31m", "\x1b[33m", "\x1b[0m"
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the line shows."""
+    """The values in the line."""
 
     state: str
     wrong: int
-    """0: all is well; 1: something is limited; 2: something is wrong"""
+    """0: fine; 1: limited; 2: faulty"""
     position: float
     """[rad]"""
     depth: float
-    """In the wall [rad]; from it, where the wall is two-sided"""
+    """In the wall [rad]; from its surface, where the wall is two-sided"""
     torque: float
     """[N·m]"""
     largest: float
-    """Largest torque until now [N·m]"""
+    """Largest torque so far [N·m]"""
     stiffness: float
     """[N·m/rad]"""
     lost: int
@@ -59,7 +59,7 @@ class Shown:
 
 
 def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
-    """The line, no wider than ``columns`` - 1: what has no room at its end is left out."""
+    """Format the line, at most ``columns`` - 1 wide; the end is omitted if necessary."""
     parts = [
         f"{shown.state:9} {bar_of(shown.torque, shown.largest)}",
         f" {shown.torque:+7.3f} N·m",
@@ -78,7 +78,7 @@ def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
 
 
 def bar_of(torque: float, largest: float) -> str:
-    """A bar from the middle to the side that the torque pushes to."""
+    """Draw a bar from the middle to the side of the torque."""
     half = BAR // 2
     share = abs(torque) / largest if largest > 0.0 and math.isfinite(torque) else 0.0
     filled = "#" * min(half, round(share * half))
@@ -88,7 +88,7 @@ def bar_of(torque: float, largest: float) -> str:
 
 
 class RunView:
-    """What a run's newest row says, read from its shared memory."""
+    """Reads the values of the newest row from a run's shared memory."""
 
     def __init__(self, config: Config, telemetry: Telemetry) -> None:
         self._config = config
@@ -99,7 +99,7 @@ class RunView:
         self._surface = math.nan
 
     def look(self) -> Shown | None:
-        """What to show; None: there is no row yet."""
+        """Return the values to show; None: there is no row yet."""
         rows, self._tail = self._telemetry.read(self._tail)
         if not len(rows):
             return None
@@ -154,7 +154,7 @@ def live_line(
     Args:
         config: Of the run.
         telemetry: Its rows.
-        tell: Says something to a person.
+        tell: Passes a message to a person.
 
     Yields:
         ``tell`` that does not run into the line.
@@ -200,7 +200,7 @@ def _show(
 
 
 def _pressed(keyboard: int | None, done: threading.Event) -> bool:
-    """Whether a key that ends the run came within the time between two lines."""
+    """Wait for the next update; return whether a key asked for the end."""
     if keyboard is None:
         done.wait(EVERY_S)
         return False
@@ -210,14 +210,14 @@ def _pressed(keyboard: int | None, done: threading.Event) -> bool:
         keys = os.read(keyboard, 64)
     except OSError:
         keys = b""
-    if not keys:  # the terminal is gone
+    if not keys:  # the terminal has gone
         done.wait(EVERY_S)
     return any(key in ENDING_KEYS for key in keys)
 
 
 @contextlib.contextmanager
 def _keys() -> Iterator[int | None]:
-    """A terminal that gives each key at once; None: there is none that is ours."""
+    """Yield a terminal that gives single keys; None: there is none in the foreground."""
     try:
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)

@@ -42,7 +42,7 @@ _KINDS = {
     "--cut": LOG,
 }
 _READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 5e5, "--cut": 2e6}
-"""How much is read, and how many rows are written, in a second"""
+"""Read bytes, and written rows, per second"""
 
 
 @click.command()
@@ -127,7 +127,7 @@ def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
 
 
 def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
-    """Refuse a stretch in which nothing is, and an export of nothing."""
+    """Refuse an empty stretch, and an export without rows."""
     whole_log = summarised(replace(rows, stretch=WHOLE)).report(rows.origin_ns)
     if whole_log["rows"]:
         raise UserError(
@@ -139,7 +139,7 @@ def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
 
 
 def _refuse_joined(log: Path, report: dict[str, Any], wanted: dict[str, Path | None]) -> None:
-    """Refuse what is of one log only, where the stretch holds rows of several."""
+    """Refuse exports of a single log where the stretch has rows of several."""
     for option, path in wanted.items():
         if path is not None and option != "--csv":
             spans = ", ".join(
@@ -156,7 +156,7 @@ def _refuse_joined(log: Path, report: dict[str, Any], wanted: dict[str, Path | N
 def _write(
     rows: LogRows, wanted: dict[str, Path | None], log: Path, report: dict[str, Any], *, force: bool
 ) -> None:
-    """Write what was asked for; each file is there whole, or not at all."""
+    """Write the requested files; each is complete or absent."""
 
     def csv(path: Path) -> None:
         from haptic_wall.controller.logs.csv_export import write_csv

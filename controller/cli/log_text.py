@@ -1,4 +1,4 @@
-"""A log's summary in words."""
+"""Formats a log's summary in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from haptic_wall.controller.system.printable import in_line
 
 
 def config_line(config: object) -> str:
-    """What was run, in a line, from the log's configuration, whatever that is."""
+    """Describe the run in one line, from the log's configuration, whatever it contains."""
     servo, wall, loop = (_section(config, name) for name in ("servo", "wall", "loop"))
     return (
         f"{_value(servo, 'backend')} servo, wall {_value(wall, 'side')} "
@@ -33,11 +33,11 @@ def _value(section: Mapping[str, Any], name: str) -> str:
 
 
 def summary_text(summary: Mapping[str, Any], cut: object, log: str) -> str:
-    """The summary as text of some ten lines.
+    """Format the summary as text of some ten lines.
 
     Args:
-        summary: As the command's ``--json`` gives it.
-        cut: Where the log was cut from, as its metadata say; None: it is a run's own.
+        summary: The summary, as for ``--json``.
+        cut: Origin of an excerpt, from its metadata; None: it is a run's own log.
         log: Its name.
     """
     return "\n".join(_lines(summary, cut, log))
@@ -67,7 +67,7 @@ def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
 
 
 def _called(part: Mapping[str, Any]) -> str:
-    """What a log is called, and what wrote it."""
+    """Return a log's name, and the program that wrote it."""
     name, program = (
         in_line(part[key]) if isinstance(part[key], str) else "unknown"
         for key in ("name", "program")
@@ -107,7 +107,7 @@ def _misplaced(misplaced: Mapping[str, int]) -> Iterator[str]:
 
 
 def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
-    """The logs that are joined in one file, where there are several."""
+    """Describe the logs that are joined in one file, if there are several."""
     if len(parts) == 1:
         return
     yield f"joined      {len(parts)} logs in one file: the time of each goes on 1 s after the last"

@@ -1,7 +1,7 @@
-"""The command ``haptic-wall``: finds the command asked for, and gives every error its exit status.
+"""The command ``haptic-wall``: runs the requested command, and gives errors their exit status.
 
-A command's module is imported only when it is called, so that help comes at once and a command
-needs only what it uses.
+A command's module is imported only when it is called, so that help is quick and a command loads
+only its own modules.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status.
     """
     _fill_missing_streams()
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal that has no µ gets a question mark
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal without µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
     logging.basicConfig(level=logging.WARNING, handlers=[_Said()])
     begin()
@@ -135,10 +135,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _tell_of_system(error: OSError, *, json: bool) -> int:
-    """Say what the system refused; the exit status.
+    """Report the system's refusal; return the exit status.
 
     Raises:
-        OSError: It is a defect of ours.
+        OSError: It is a defect of the program.
     """
     if error.errno == errno.ENOSPC:
         forget_output()
@@ -158,10 +158,10 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
 
 
 def _fill_missing_streams() -> None:
-    """Give standard streams that are closed a place.
+    """Open closed standard streams.
 
-    Else the next files opened, the shared memory or the port, would take their numbers, and a
-    child that they are handed to would find its own streams there.
+    Otherwise the next opened files, the shared memory or the port, would get their numbers, and a
+    child that inherits them would take them for its streams.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -173,7 +173,7 @@ def _fill_missing_streams() -> None:
 
 
 class _Said(logging.Handler):
-    """What the program logs, said to a person."""
+    """Passes the program's log messages to a person."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(record.getMessage())

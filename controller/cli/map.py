@@ -1,4 +1,4 @@
-"""``haptic-wall map``: the simulated critical stiffness over virtual damping, delay and kick."""
+"""``haptic-wall map``: simulates the critical stiffness over virtual damping, delay and kick."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import CriticalMap, Setting
 
 _POINT_S = 0.05
-"""What a point takes on one core, about [s]"""
+"""Approximate duration of a point on one core [s]"""
 _STEPS = (0, 1, 2, 3, 4, 5)
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
@@ -163,7 +163,7 @@ def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:
     ceiling = max_virtual_damping(
         servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
     )
-    # Closer together where they are small: there the limits rise steeply, and there walls are used.
+    # Denser at small values, where walls are used and the limits rise steeply.
     shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
     return [float(f"{value:.4g}") for value in shares * float(ceiling)]
 
@@ -191,7 +191,7 @@ def _points(found: CriticalMap) -> list[dict[str, Any]]:
 
 
 def _outcome(simulated: float) -> str:
-    """What the search came to."""
+    """Describe the result of the search."""
     if math.isnan(simulated):
         return "not computed"
     if math.isinf(simulated):
@@ -248,7 +248,7 @@ def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool
 
 
 def _text(found: CriticalMap, files: list[Path]) -> str:
-    """A table of the largest kick, and where the rest is."""
+    """Format a table of the largest kick, and the files."""
     import numpy as np
 
     k = int(np.argmax(found.kick))

@@ -1,6 +1,6 @@
-"""Numbers on the command line: lists of them, and ranges in which the truth is believed to lie.
+"""Reads numbers from the command line: lists, and ranges of a belief.
 
-Callbacks of options that take text, so that a message names the option.
+They are callbacks of options that take text, so that a message names the option.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import click
 from haptic_wall.controller.guard.belief import Bounded
 
 _DIGITS = 9
-"""No id and no firmware has more, and Python reads no number of thousands"""
+"""Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
 
 
 def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
-    """Numbers with commas between, negative ones included: ``-0.01,0.2``.
+    """Read numbers separated by commas, also negative ones: ``-0.01,0.2``.
 
     Raises:
         BadParameter: One is not a finite number.
@@ -34,7 +34,7 @@ def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> l
 
 
 def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[float] | None:
-    """Numbers of whole periods with commas between: ``0,5``.
+    """Read numbers of whole periods separated by commas: ``0,5``.
 
     Raises:
         BadParameter: One is not a whole number from 0 up.
@@ -52,7 +52,7 @@ def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> l
 
 
 def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:
-    """A number, or ``LOW:HIGH``: somewhere between, and the middle is the best guess.
+    """Read a number, or a range ``LOW:HIGH`` whose middle is the estimate.
 
     Raises:
         BadParameter: It is neither.
@@ -72,12 +72,12 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
 
 
 def digits(text: str) -> int | None:
-    """An id or the like, a number of a few digits; None: it is none."""
+    """Return a whole number of a few digits, such as an id; None: it is none."""
     return int(text) if text.strip().isdecimal() and len(text) <= _DIGITS else None
 
 
 def _number(text: str) -> float | None:
-    """A finite number, or None."""
+    """Return a finite number, or None."""
     try:
         number = float(text)
     except ValueError:

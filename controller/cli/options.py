@@ -1,4 +1,4 @@
-"""What the commands share: CONFIG, ``--set``, ``--json``, and how answers and files are written."""
+"""Shared parts of the commands: CONFIG, ``--set``, ``--json``, output of answers and files."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def config_argument(default: str | None = None) -> Callable[[Command], Command]:
-    """The CONFIG argument, handed to the command as ``config``.
+    """Add the CONFIG argument, passed to the command as ``config``.
 
     Args:
-        default: What it is when it is left out; None: it must be given.
+        default: Its default; None: it is required.
     """
     if default is None:
         return click.argument("config", metavar="CONFIG", shell_complete=_configurations)
@@ -56,7 +56,7 @@ def _paths_of_config(
 
 
 def set_option(command: Command) -> Command:
-    """``--set PATH=VALUE``, any number of times, handed to the command as ``sets``."""
+    """Add ``--set PATH=VALUE``, repeatable, passed to the command as ``sets``."""
     return click.option(
         "--set",
         "sets",
@@ -68,17 +68,17 @@ def set_option(command: Command) -> Command:
 
 
 def json_option(command: Command) -> Command:
-    """``--json``, handed to the command as ``as_json_wanted``."""
+    """Add ``--json``, passed to the command as ``as_json_wanted``."""
     return click.option(
         "--json", "as_json_wanted", is_flag=True, help="Print one JSON object and nothing else."
     )(command)
 
 
 def as_json(value: Mapping[str, Any]) -> str:
-    """One JSON object as ASCII text, whatever the terminal; what is not finite is null.
+    """Return one JSON object as ASCII text; values that are not finite become null.
 
     Args:
-        value: Anything made of mappings, sequences, numbers (NumPy's too), texts and paths.
+        value: Made of mappings, sequences, numbers (NumPy's too), texts and paths.
 
     Raises:
         TypeError: It holds something that JSON cannot.
@@ -111,17 +111,17 @@ _command = _Command()
 
 
 def begin() -> None:
-    """A command begins, which has not answered yet."""
+    """Start a command without an answer yet."""
     _command.answered = _command.output_taken = False
 
 
 def is_answered() -> bool:
-    """Whether the command has printed its answer: on standard output there is one at most."""
+    """Whether the command has printed its answer: standard output gets at most one."""
     return _command.answered
 
 
 class FileToWrite(click.Path):
-    """A file's place; ``-`` is standard output, which is then the file's alone."""
+    """A file's path; ``-`` is standard output, which then belongs to the file."""
 
     name = "file"
 
@@ -137,9 +137,9 @@ class FileToWrite(click.Path):
 
 
 def say(text: str) -> None:
-    """Tell a person on standard error; that nobody listens is no reason to end.
+    """Print text for a person on standard error; a missing reader is no error.
 
-    Here, and in ``answer``, control characters become escapes, whoever wrote the text.
+    Here, and in ``answer``, control characters become escapes.
     """
     with suppress(OSError), aside():
         click.echo(printable(text), err=True)
@@ -156,14 +156,14 @@ def answer(text: str) -> None:
             click.echo(printable(text), err=_command.output_taken)
             sys.stdout.flush()
     except OSError as error:
-        # ``| head``, or the terminal is closed: the exit status still tells how the command ended
+        # ``| head``, or a closed terminal: the exit status remains
         if error.errno not in (errno.EPIPE, errno.EIO):
             raise
         forget_output()
 
 
 def forget_output() -> None:
-    """Python flushes standard output once more at exit, and would fail again: give it a place."""
+    """Redirect standard output, which Python flushes again at exit and which would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -174,13 +174,13 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
         named: Each option or argument, and the file it names, if any.
 
     Raises:
-        UserError: Two of them name one file, or one cannot be looked at.
+        UserError: Two of them name one file, or one cannot be accessed.
     """
     seen: dict[Path, str] = {}
     for name, path in named.items():
         try:
             if path is None or (path.exists() and not path.is_file()):
-                continue  # a device (/dev/null) may take any number
+                continue  # a device (/dev/null) may have many writers
             place = path.resolve()
         except (OSError, RuntimeError) as error:  # RuntimeError: links that lead in a circle
             reason = error.strerror if isinstance(error, OSError) else "its links lead in a circle"
@@ -193,10 +193,10 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
 
 
 def refuse_no_folder(option: str, path: Path) -> None:
-    """Refuse a place for a folder where something else is.
+    """Refuse a folder's path that is no folder.
 
     Raises:
-        UserError: Something else is there, or it cannot be looked at.
+        UserError: It is no folder, or cannot be accessed.
     """
     with writing(option, path):
         if path.exists() and not path.is_dir():
@@ -204,10 +204,10 @@ def refuse_no_folder(option: str, path: Path) -> None:
 
 
 def refuse_other_pictures(option: str, path: Path) -> None:
-    """Refuse a name that promises another kind of picture than PNG.
+    """Refuse a picture's name with another suffix than PNG's.
 
     Raises:
-        UserError: It has a suffix, and another one.
+        UserError: It has another suffix.
     """
     if path.suffix.lower() not in ("", ".png"):
         raise UserError(

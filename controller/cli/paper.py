@@ -1,4 +1,4 @@
-"""``haptic-wall paper``: the paper's table and figures again, as CSV, PNG and a page."""
+"""``haptic-wall paper``: reproduces the paper's table and figures, as CSV, PNG and a page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _ALL = "all"
 _ITEM_S = 2.0
-"""What an item takes [s]"""
+"""Approximate duration of an item [s]"""
 
 
 @click.command()

@@ -1,6 +1,6 @@
-"""Where a command writes: refused before anything is done, and kept from other commands meanwhile.
+"""Claims the places where a command writes: refuses conflicts before any work is done.
 
-Nothing that is there is touched before there is something to replace it with.
+No existing file is touched before there is a replacement.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from haptic_wall.controller.system.whole_file import remove_leftovers
 
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")
-"""What a name may go on with that is not new"""
+"""Suffixes that may follow a new name in an existing file"""
 
 
 def force_option(command: Command) -> Command:
-    """``--force``, handed to the command as ``force``."""
+    """Add ``--force``, passed to the command as ``force``."""
     return click.option(
         "--force", is_flag=True, help="Replace files there that haptic-wall did not write."
     )(command)
@@ -35,19 +35,19 @@ def force_option(command: Command) -> Command:
 def take_file(
     option: str, path: Path, kind: Kind, *, force: bool, make: bool = False, try_it: bool = True
 ) -> None:
-    """See that a file can go there without a loss; until the command ends no other writes it.
+    """Check that a file can be written there without loss, and claim it until the command ends.
 
     Args:
-        option: Which names it.
-        path: Where the file goes.
-        kind: What it is.
-        force: Replace whatever file is there.
-        make: Make its folder if need be.
-        try_it: Refuse a folder that nothing can be written to.
+        option: Option that names it.
+        path: Path of the file.
+        kind: Kind of the file.
+        force: Replace any file.
+        make: Make its folder if necessary.
+        try_it: Refuse a folder without write permission.
 
     Raises:
-        UserError: A folder or a file that is not of that kind is there, or another command is
-            writing it, or it cannot be written.
+        UserError: A folder or a file of another kind is there, or another command is writing it, or
+            it cannot be written.
     """
     if str(path) == "-":
         raise UserError(
@@ -71,17 +71,17 @@ def take_file(
 
 
 def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool) -> None:
-    """See that files can go there without a loss; until the command ends no other writes there.
+    """Check that files can be written there without loss, and claim the folder until the end.
 
     Args:
-        option: Which names it.
-        folder: Made if need be.
-        kinds: The files that go there, by name, and what they are.
-        force: Replace whatever files are there.
+        option: Option that names it.
+        folder: Made if necessary.
+        kinds: Names and kinds of the files.
+        force: Replace any files.
 
     Raises:
-        UserError: It is no folder, or none to write to, or one of the files is something else, or
-            another command is writing there.
+        UserError: It is no folder, or not writable, or a file is of another kind, or another
+            command is writing there.
     """
     refuse_no_folder(option, folder)
     with writing(option, folder):
@@ -104,12 +104,12 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
 
 
 def take_link(option: str, path: Path, *, force: bool) -> None:
-    """See that a link to a terminal can go there; until the command ends no other makes it.
+    """Check that a link to a terminal can be made there, and claim it until the command ends.
 
     Args:
-        option: Which names it.
-        path: Where the link goes; one that a killed command left there leads to a terminal too.
-        force: Replace whatever link is there.
+        option: Option that names it.
+        path: Path of the link; a link that a killed command left there leads to a terminal too.
+        force: Replace any link.
 
     Raises:
         UserError: A link to something else is there, or another command's, or it cannot be made.
@@ -124,24 +124,24 @@ def take_link(option: str, path: Path, *, force: bool) -> None:
 
 
 def new_stem(option: str, what: str) -> Path:
-    """A name in ./runs/ that nothing there begins with, until the command ends its own.
+    """Return a name in ./runs/ with which no existing name begins, claimed until the command ends.
 
     Args:
-        option: Which would name another place.
-        what: What the name ends with, behind date and time.
+        option: Option that would name another place.
+        what: End of the name, after date and time.
 
     Raises:
-        UserError: There can be no folder ./runs/.
+        UserError: The folder ./runs/ cannot be made.
     """
     _make(option, _RUNS)
     stem = _RUNS / f"{time.strftime('%Y%m%d-%H%M%S')}-{what}"
-    while not _is_new(stem):  # two within a second
+    while not _is_new(stem):  # second run within a second
         stem = stem.with_name(stem.name + "+")
     return stem
 
 
 def _is_new(stem: Path) -> bool:
-    """Whether nothing has that name; it is claimed then."""
+    """Whether the name is free; claim it then."""
     with ExitStack() as stack:
         try:
             stack.enter_context(claimed(stem))

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from haptic_wall.controller.processes.stream import Stream
 
 MUCH = 1e8
-"""A log of so many bytes is told of before the run"""
+"""Size of a log that is announced before the run [bytes]"""
 SIMULATED_S = 5.0
-"""Duration unless told otherwise [s]; hardware runs until Ctrl-C."""
+"""Default duration [s]; hardware runs until Ctrl-C."""
 
 
 @click.command()
@@ -161,7 +161,7 @@ def command(
 def _stream(
     config: Config, place: str | None, rate_hz: float | None, anywhere: bool
 ) -> Stream | None:
-    """Where rows go to be watched live."""
+    """Return the live stream's destination."""
     if place is None:
         for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
             if given:
@@ -180,10 +180,10 @@ def _stream(
 
 
 def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
-    """The dead man.
+    """Return the dead man.
 
     Raises:
-        UserError: There is more than one, or it is nothing that can be held.
+        UserError: There is more than one, or it cannot serve as a dead man.
     """
     if not sources:
         return None
@@ -220,7 +220,7 @@ def _duration(config: Config, asked: float | None) -> float | None:
 def _progress(
     config: Config, seconds: float | None, telemetry: Telemetry, tell: Callable[[str], None]
 ) -> Iterator[Callable[[str], None]]:
-    """Show how far a run is that has no line of its own."""
+    """Show the progress of a run without a live line."""
 
     def share() -> float | None:
         return None if seconds is None else telemetry.words[Word.HEAD] / rows
@@ -231,7 +231,7 @@ def _progress(
 
 
 def _length(config: Config, seconds: float | None) -> str:
-    """How long the run is, and what it will write if that is much."""
+    """Describe the run's duration, and the size of its log if large."""
     rate = config.loop.rate_hz * ROW.itemsize
     if seconds is None:
         clock = "simulated minute" if _in_memory(config) else "minute"
@@ -241,7 +241,7 @@ def _length(config: Config, seconds: float | None) -> str:
 
 
 def _size(count: float) -> str:
-    """Bytes in words, two digits."""
+    """Format bytes with two digits."""
     return f"{count / 1e9:.2g} GB" if count >= 1e9 else f"{float(f'{count / 1e6:.2g}'):g} MB"
 
 
@@ -254,7 +254,7 @@ def _places(
     draws: bool,
     force: bool,
 ) -> tuple[Path, Path | None]:
-    """Where log and picture go: what is not said goes into ./runs/, the picture beside a log."""
+    """Return the places of log and picture: by default in ./runs/, the picture beside the log."""
     if draws and plot is None and log is not None:
         plot = _beside(log)
     if plot is not None:
@@ -266,9 +266,9 @@ def _places(
         ("--witness", witness, RECORD),
     ):
         if path is not None:
-            if path.is_fifo():  # whoever opens it waits for a reader, and Ctrl-C would not end that
+            if path.is_fifo():  # opening it would wait for a reader, and Ctrl-C would not end that
                 raise UserError(f"{option}: {path} is a pipe; name a file")
-            # What cannot be written there is told, and the run goes on without it.
+            # An unwritable place is reported, and the run goes on without it.
             take_file(option, path, kind, force=force, make=True, try_it=False)
     if log is not None and (plot is not None or not draws):
         return log, plot
@@ -280,7 +280,7 @@ def _places(
 
 
 def _beside(log: Path) -> Path | None:
-    """Where the picture of a log goes; None: what is there is no file."""
+    """Return the path of a log's picture; None: the log is no file."""
     try:
         usable = log.is_file() or not log.exists()
     except OSError:
@@ -291,9 +291,9 @@ def _beside(log: Path) -> Path | None:
 
 
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
-    """Draw the picture from the log; what went wrong, or nothing."""
+    """Draw the picture from the log; return the error, or nothing."""
     try:
-        # Whoever cannot wait for it need not.
+        # The drawing can be interrupted.
         with working("drawing the picture", DRAWING_S), interrupting(STOPPING):
             from haptic_wall.controller.logs.reader import LogReader
             from haptic_wall.controller.logs.rows import LogRows

@@ -1,4 +1,4 @@
-"""``haptic-wall scan``: which servos are on a bus, at which ids and baud rates."""
+"""``haptic-wall scan``: lists the servos on a bus, with ids and baud rates."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ HARDWARE = 4
 def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
-    Sends pings and nothing else; the port's settings are as before when it ends.
-    Exit status 4 when nothing answers.
+    Sends pings and nothing else; the port's settings are as before when it ends. Exit status 4 when
+    nothing answers.
     """
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)
     wanted = _ids(ids)
@@ -55,7 +55,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
 
-    with interrupting():  # the port's settings are put back
+    with interrupting():  # the port's settings are restored
         searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))
@@ -63,7 +63,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
 
 
 def _refuse_no_port(path: str) -> None:
-    """Refuse what is there and is no serial port; what is not there, the search tells."""
+    """Refuse a path that exists and is no serial port; the search reports a missing one."""
     with suppress(OSError):
         found = Path(path).stat()
         if not stat.S_ISCHR(found.st_mode) or not is_terminal(found.st_rdev):

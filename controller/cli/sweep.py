@@ -1,4 +1,4 @@
-"""``haptic-wall sweep``: the critical stiffness of a servo, measured on it."""
+"""``haptic-wall sweep``: measures the critical stiffness of a servo."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
             raise UserError(
                 f"--delay-steps: found {value:g}, wanted whole periods from 0 to {_MOST_STEPS}"
             )
-    # Each once: results are kept by point.
+    # Without repetitions: results are stored by point.
     return tuple(dict.fromkeys(Setting(b, int(n)) for n in steps for b in dampings))
 
 
@@ -183,7 +183,7 @@ def _folder(out: Path | None, name: str, *, fresh: bool, force: bool) -> Path:
     if out is None:
         return new_stem("--out", f"sweep-{Path(name).stem}")
     kinds = {CSV: table("virtual_damping,delay_steps,"), PNG: PICTURE}
-    if fresh:  # else the store looks closer
+    if fresh:  # else the store checks it
         kinds[JSON] = RESULT
     take_folder("--out", out, kinds, force=force)
     return out
@@ -195,7 +195,7 @@ def _announce(
     options: Options,
     done: dict[Setting, PointResult],
 ) -> None:
-    """What is about to happen, before it does."""
+    """Announce the motions."""
     from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
 
     left = tuple(setting for setting in settings if setting not in done)
@@ -220,7 +220,7 @@ def _announce(
 
 
 class _Progress:
-    """A line for each point, with the time that is left."""
+    """Prints a line for each point, with the remaining time."""
 
     def __init__(self, total: int, before: int) -> None:
         self._total = total

@@ -1,4 +1,4 @@
-"""The whole report of a run as text: what happened, what was commanded and why."""
+"""Formats the whole report of a run: events, commanded values and reasons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.runtime.safety import Trip
 
 _WORST = 3
-"""How many of the worst ticks the text names"""
+"""Number of named worst ticks"""
 _UNCONFIRMED = (
     "the servo did not answer when its torque was switched off: without a supply it has none, and "
     "else its Bus Watchdog ends it; switch its power off before you reach for it"
@@ -18,10 +18,10 @@ _UNCONFIRMED = (
 
 
 def report_text(report: Mapping[str, Any]) -> str:
-    """The report of ``haptic-wall run -v`` as text of some 25 lines.
+    """Format the report of ``haptic-wall run -v`` as text of some 25 lines.
 
     Args:
-        report: As the command's ``--json`` gives it; what is None is left out.
+        report: The report, as for ``--json``; None is omitted.
     """
     return "\n".join(
         [
@@ -38,7 +38,7 @@ def report_text(report: Mapping[str, Any]) -> str:
 
 
 def ending(report: Mapping[str, Any]) -> Iterator[str]:
-    """How the run ended, and of a trip what it means."""
+    """Yield how the run ended, and a trip's explanation."""
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if trip := Trip.of(reason):
@@ -98,7 +98,7 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _late(timing: Mapping[str, Any] | None) -> Iterator[str]:
-    """How many ticks were late and why, and the worst of them."""
+    """Yield the number of late ticks, their causes, and the worst."""
     if not timing or not timing["late_ticks"]:
         return
     causes = sorted(timing["causes"].items(), key=lambda item: -item[1])
@@ -126,7 +126,7 @@ def _delay(delay: Mapping[str, Any] | None) -> Iterator[str]:
 
 
 def _interval(report: Mapping[str, Any]) -> Iterator[str]:
-    """The interval that the guard counted as the period, where it is not the grid's."""
+    """Yield the guard's served interval, where it is not the grid's."""
     interval = (report.get("guard") or {}).get("interval_s")
     grid = report.get("grid_hz")
     if interval and grid and interval * grid > 1.001:
@@ -137,7 +137,7 @@ def _interval(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _slower(report: Mapping[str, Any]) -> str:
-    """What lay between one good reading and the next."""
+    """Describe the causes of long intervals between good readings."""
     bus = report.get("bus") or {}
     lost = sum(bus.get(name, 0) for name in ("lost", "corrupt", "refused"))
     causes = [f"{lost} replies lost or broken"] if lost else []
@@ -175,7 +175,7 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
 
 
 def _rebound(low: float | None, high: float) -> str:
-    """For which speeds of entry the device is guaranteed to come back no faster."""
+    """Describe the entry speeds at which the device is guaranteed to return no faster."""
     least = 0.0 if low is None else low
     if least >= high:
         return "at no speed is the device guaranteed to come back no faster than it came"
@@ -194,7 +194,7 @@ def _motion(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def oscillation(seen: Mapping[str, Any]) -> str:
-    """The state, frequency and amplitude that the detector saw."""
+    """Format the detector's state, frequency and amplitude."""
     known = [
         f"{number(seen[key])} {unit}"
         for key, unit in (("frequency_hz", "Hz"), ("amplitude_rad", "rad"))
@@ -219,14 +219,14 @@ def _notes(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def files(report: Mapping[str, Any]) -> Iterator[str]:
-    """Where log and picture are. A path is one word for whoever copies it: never folded."""
+    """Yield the places of log and picture; a path is never folded, so that it can be copied."""
     for key, label in (("log", "log"), ("plot", "picture")):
         if report.get(key):
             yield f"{label:<12}{report[key]}"
 
 
 def entry(label: str, text: str) -> list[str]:
-    """A label and its text, folded under itself."""
+    """Format a label and its text, folded under itself."""
     return wrapped(text, f"{label:<12}", " " * 12)
 
 
@@ -240,10 +240,10 @@ def _percentiles(times: Mapping[str, float | None]) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """A number in so many digits."""
+    """Format a number with so many digits."""
     return "unknown" if value is None else f"{value:.{digits}g}"
 
 
 def milli(seconds: float | None) -> str:
-    """Milliseconds, in three digits after the point."""
+    """Format milliseconds, with three digits after the point."""
     return "unknown" if seconds is None else f"{1000 * seconds:.3f}"

@@ -1,7 +1,7 @@
-"""A line on a terminal that tells what is being done, for how long, and how much longer.
+"""Displays a terminal line with the present activity, its duration and the remaining time.
 
 It is written on standard error, and only where that is a terminal whose foreground is this
-program's. ``options.say`` and ``options.answer`` take it away before they write.
+program's. ``options.say`` and ``options.answer`` remove it before they write.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from haptic_wall.controller.cli import interrupt
 
 CLEAR: Final = "\r\x1b[K"
 FIRST_S: Final = 0.5
-"""Nothing is shown for what takes less [s]"""
+"""Shorter activities are not shown [s]"""
 EVERY_S: Final = 0.5
 DRAWING_S: Final = 2.0
-"""About how long a picture takes, most of it to load what draws [s]"""
+"""Approximate duration of a picture, mostly for imports [s]"""
 _writing = threading.RLock()
 _at_work: list[Work] = []
 
 
 @dataclass(slots=True)
 class Work:
-    """What is being done."""
+    """The present activity."""
 
     label: str
     about_s: float | None
-    """How long it takes [s]; None: nobody knows"""
+    """Expected duration [s]; None: unknown"""
     share: Callable[[], float | None] | None
-    """How much of it is done, 0 to 1"""
+    """Returns its finished fraction, 0 to 1"""
     began: float = field(default_factory=time.monotonic)
     drawn: bool = False
 
     def now(self, label: str, about_s: float | None = None) -> None:
-        """Something else is being done, from this moment on."""
+        """Switch to another activity from now on."""
         self.label, self.about_s, self.began = label, about_s, time.monotonic()
 
     def text(self) -> str:
-        """The line."""
+        """Return the line."""
         passed = time.monotonic() - self.began
         share = None if self.share is None else self.share()
         about = passed / share if share else self.about_s
@@ -58,7 +58,7 @@ class Work:
 
 
 def length(seconds: float) -> str:
-    """A time in words, in whole seconds or minutes."""
+    """Format a time in whole seconds or minutes."""
     return f"{max(1.0, seconds):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
@@ -66,13 +66,13 @@ def length(seconds: float) -> str:
 def working(
     label: str, about_s: float | None = None, share: Callable[[], float | None] | None = None
 ) -> Iterator[Work]:
-    """Show what is being done until the block ends; inside another one, in its place.
+    """Show an activity until the block ends; inside another one, in its place.
 
     Args:
-        label: What is being done.
-        about_s: How long it takes [s]; None: nobody knows.
-        share: How much of it is done, 0 to 1, which is then what the rest is estimated by; called
-            in a thread of its own.
+        label: The activity.
+        about_s: Expected duration [s]; None: unknown.
+        share: Returns its finished fraction, 0 to 1, used to estimate the rest; called in a thread
+            of its own.
     """
     work = Work(label, about_s, share)
     if not is_shown(sys.stderr):
@@ -93,12 +93,12 @@ def working(
 
 
 def is_shown(stream: object) -> bool:
-    """Whether a standard stream is a terminal on which a line can be written over."""
+    """Whether a standard stream is a terminal on which a line can be overwritten."""
     return is_terminal(stream) and os.environ.get("TERM") != "dumb"
 
 
 def is_terminal(stream: object) -> bool:
-    """Whether a standard stream is a terminal; one that is closed or replaced is none."""
+    """Whether a standard stream is a terminal, not closed or replaced."""
     try:
         return bool(stream.isatty())  # type: ignore[attr-defined]
     except (AttributeError, ValueError):
@@ -106,7 +106,7 @@ def is_terminal(stream: object) -> bool:
 
 
 def in_foreground(number: int) -> bool:
-    """Whether a terminal is ours to write on: a job in the background leaves it alone."""
+    """Whether this process is in the terminal's foreground, and so may write on it."""
     try:
         return os.tcgetpgrp(number) == os.getpgrp()
     except OSError:
@@ -115,14 +115,14 @@ def in_foreground(number: int) -> bool:
 
 @contextlib.contextmanager
 def aside() -> Iterator[None]:
-    """Take the line away; whatever is written inside is not written over."""
+    """Remove the line for the duration of a block."""
     with _writing:
         clear()
         yield
 
 
 def clear() -> None:
-    """Take the line away, if it is there. It waits for nobody, so that a signal's handler may."""
+    """Remove the line, if shown. It never waits, so that a signal handler may call it."""
     for work in _at_work:
         if work.drawn:
             _write(CLEAR)
@@ -144,7 +144,7 @@ def _show(work: Work, done: threading.Event) -> None:
 
 
 def columns_of(number: int) -> int:
-    """The width of the terminal with this file descriptor; 80 where it does not say."""
+    """Return the width of the terminal with this descriptor; 80 if unknown."""
     try:
         return os.get_terminal_size(number).columns or 80
     except OSError:

@@ -1,4 +1,4 @@
-"""Text in lines as wide as the terminal; what is there to be copied stays in one piece."""
+"""Wraps text to the terminal's width; keeps paths and commands in one piece for copying."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import shutil
 import textwrap
 
 _WIDTH = 98
-"""Where nobody says how wide it is"""
+"""Width where it is unknown"""
 _NARROWEST = 40
 _COMMAND = re.compile(r"`[^`\n]+`")
 _BLANK = "\N{NO-BREAK SPACE}"
-"""Which ``textwrap`` takes for a letter"""
+"""A space that ``textwrap`` takes for a letter"""
 
 
 def width() -> int:
-    """Characters in a line: what ``COLUMNS`` says, else the terminal."""
+    """Return the characters in a line: from ``COLUMNS``, else from the terminal."""
     return max(_NARROWEST, shutil.get_terminal_size((_WIDTH, 24)).columns)
 
 
 def wrapped(text: str, first: str = "", other: str = "") -> list[str]:
-    """Lines of that width; no path and no command between backticks is broken.
+    """Return lines of that width; no path and no command between backticks is broken.
 
     Args:
-        text: Any; its line breaks are blanks.
-        first: What the first line begins with.
-        other: What the others begin with.
+        text: Any; its line breaks become spaces.
+        first: Beginning of the first line.
+        other: Beginning of the others.
     """
     whole = _COMMAND.sub(lambda found: found.group().replace(" ", _BLANK), text)
     lines = textwrap.wrap(
