@@ -1,6 +1,6 @@
 """Tries the oscillation detector on walls and hands drawn at random; writes docs/detector-table.md.
 
-    scripts/detector_table [--quick] [--seed N] [--only SECTION ...] [--hours H] [--walls N]
+    scripts/study detector_table [--quick] [--seed N] [--only SECTION ...] [--hours H] [--walls N]
                            [--examples FILE] [--out FILE]
 
 With ``--only`` the other sections of the page stay as they are.
@@ -10,7 +10,8 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def run(
         for hand in HANDS
         for _ in range(hand_tasks)
     ]
-    every = [*kicks, *kept, *hands]
+    every: list[Future[Any]] = [*kicks, *kept, *hands]
     for done, _ in enumerate(as_completed(every), 1):
         print(f"{done} of {len(every)} parts done", file=sys.stderr)
     return (

@@ -183,9 +183,9 @@ def _edits(node: ast.AST) -> Iterator[tuple[str, Edit]]:  # noqa: PLR0912 - one 
             kind = "not" if isinstance(op, ast.Not) else "minus"
             yield kind, _setting(node, "op", ast.UAdd() if kind == "minus" else _Twice())
         case ast.BinOp(op=op):
-            for kind, table in (("sign", _SIGN), ("factor", _FACTOR)):
-                if other := table.get(type(op)):
-                    yield kind, _setting(node, "op", other())
+            for kind, swaps in (("sign", _SIGN), ("factor", _FACTOR)):
+                if swapped := swaps.get(type(op)):
+                    yield kind, _setting(node, "op", swapped())
         case ast.Constant(value=bool(value)):
             yield "truth", _setting(node, "value", not value)
         case ast.Constant(value=int(value)):

@@ -11,7 +11,7 @@ from typing import Any
 
 SECRET = b"nobody else may read this\n"
 """In a file beside the folder, which must not come into the report"""
-_ODD = (
+_ODD: tuple[Any, ...] = (
     None, True, [], {}, "", "text", 0, -1, 99, 5.5, 1e308, 10**30, 10**400, [1, 2], {"a": None},
     "\x1b]0;owned\x07", "\u202e", "\ud800", "$\\frac{$", "<script>alert(1)</script>", "x" * 5000,
     "../secret", "/etc/passwd", "secret", float("nan"), float("inf"), "servo: 7", "{{ 7 * 7 }}",

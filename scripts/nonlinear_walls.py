@@ -103,7 +103,8 @@ class Motion:
         self._walls = self._walls.take(index)
         self._whole = self._whole[index]
         self._parts = [
-            (tuple(each[index] for each in part), back[index]) for part, back in self._parts
+            ((a[index], b[index], c[index], d[index], e[index]), back[index])
+            for (a, b, c, d, e), back in self._parts
         ]
         self._ring = self._ring[:, index]
         self._followed, self._before = self._followed[index], self._before[index]

@@ -15,6 +15,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 # one thread per process: the processes take all cores
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -75,7 +76,7 @@ def main() -> None:
         return
     out = wanted.out
     started = time.monotonic()
-    stored = {}
+    stored: dict[str, Any] = {}
     with ProcessPoolExecutor() as executor:
         for name, arrays in parts(executor):
             stored |= arrays

@@ -40,8 +40,8 @@ def amount_of(given: argparse.Namespace) -> Amount:
 def command_of(script: str, given: argparse.Namespace) -> str:
     """The command that makes the same figures again."""
     if given.quick:
-        return f"scripts/{script} --quick --seed {given.seed}"
-    usual, words = Amount(), [f"scripts/{script}", f"--seed {given.seed}"]
+        return f"scripts/study {script} --quick --seed {given.seed}"
+    usual, words = Amount(), [f"scripts/study {script}", f"--seed {given.seed}"]
     for name in ("walls", "hours", "generations"):
         if getattr(given, name) != getattr(usual, name):
             words.append(f"--{name} {getattr(given, name):g}")

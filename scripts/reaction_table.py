@@ -1,6 +1,6 @@
 """Measures what is done about oscillations, and writes docs/reaction-table.md.
 
-    scripts/reaction_table [--quick] [--cases N] [--seed N] [--only SECTION ...] [--walls N]
+    scripts/study reaction_table [--quick] [--cases N] [--seed N] [--only SECTION ...] [--walls N]
                            [--examples FILE] [--out FILE]
 
 On the simulated clock with the loop's own tick: random servos, delays, virtual dampings, kicks and
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Outcome:
     saturated: bool
 
 
-def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, float | str]]:
+def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, Any]]:
     """Servos, delays, dampings and kicks; the stiffness is still open."""
     drawn = []
     names = list(PLANTS)
@@ -122,7 +123,7 @@ def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, float | str]]
 
 
 def _belief(rng: np.random.Generator) -> tuple[float, float, float, float]:
-    return tuple(rng.uniform(1.0 - WRONG, 1.0 + WRONG, 4))  # type: ignore[return-value]
+    return tuple(rng.uniform(1.0 - WRONG, 1.0 + WRONG, 4))
 
 
 def beyond_the_limit(rng: np.random.Generator, count: int) -> list[Case]:
@@ -310,7 +311,8 @@ def _text(
     lines = [
         "# What is done about an oscillation, measured",
         "",
-        "Written by `scripts/reaction_table`; what the words mean: [oscillation](oscillation.md).",
+        "Written by `scripts/study reaction_table`; what the words mean:"
+        " [oscillation](oscillation.md).",
         f"{measured_on()} Simulated clock, seed {seed}: the same page on every machine.",
         "",
         f"Random walls on {', '.join(PLANTS)}: delays 0 to 10 ms with fractions, virtual damping 0"

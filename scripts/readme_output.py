@@ -28,6 +28,7 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables.models import MODELS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.open import open_servo
+from scripts.whole_program import hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
@@ -139,10 +141,11 @@ def last_lines(text: str) -> str:
 def beside_an_emulated_bus(command: str, folder: str) -> str:
     """Return the output of a run beside an emulated bus at its port, pushed by a hand."""
     words = [sys.executable, "-m", "haptic_wall.controller.cli.main", *shlex.split(command)[1:]]
-    link = load_config("emulated-port").config.servo.port
+    link = str(load_config("emulated-port").config.servo.port)
     emulator = subprocess.Popen(
         [*words[:3], "emulate", "--link", link, "--set", "servo.hand=push"], stdout=subprocess.PIPE
     )
+    assert emulator.stdout is not None
     try:
         emulator.stdout.readline()
         done = subprocess.run(
@@ -212,7 +215,8 @@ def decided(
     config = load_config(preset).config
     known = situation(config)
     known = replace(known, belief=replace(known.belief, **(belief or {})))
-    return decide(replace(config.request(), **asked), config.guard_settings(), known, ages)
+    changes: dict[str, Any] = dict(asked)
+    return decide(replace(config.request(), **changes), config.guard_settings(), known, ages)
 
 
 def presets() -> tuple[list[str], list[list[object]]]:
@@ -298,7 +302,7 @@ def rebounds() -> tuple[list[str], list[list[object]]]:
         ("xl330-m288", 1e6, 0.005),
     ):
         config = load_config(preset).config
-        known = replace(situation(config), torque_limit=config.servo.torque_limit)
+        known = replace(situation(config), torque_limit=hardware_of(config)[1])
         request = replace(config.request(), stiffness=stiffness, damping=damping)
         d = decide(request, config.guard_settings(), known, [2e-4])[0]
         bare = replace(known, belief=replace(known.belief, coulomb=Bounded(0.0, 0.0, 0.0)))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ WALL = ("wall.side=both", f"wall.position={pi}", "wall.stiffness=2", "wall.dampi
 class Soaked:
     """Report and record of one run."""
 
-    report: dict
+    report: dict[str, Any]
     struck: Counter[str]
     """How often each fault struck"""
     rate_hz: float
@@ -42,12 +43,13 @@ def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Pat
             [
                 *[*PROGRAM, "run", "xm430-w350", "--json", f"--duration={seconds}"],
                 *with_sets((f"servo.port={bus.port}", *FORGIVING, *WALL)),
-                *["--log", log, "--plot", folder / "run.png"],
+                *["--log", str(log), "--plot", str(folder / "run.png")],
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
+        assert run.stderr is not None and bus.process.stdin is not None
         said = ""
         for line in run.stderr:
             said += line

@@ -3,6 +3,7 @@
 Controller, driver, codec and emulator as they are, on the simulated clock: the same every time.
 """
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.witness import Row
+from haptic_wall.hw.emulated.witness import Row, Witness
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings
 
@@ -36,10 +37,11 @@ AFTERWARDS_NS = 200_000_000
 """So long the bus is looked at when the run is over [ns]: what is left on ends meanwhile"""
 
 
-class Notes:
+class Notes(Witness):
     """A witness that keeps its rows."""
 
     def __init__(self) -> None:
+        super().__init__(io.StringIO())
         self.rows: list[Row] = []
 
     def add(self, row: Row) -> None:
@@ -84,7 +86,7 @@ def rehearse(
     buses = []
     given_ns: list[int] = []
 
-    def opener(settings: ServoSettings, clock: Clock, _port: int | None) -> Servo:
+    def opener(settings: ServoSettings, _clock: Clock, _port: int | None) -> Servo:
         truth = EmulatedServo(
             MODELS[settings.model],
             settings.id,

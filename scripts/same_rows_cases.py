@@ -27,10 +27,20 @@ def _emulated(seconds: float, *sets: str) -> Case:
     return Case("emulated-xm430", seconds, sets)
 
 
-_LINEAR = ("servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0")
+_LINEAR: tuple[str, ...] = (
+    "servo.coulomb=0",
+    "servo.hand=none",
+    "wall.side=both",
+    "servo.counts_per_rev=0",
+)
 _LINEAR += ("servo.torque_step=0", "servo.torque_limit=100")
 """A servo without friction, encoder steps and saturation in a two-sided wall"""
-_DECEIVED = ("wall.side=both", "servo.hand=none", "servo.coulomb=0.01", "servo.kick=0.02")
+_DECEIVED: tuple[str, ...] = (
+    "wall.side=both",
+    "servo.hand=none",
+    "servo.coulomb=0.01",
+    "servo.kick=0.02",
+)
 _DECEIVED += ("servo.delay=0.006", "model.delay=0.002", "wall.stiffness=30")
 """The servo's lag is longer than the guard believes: the wall oscillates"""
 _DEAF = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s=0.04")

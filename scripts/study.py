@@ -24,7 +24,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,12 +139,12 @@ def begun(
     side_by_side = None if part.in_turn else pool
     workers = 1 if side_by_side is None else cores()
     _say(f"{part.name}: this takes about {length(len(missing) * part.case_s / workers)}")
-    asked = side_by_side and {
-        side_by_side.submit(part.row, cases[number]): number for number in missing
-    }
+    asked: dict[Future[Row], int] = {}
+    if side_by_side is not None:
+        asked = {side_by_side.submit(part.row, cases[number]): number for number in missing}
 
     def made() -> Iterator[tuple[int, Row]]:
-        if asked is None:
+        if side_by_side is None:
             yield from ((number, part.row(cases[number])) for number in missing)
         else:
             yield from ((asked[done], done.result()) for done in as_completed(asked))

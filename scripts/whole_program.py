@@ -12,6 +12,8 @@ from typing import Any
 
 from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.dynamixel.tables import MODELS, Model
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
@@ -41,11 +43,18 @@ def emulated_bus(*options: str | Path) -> Iterator[Bus]:
         stderr=subprocess.DEVNULL,
         text=True,
     )
+    assert process.stdout is not None
     try:
         yield Bus(process, process.stdout.readline().strip())
     finally:
         process.terminate()
         process.communicate()
+
+
+def hardware_of(config: Config) -> tuple[Model, float]:
+    """Model and torque limit [N·m] of a preset that names both."""
+    assert config.servo.model is not None and config.servo.torque_limit is not None
+    return MODELS[config.servo.model], config.servo.torque_limit
 
 
 def child_of(pid: int, module: str) -> int | None:
@@ -131,7 +140,7 @@ def page_options(script: str, doc: str, page: str) -> argparse.ArgumentParser:
         page: Its page in docs/.
     """
     parser = argparse.ArgumentParser(
-        prog=f"scripts/{script}",
+        prog=f"scripts/study {script}",
         description=doc.splitlines()[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )

@@ -14,7 +14,7 @@ from scripts.whole_program import wall_run, with_sets
 INERTIA, DAMPING, VIRTUAL_DAMPING, PERIOD = 0.011951, 0.011692, 0.02, 1e-3
 
 
-def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) -> dict:
+def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) -> dict[str, float]:
     """One run judged by the witness: grid, true delay, growth of the true motion."""
     stiffness = 0.0
     if factor is not None:

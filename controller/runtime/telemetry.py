@@ -13,6 +13,7 @@ import os
 import struct
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +180,7 @@ class Telemetry:
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
-    def create(cls) -> Telemetry:
+    def create(cls) -> Self:
         """Return new, empty shared memory; the caller closes it."""
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)

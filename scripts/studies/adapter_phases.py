@@ -88,6 +88,7 @@ def _add(found: Found, run: Rehearsed) -> None:
     found.start = f"start: {check.name} {check.found}" if check else "start: all checks passed"
     if ticks.size == 0:
         return
+    assert guard is not None
     found.stiffness.append(guard["commanded"]["stiffness"])
     if guard["reasons"] and not found.reasons:
         found.reasons = "; ".join(guard["reasons"])

@@ -48,7 +48,11 @@ PATIENT = (
     "servo.torque_limit=4.1",
 )
 """With stalls of the machine, which are no part of what is checked"""
-ADAPTERS = ((None, "immediate"), (None, "pipelined"), (1, "pipelined"))
+ADAPTERS: tuple[tuple[int | None, str], ...] = (
+    (None, "immediate"),
+    (None, "pipelined"),
+    (1, "pipelined"),
+)
 """Latency timer [ms] and schedule; with a timer no reply comes within the period it is asked in"""
 LAG = 0.00137
 ATTEMPTS = 3

@@ -8,21 +8,23 @@ The tables of docs/hardware.md; the same on every machine.
 import itertools
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.guard import decide
-from haptic_wall.controller.guard.limits import Plants, evaluate
+from haptic_wall.controller.guard.limits import evaluate
+from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.emulated.motor import Motor, motor_of
 from haptic_wall.hw.plant.body import PlantParameters, State, step
-from scripts.study import Found, Part, Study, table
+from scripts.study import Found, Given, Part, Study, table
+from scripts.whole_program import hardware_of
 
 CANDIDATES = {
     "xm430-w350": ((2.0, 0.005), (7.0, 0.04), (10.0, 0.04), (15.0, 0.04)),
@@ -127,14 +129,14 @@ def swings_on(case: Kicked) -> bool:
 
 
 def _sent(config: Config) -> TorqueLaw:
-    model = MODELS[config.servo.model]
-    return torque_law(model, model.torque_constant, model.voltage)
+    model, _ = hardware_of(config)
+    return torque_law(model, model.torque_constant or math.nan, model.voltage)
 
 
 def _kicked(config: Config, stiffness: float, damping: float, lag: float, *, emf: bool) -> str:
     """The least kick that swings on in any corner of the belief, or none of ``KICKS``."""
-    model = MODELS[config.servo.model]
-    motor = motor_of(model, model.torque_constant) if emf else None
+    model, limit = hardware_of(config)
+    motor = motor_of(model, model.torque_constant or math.nan) if emf else None
     belief = config.belief()
     low = corners(belief, (belief.coulomb.low,))
     for kick in KICKS:
@@ -144,7 +146,7 @@ def _kicked(config: Config, stiffness: float, damping: float, lag: float, *, emf
                 _sent(config),
                 motor,
                 model.voltage,
-                config.servo.torque_limit,
+                limit,
                 stiffness,
                 damping,
                 lag,
@@ -170,7 +172,7 @@ def _limits(config: Config, damping: float, lag: float) -> tuple[float, float]:
             PERIOD * one,
             (AGE + lag) * one,
         )
-        situation = Situation(belief, PERIOD, config.servo.torque_limit, STEP)
+        situation = Situation(belief, PERIOD, hardware_of(config)[1], STEP)
         request = replace(config.request(), damping=damping)
         found = evaluate(request, config.guard_settings(), situation, plant, 1e-3)
         exact = min(exact, float(found.exact[0]))
@@ -203,8 +205,8 @@ def row(case: Wall) -> list[str]:
     """One wall's row of a preset's table."""
     name, stiffness, damping = case
     config = load_config(name).config
-    belief, servo = config.belief(), config.servo
-    situation = Situation(belief, PERIOD, servo.torque_limit, STEP)
+    belief, (_, limit) = config.belief(), hardware_of(config)
+    situation = Situation(belief, PERIOD, limit, STEP)
     request = replace(config.request(), stiffness=stiffness, damping=damping)
     decision = decide(request, config.guard_settings(), situation, [AGE])[0]
     bound = f" ({decision.binding})" if decision.binding else ""
@@ -219,7 +221,7 @@ def row(case: Wall) -> list[str]:
         _fingers(config, stiffness, 5.0),
         f"{believed[1]:.3g}; {believed[0]:.3g}",
         f"{late[1]:.3g}; {late[0]:.3g}",
-        f"{100 * count / servo.torque_limit:.1f} %",
+        f"{100 * count / limit:.1f} %",
     ]
     for lag in (belief.delay.high, long_lag):
         swings = [_kicked(config, stiffness, damping, AGE + lag, emf=emf) for emf in (False, True)]
@@ -242,12 +244,17 @@ def lines(found: Found[Wall, list[str]]) -> list[str]:
     return [*table(head, *(cells for _, cells in found)), "", needs]
 
 
+def walls(name: str) -> Callable[[Given], list[Wall]]:
+    """The candidates of a preset."""
+    return lambda _given: [(name, *wall) for wall in CANDIDATES[name]]
+
+
 STUDY = Study(
     "hardware.md",
     tuple(
         Part(
             name,
-            lambda _, name=name: [(name, *wall) for wall in CANDIDATES[name]],
+            walls(name),
             row,
             lines,
             case_s=25.0,

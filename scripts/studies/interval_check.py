@@ -5,10 +5,11 @@
 The tables of docs/interval-check.md; the same on every machine.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -135,9 +136,9 @@ def counted_by_schedule(intervals: Sequence[float], weights: Sequence[float]) ->
     return float(np.median(found))
 
 
-def _counted(shown: Sequence[float]) -> float:
+def _counted(shown: Iterable[float]) -> float:
     period_ns = round(PERIOD * 1e9)
-    rows = [[SimpleNamespace()] for _ in INTERVAL_BINS]
+    rows: list[list[Any]] = [[SimpleNamespace()] for _ in INTERVAL_BINS]
     schedule = GainSchedule(rows, [0], interval_bins_ns(period_ns), 90.0, WINDOW, RUN)
     for each in shown:
         schedule.observe(0, round(float(each) * period_ns), may_raise=False)

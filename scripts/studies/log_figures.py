@@ -26,6 +26,7 @@ from haptic_wall.controller.runtime.telemetry import (
     FLAG_CONTACT,
     FLAG_WARM_UP,
     ROW,
+    Row,
     Telemetry,
     Word,
 )
@@ -55,6 +56,8 @@ sys.exit(status)
 includes its parent's."""
 DISK_S = 20
 RATES_HZ = (1000, 10_000)
+_FIELDS = len(ROW.names or ()) - 1
+"""Of a row, without its number"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,12 +177,12 @@ def backlog(folder: Path, rate_hz: int) -> int:
     recorder.stdin.write((json.dumps(orders) + "\n").encode())
     recorder.stdin.close()
     while not telemetry.words[Word.TAIL]:  # until it has begun
-        telemetry.write(*[0] * (len(ROW) - 1))
+        telemetry.write(Row(*[0] * _FIELDS))
         time.sleep(0.01)
     began, written, most = time.monotonic(), 0, 0
     while time.monotonic() < began + DISK_S:
         while written < (time.monotonic() - began) * rate_hz:
-            telemetry.write(*[written] * (len(ROW) - 1))
+            telemetry.write(Row(*[written] * _FIELDS))
             written += 1
         most = max(most, telemetry.words[Word.HEAD] - telemetry.words[Word.TAIL])
         time.sleep(0.005)

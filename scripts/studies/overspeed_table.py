@@ -26,11 +26,11 @@ from haptic_wall.controller.runtime.overspeed import (
 )
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
-from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.motor import Motor, motor_of
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.servo import JUMP_SHARE, JUMP_SPEED
 from scripts.study import Found, Given, Option, Part, Study, table
+from scripts.whole_program import hardware_of
 
 PERIOD = 1e-3
 STEP = math.tau / 4096
@@ -102,8 +102,7 @@ class Outcome:
 def preset(name: str) -> Preset:
     """The preset, with what its guard allows."""
     config = load_config(name).config
-    model = MODELS[config.servo.model]
-    limit = config.servo.torque_limit
+    model, limit = hardware_of(config)
     situation = Situation(config.belief(), PERIOD, limit, STEP)
     most = 0.5 * config.guard.quantisation_share * limit * PERIOD / STEP
     dampings = tuple(float(share * most) for share in (0.02, 0.1, 0.3, 1.0))
@@ -114,7 +113,7 @@ def preset(name: str) -> Preset:
     return Preset(
         name,
         config.belief(),
-        motor_of(model, model.torque_constant),
+        motor_of(model, model.torque_constant or math.nan),
         model.voltage,
         model.no_load_speed,
         limit,

@@ -195,6 +195,7 @@ def on_the_bus(case: tuple[float, int]) -> Witnessed:
         load_config("emulated-xm430", ("servo.coulomb=0", *FORGIVING)).config
     )
     servo = config.servo
+    assert servo.inertia is not None and servo.damping is not None
     with tempfile.TemporaryDirectory() as folder:
         bed = Testbed(config, Path(folder), witness=True)
         point = PointSearch(bed, Setting(damping, steps), Options()).run()

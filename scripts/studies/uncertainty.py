@@ -51,9 +51,10 @@ def belief(random: np.random.Generator) -> tuple[Ranges, float, float, int]:
     longest = shortest + random.choice([0, 1, random.uniform(0, 4)])
     samples = int(random.choice([1, 1, 1, 2, 3, 8]))
     gain = wide(0.8)
-    ceiling = max_virtual_damping(inertia, damping, period, longest * period, samples) / gain[1]
+    most = float(max_virtual_damping(inertia, damping, period, longest * period, samples))
+    ceiling = most / gain[1]
     virtual = random.choice(
-        [0, -0.7 * damping / gain[1] * random.random(), 0.7 * ceiling * random.random()]
+        [0.0, -0.7 * damping / gain[1] * random.random(), 0.7 * ceiling * random.random()]
     )
     ranges = Ranges(wide(inertia), wide(damping), (shortest * period, longest * period), gain)
     return ranges, float(virtual), period, samples

@@ -19,7 +19,7 @@ def test_the_sections_of_the_detectors_page_are_made(tmp_path) -> None:
     text = page.read_text()
     assert text.startswith("# The detector, tried\n\nhead\n\n<!-- section: walls -->\n")
     for section in detector_table.SECTIONS.values():
-        assert f"\n## {section.title}\n\nBy `scripts/detector_table --quick --seed 3`" in text
+        assert f"\n## {section.title}\n\nBy `scripts/study detector_table --quick --seed 3`" in text
     for line in examples.read_text().splitlines():
         if not line.startswith("#"):
             assert isinstance(eval(line, CASE), Case)
