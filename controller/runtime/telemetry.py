@@ -195,7 +195,7 @@ class Telemetry:
         """Return private memory of this process, for a few rows that are never read."""
         return cls(-1, 8)._without_dead_man()
 
-    def _without_dead_man(self) -> Telemetry:
+    def _without_dead_man(self) -> Self:
         self.words[Word.HELD_NS] = NO_DEAD_MAN
         return self
 
