@@ -11,7 +11,7 @@ from scripts.study import ROOT, Kept, Option, Part, Study, begun, listed, main, 
 from tests.docs.pages import PAGES, commands
 
 STUDIES = [name for name, _ in listed() if (ROOT / "scripts" / "studies" / f"{name}.py").exists()]
-COMPUTED = re.compile(r"<!-- computed: ([\w-]+) -->")
+COMPUTED = re.compile(r"^<!-- computed: ([\w-]+) -->", re.M)
 asked = []
 
 

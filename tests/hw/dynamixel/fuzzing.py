@@ -119,7 +119,7 @@ def _spelled(frame: bytes) -> bytes:
 
 def steps(reader: Reader) -> list[tuple[bytes, int]]:
     """Bytes to send, each with the pause before them [ns]."""
-    found = []
+    found: list[tuple[bytes, int]] = []
     while reader and len(found) < MAX_STEPS:
         kind = reader.byte()
         pause_ns = (0, 20_000, GAP_NS + 1, 40 * MS)[kind >> 6]
