@@ -87,6 +87,7 @@ def rehearse(
     given_ns: list[int] = []
 
     def opener(settings: ServoSettings, _clock: Clock, _port: int | None) -> Servo:
+        assert settings.true is not None
         truth = EmulatedServo(
             MODELS[settings.model],
             settings.id,
