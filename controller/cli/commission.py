@@ -10,22 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
+from haptic_wall.controller.cli.experiment import (
+    REACH,
+    Asked,
+    experiment,
+    folder_option,
+    moving,
+)
 from haptic_wall.controller.cli.options import (
-    answer,
     as_json,
-    config_argument,
-    json_option,
     refuse_same_file,
     say,
-    set_option,
     writing,
 )
 from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.load import Loaded, file_of, load_config
+from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.whole_file import whole
@@ -36,41 +38,26 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.sequence import Ended
     from haptic_wall.controller.experiments.commission.store import CommissionStore
 
-_REACH = 0.6
-
 
 @click.command()
-@config_argument()
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where report.html, config.yaml, a JSON file of each step, pictures and logs/ go; a"
-    " commissioning of the same settings that was interrupted there goes on.",
-)
 @click.option("--fresh", is_flag=True, help="Replace what an earlier commissioning left in DIR.")
-@yes_option
 @click.option("--plan", "only_plan", is_flag=True, help="Only say what would move, and how far.")
 @click.option(
     "--reach",
     type=float,
-    default=_REACH,
+    default=REACH,
     show_default=True,
     metavar="RAD",
     help="How far the shaft may come from where it is, to each side, while it is identified.",
 )
-@set_option
-@json_option
-def command(
-    config: str,
-    out: Path | None,
-    fresh: bool,
-    yes: bool,
-    only_plan: bool,
-    reach: float,
-    sets: tuple[str, ...],
-    as_json_wanted: bool,
-) -> None:
+@experiment(
+    folder_option(
+        "Where report.html, config.yaml, a JSON file of each step, pictures and logs/ go; a"
+        " commissioning of the same settings that was interrupted there goes on."
+    ),
+    force=False,
+)
+def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; say how stiff it can be, and why.
 
     Runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
@@ -80,10 +67,10 @@ def command(
     """
     from haptic_wall.controller.experiments.commission.plan import announce
 
-    loaded = load_config(config, sets)
+    loaded, out = asked.loaded, asked.out
     if only_plan:
-        kept = [] if out is None else _store(loaded, config, out, reach, fresh, True).done
-        _answer_plan(loaded, announce(loaded.config, reach), kept, as_json_wanted)
+        kept = [] if out is None else _store(asked, out, reach, fresh, True).done
+        _answer_plan(announce(loaded.config, reach), kept, asked)
         return
     if out is None:
         raise UserError(
@@ -92,18 +79,18 @@ def command(
         )
     announcement = announce(loaded.config, reach)
     was_there = out.exists()
-    store = _store(loaded, config, out, reach, fresh)
+    store = _store(asked, out, reach, fresh)
     folder = store.folder
     try:
         if not store.complete:
-            _announce(loaded, announcement, yes)
+            _announce(asked, announcement)
         seconds = 0.0 if store.complete else announcement.seconds
         ended, report = _measured(loaded, reach, store, seconds)
     finally:
         empty = store.empty
         if empty:
             store.discard(keep_folder=was_there)
-    answer(as_json(report) if as_json_wanted else _text(report, folder))
+    asked.answer(report, lambda: _text(report, folder))
     if ended.interrupted and not empty:
         say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")
     sys.exit(ended.exit_status)
@@ -131,8 +118,7 @@ def _measured(
 
 
 def _store(
-    loaded: Loaded,
-    config: str,
+    asked: Asked,
     out: Path,
     reach: float,
     fresh: bool,
@@ -144,25 +130,20 @@ def _store(
         settings_of,
     )
 
-    refuse_same_file({"CONFIG": file_of(config), f"--out (its {CONFIG})": out / CONFIG})
+    refuse_same_file({"CONFIG": asked.file, f"--out (its {CONFIG})": out / CONFIG})
     if not only_look:
-        take_folder("--out", out, {}, force=False)  # the store decides what may be replaced
-    asked = settings_of(loaded.config, reach)
-    return CommissionStore(out, asked, loaded.name, as_json, fresh, only_look)
+        take_folder("--out", out, {}, force=False)  # the store knows what may be replaced
+    settings = settings_of(asked.config, reach)
+    return CommissionStore(out, settings, asked.name, as_json, fresh, only_look)
 
 
-def _answer_plan(
-    loaded: Loaded, announcement: Announcement, kept: list[Step], as_json_wanted: bool
-) -> None:
-    """Print the planned steps; ``kept``: steps that are not repeated."""
-    if as_json_wanted:
-        plan = {"name": loaded.name, "seconds": announcement.seconds, "steps": announcement.lines}
-        answer(as_json({**plan, "kept": kept}))
-    else:
-        lines = [*_plan_lines(loaded, announcement)]
-        if kept:
-            lines += _wrapped(f"kept from before: {', '.join(kept)}", "  ")
-        answer("\n".join(lines))
+def _answer_plan(announcement: Announcement, kept: list[Step], asked: Asked) -> None:
+    """Say what would be done; ``kept``: steps that are not taken again."""
+    plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
+    lines = [*_plan_lines(asked.loaded, announcement)]
+    if kept:
+        lines += _wrapped(f"kept from before: {', '.join(kept)}", "  ")
+    asked.answer({**plan, "kept": kept}, lambda: "\n".join(lines))
 
 
 def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
@@ -179,17 +160,17 @@ def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
         yield from _wrapped(line, "  ")
 
 
-def _announce(loaded: Loaded, announcement: Announcement, yes: bool) -> None:
-    """Announce the motions; wait for a yes before a real servo moves."""
-    for line in _plan_lines(loaded, announcement):
+def _announce(asked: Asked, announcement: Announcement) -> None:
+    """Say what will move; before a real servo does, wait for a yes."""
+    for line in _plan_lines(asked.loaded, announcement):
         say(line)
-    servo = loaded.config.servo
-    if servo.kind == "hardware" and not yes and not sys.stdin.isatty():
+    servo = asked.config.servo
+    if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
         raise UserError(
             f"the servo at {servo.port} is a real one and standard input is no terminal to ask"
             " at; give --yes when its way is free"
         )
-    ask_to_move(servo, yes)
+    asked.may_move()
 
 
 def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:

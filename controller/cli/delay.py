@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from haptic_wall.controller.cli.experiment import (
-    ask_to_move,
-    endings,
-    folder_for,
-    keep,
-    moving,
-    yes_option,
-)
-from haptic_wall.controller.cli.numbers import periods
-from haptic_wall.controller.cli.options import (
-    answer,
-    as_json,
-    config_argument,
-    json_option,
-    say,
-    set_option,
-)
-from haptic_wall.controller.cli.places import force_option
-from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.numbers import periods, whole_periods
+from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.guard.delay_parts import ms
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.system.file_kinds import RESULT_MARK
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.delay import LoopDelay
 
 
 @click.command()
-@config_argument()
-@set_option
 @click.option(
     "--delay-steps",
     "steps",
@@ -52,25 +31,14 @@ if TYPE_CHECKING:
     help="Bursts of torque steps in each run; four times as many halve the error (8).",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the steps' lengths.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where delay.json, delay.png and the logs go; default: a folder in ./runs/.",
+@experiment(
+    folder_option("Where delay.json, delay.png and the logs go; default: a folder in ./runs/.")
 )
-@yes_option
-@force_option
-@json_option
 def command(
-    config: str,
-    sets: tuple[str, ...],
+    asked: Asked,
     steps: list[float] | None,
     bursts: int | None,
     seed: int,
-    out: Path | None,
-    yes: bool,
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Measure the delay of CONFIG's loop from torque command to motion, and what it is made of.
 
@@ -84,33 +52,21 @@ def command(
         delay_report,
         measure_delay,
     )
-
-    loaded = load_config(config, sets)
-    effective = loaded.config
-    chosen = _whole([0.0, effective.delay.steps + CHECK_STEPS] if steps is None else steps)
-    folder = folder_for(out, "delay", force=force)
-    ask_to_move(effective.servo, yes)
-    count = bursts or BURSTS
-    with moving(effective, BURST_S * count * len(chosen)), endings():
-        found = measure_delay(effective, folder, chosen, count, seed, say)
     from haptic_wall.controller.report.delay import plot_delay
 
-    files = [folder / "delay.json", folder / "delay.png"]
-    report = {
-        **RESULT_MARK,
-        "name": loaded.name,
-        **delay_report(found, effective.period_s, effective.belief().delay.high),
-        "files": files,
-    }
-    keep(folder, "delay", report, partial(plot_delay, found, loaded.name), force=force)
-    answer(as_json(report) if as_json_wanted else _text(found, effective.period_s, files))
-
-
-def _whole(values: list[float]) -> list[int]:
-    for value in values:
-        if value != int(value) or not 0 <= value <= 200:
-            raise UserError(f"--delay-steps: found {value:g}, wanted whole periods from 0 to 200")
-    return [int(value) for value in values]
+    config = asked.config
+    default = [0.0, config.delay.steps + CHECK_STEPS]
+    chosen = whole_periods(default if steps is None else steps, 200)
+    count = bursts or BURSTS
+    carry_out(
+        asked,
+        "delay",
+        BURST_S * count * len(chosen),
+        measure=lambda folder: measure_delay(config, folder, chosen, count, seed, say),
+        report=lambda found: delay_report(found, config.period_s, config.belief().delay.high),
+        draw=plot_delay,
+        text=lambda found, files: _text(found, config.period_s, files),
+    )
 
 
 def _text(found: LoopDelay, period: float, files: list[Path]) -> str:

@@ -1,33 +1,173 @@
-"""Shared parts of the experiments' commands: consent to move, files, exit status."""
+"""The frame of the commands that experiment: options, leave to move, files, answer, endings.
+
+A command is a function of ``Asked`` and of its own options, under ``experiment``. One that writes a
+report and a picture to a folder hands the rest to ``carry_out``.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.options import as_json, say, writing
-from haptic_wall.controller.cli.places import new_stem, take_folder
-from haptic_wall.controller.cli.working import DRAWING_S, Work, working
-from haptic_wall.controller.experiments.testbed import (
-    ExperimentInterruptedError,
-    ExperimentTrippedError,
+from haptic_wall.controller.cli.options import (
+    answer,
+    as_json,
+    config_argument,
+    json_option,
+    say,
+    set_option,
+    writing,
 )
-from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
+from haptic_wall.controller.cli.working import DRAWING_S, Work, working
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT
+from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
 from haptic_wall.controller.system.whole_file import whole
 
+Found = TypeVar("Found")
 _FASTER = 20.0
-"""Speed of the simulated clock relative to real time"""
-yes_option = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
+"""The simulated clock than real time"""
+REACH = 0.6
+"""Default excursion of an identification, to each side [rad]"""
+_YES = click.option("--yes", is_flag=True, help="Do not ask before a real servo moves.")
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The options that all experiments share."""
+
+    loaded: Loaded
+    file: Path | None
+    """The configuration's file; None for a preset"""
+    out: Path | None
+    """What ``--out`` names"""
+    yes: bool
+    force: bool
+    json: bool
+
+    @property
+    def config(self) -> Config:
+        """The effective configuration."""
+        return self.loaded.config
+
+    @property
+    def name(self) -> str:
+        """The configuration's name, for people."""
+        return self.loaded.name
+
+    def answer(self, report: Mapping[str, Any], text: Callable[[], str]) -> None:
+        """Print the report as JSON, or as text.
+
+        Args:
+            report: The report.
+            text: Returns the text; called only where it is wanted.
+        """
+        answer(as_json(report) if self.json else text())
+
+    def may_move(self) -> None:
+        """Ask for leave to move, as ``ask_to_move``."""
+        ask_to_move(self.config.servo, self.yes)
+
+
+def experiment(
+    out: Callable[[Any], Any], default: str | None = None, *, moves: bool = True, force: bool = True
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command CONFIG and the options of all experiments, as ``Asked``.
+
+    Args:
+        out: The option ``--out``, as ``folder_option`` makes it.
+        default: CONFIG where none is given; None: it must be given.
+        moves: The command has ``--yes``.
+        force: The command has ``--force``.
+    """
+
+    def decorated(function: Callable[..., None]) -> Callable[..., None]:
+        @wraps(function)
+        def command(
+            config: str,
+            sets: tuple[str, ...],
+            out: Path | None,
+            as_json_wanted: bool,
+            yes: bool = False,
+            force: bool = False,
+            **own: Any,  # noqa: ANN401 - the command's own options
+        ) -> None:
+            loaded = load_config(config, sets)
+            function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
+
+        options = [config_argument(default), set_option, out]
+        options += [_YES] * moves + [force_option] * force + [json_option]
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorated
+
+
+def folder_option(text: str) -> Callable[[Any], Any]:
+    """``--out DIR``.
+
+    Args:
+        text: Of the help.
+    """
+    return click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=text)
+
+
+def carry_out(
+    asked: Asked,
+    what: str,
+    seconds: float,
+    measure: Callable[[Path], Found],
+    report: Callable[[Found], Mapping[str, Any]],
+    draw: Callable[[Found, str, Path], None],
+    text: Callable[[Found, list[Path]], str],
+) -> None:
+    """Measure, write the report and the picture, and answer.
+
+    Args:
+        asked: The options.
+        what: The command; JSON and picture are called so.
+        seconds: How long it takes in real time, about [s].
+        measure: Measures; its argument is the folder for logs.
+        report: Returns JSON-ready values.
+        draw: Draws the picture, of what was found, with a title, to a path.
+        text: Returns the answer for people; its second argument is the files written.
+
+    Raises:
+        UserError: The files cannot be written.
+        EndedEarlyError: A person or a trip ended the experiment.
+    """
+    folder = asked.out
+    files = {f"{what}.json": RESULT, f"{what}.png": PICTURE}
+    if folder is None:
+        folder = new_stem("--out", what)
+    else:
+        take_folder("--out", folder, files, force=asked.force)
+    asked.may_move()
+    with moving(asked.config, seconds), endings():
+        found = measure(folder)
+    paths = [folder / name for name in files]
+    held = {**RESULT_MARK, "name": asked.name, **report(found), "files": paths}
+    json_whole, picture_whole = (
+        whole(path, kind, force=asked.force)
+        for path, kind in zip(paths, files.values(), strict=True)
+    )
+    drawing = working("drawing the picture", DRAWING_S)
+    with drawing, writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
+        json_part.write_text(as_json(held) + "\n", encoding="utf-8")
+        draw(found, asked.name, picture_part)
+    asked.answer(held, lambda: text(found, paths))
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:
@@ -57,58 +197,24 @@ def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
     return working("measuring", seconds / _FASTER if simulated else seconds)
 
 
-def folder_for(out: Path | None, what: str, *, force: bool) -> Path:
-    """Return the folder of an experiment's files: the named one, or a new one in ./runs/.
-
-    Args:
-        out: Value of ``--out``; None: not given.
-        what: The command, also the name of JSON and picture.
-        force: Replace any file of these names.
-
-    Raises:
-        UserError: It is a file, or cannot be accessed, or its files are not of this program.
-    """
-    if out is None:
-        return new_stem("--out", what)
-    take_folder("--out", out, {f"{what}.json": RESULT, f"{what}.png": PICTURE}, force=force)
-    return out
-
-
-def keep(
-    folder: Path,
-    what: str,
-    report: Mapping[str, Any],
-    draw: Callable[[Path], None],
-    *,
-    force: bool,
-) -> None:
-    """Write an experiment's JSON and picture.
-
-    Args:
-        folder: From ``folder_for``.
-        what: As for ``folder_for``.
-        report: Content of the JSON, ``RESULT_MARK`` first.
-        draw: Draws the picture.
-        force: As for ``folder_for``.
-
-    Raises:
-        UserError: They cannot be written.
-    """
-    json_whole = whole(folder / f"{what}.json", RESULT, force=force)
-    picture_whole = whole(folder / f"{what}.png", PICTURE, force=force)
-    drawing = working("drawing the picture", DRAWING_S)
-    with drawing, writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
-        json_part.write_text(as_json(report) + "\n", encoding="utf-8")
-        draw(picture_part)
-
-
 @contextmanager
-def endings() -> Iterator[None]:
-    """Give an experiment that a person or a trip has ended its exit status."""
+def endings(interrupted: str = "", tripped: str = "") -> Iterator[None]:
+    """Give an experiment that a person or a trip has ended its exit status.
+
+    Args:
+        interrupted: The end of the message where a person ended it.
+        tripped: The end of the message where a trip ended it.
+    """
+    from haptic_wall.controller.experiments.testbed import (
+        ExperimentInterruptedError,
+        ExperimentTrippedError,
+    )
+    from haptic_wall.controller.processes.run_report import exit_status
+
     try:
         yield
     except ExperimentInterruptedError as error:
-        raise EndedEarlyError(str(error), INTERRUPTED) from None
+        raise EndedEarlyError(f"{error}{interrupted}", INTERRUPTED) from None
     except ExperimentTrippedError as error:
         status = exit_status(error.stop_reason)
-        raise EndedEarlyError(f"{error.stop_reason}: {error}", status) from None
+        raise EndedEarlyError(f"{error.stop_reason}: {error}{tripped}", status) from None

@@ -11,25 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
-from haptic_wall.controller.cli.failure import EndedEarlyError
-from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.experiment import REACH, Asked, endings, experiment, moving
 from haptic_wall.controller.cli.options import (
     FileToWrite,
-    answer,
-    as_json,
-    config_argument,
-    json_option,
     refuse_other_pictures,
     refuse_same_file,
     say,
-    set_option,
     writing,
 )
-from haptic_wall.controller.cli.places import force_option, new_stem, take_file, take_folder
+from haptic_wall.controller.cli.places import new_stem, take_file, take_folder
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.load import Loaded, file_of, load_config
+from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.file_kinds import PICTURE, Kind
 from haptic_wall.controller.system.whole_file import whole
 
@@ -37,7 +30,6 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryPoints
     from haptic_wall.controller.experiments.identify.identification import Identified
 
-_REACH = 0.6
 _CONFIG = Kind(
     "a configuration that haptic-wall identify wrote",
     re.compile(rb"# [^\n]*haptic-wall identify found on"),
@@ -45,20 +37,13 @@ _CONFIG = Kind(
 
 
 @click.command()
-@config_argument()
-@click.option(
-    "--out",
-    type=FileToWrite(),
-    metavar="FILE",
-    help="Where CONFIG goes with its model section replaced by what was found.",
-)
 @click.option("--plot", "plot_path", type=FileToWrite(), help="Where the PNG goes.")
 @click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
               help="Where the logs of all motions go; default: a folder in ./runs/.")  # fmt: skip
 @click.option(
     "--reach",
     type=float,
-    default=_REACH,
+    default=REACH,
     show_default=True,
     metavar="RAD",
     help="How far the shaft may come from where it is, to each side.",
@@ -75,31 +60,30 @@ _CONFIG = Kind(
     is_flag=True,
     help="With --from-sweep: move nothing, compare with what CONFIG believes.",
 )
-@set_option
-@yes_option
-@force_option
-@json_option
+@experiment(
+    click.option(
+        "--out",
+        type=FileToWrite(),
+        metavar="FILE",
+        help="Where CONFIG goes with its model section replaced by what was found.",
+    )
+)
 def command(
-    config: str,
-    out: Path | None,
+    asked: Asked,
     plot_path: Path | None,
     logs: Path | None,
     reach: float,
     sweep: Path | None,
     no_motion: bool,
-    sets: tuple[str, ...],
-    yes: bool,
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Find inertia, friction and delay of CONFIG's servo from motions of its own.
 
     The shaft moves by itself, to both sides, and must be free to turn.
     """
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
-    from haptic_wall.controller.experiments.identify.text import report, text
+    from haptic_wall.controller.experiments.identify.text import report
 
-    loaded = load_config(config, sets)
+    loaded, out = asked.loaded, asked.out
     if no_motion and (sweep is None or out is not None):
         raise UserError(
             "--no-motion: without motion there is only the boundary to identify from; wanted"
@@ -111,13 +95,13 @@ def command(
     result: dict[str, Any] = {"name": loaded.name}
     if not no_motion:
         about = announcement(bounds_of(loaded.config, reach))
-        read = {"CONFIG": file_of(config), "--from-sweep": sweep}
-        plot_path, logs = _places(out, plot_path, logs, read, loaded.name, force=force)
+        read = {"CONFIG": asked.file, "--from-sweep": sweep}
+        plot_path, logs = _places(out, plot_path, logs, read, loaded.name, force=asked.force)
         say(f"{loaded.name}: {about}")
-        ask_to_move(loaded.config.servo, yes)
+        asked.may_move()
         found = _moved(loaded, logs, reach)
         result |= report(found)
-        kept = _Kept(force)
+        kept = _Kept(asked.force)
         result["plot"] = kept.write(
             "--plot", plot_path, PICTURE, partial(_draw, found, loaded.name)
         )
@@ -126,16 +110,20 @@ def command(
         failures = kept.failures
     if boundary is not None:
         result["from_sweep"] = _from_sweep(*boundary, loaded, found)
-    if as_json_wanted:
-        answer(as_json(result))
-    else:
-        lines = [text(result, found)]
-        if found is not None:
-            written = result.get("config"), result["plot"], logs
-            lines += ["", "written", *(f"  {path}" for path in written if path is not None)]
-        answer("\n".join(lines))
+    asked.answer(result, lambda: _text(result, found, logs))
     if failures:
         raise UserError("\n".join(failures))
+
+
+def _text(result: dict[str, Any], found: Identified | None, logs: Path | None) -> str:
+    """The figures, and where the files are."""
+    from haptic_wall.controller.experiments.identify.text import text
+
+    lines = [text(result, found)]
+    if found is not None:
+        written = result.get("config"), result["plot"], logs
+        lines += ["", "written", *(f"  {path}" for path in written if path is not None)]
+    return "\n".join(lines)
 
 
 def _places(
@@ -163,22 +151,12 @@ def _places(
 
 
 def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
-    """Move and fit; an early end has its own exit status."""
+    """Move and fit."""
     from haptic_wall.controller.experiments.identify.identification import SECONDS, identify
-    from haptic_wall.controller.experiments.testbed import (
-        ExperimentInterruptedError,
-        ExperimentTrippedError,
-    )
-    from haptic_wall.controller.processes.run_report import exit_status
 
-    try:
-        with moving(loaded.config, SECONDS):
-            return identify(loaded.config, logs, reach, say)
-    except ExperimentInterruptedError as error:
-        raise EndedEarlyError(f"{error}; nothing is identified", INTERRUPTED) from None
-    except ExperimentTrippedError as error:
-        text = f"{error.stop_reason}: {error}; the logs are in {logs}"
-        raise EndedEarlyError(text, exit_status(error.stop_reason)) from None
+    ended = endings("; nothing is identified", f"; the logs are in {logs}")
+    with moving(loaded.config, SECONDS), ended:
+        return identify(loaded.config, logs, reach, say)
 
 
 @dataclass(slots=True)

@@ -11,22 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from haptic_wall.controller.cli.experiment import Asked, experiment, folder_option
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import numbers, periods
+from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import (
-    answer,
     as_json,
-    config_argument,
-    json_option,
     say,
-    set_option,
     writing,
 )
-from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
+from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from haptic_wall.controller.system.whole_file import whole
 
@@ -48,9 +44,6 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
 
 
 @click.command()
-@config_argument(default="simulated")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Where map.csv, map.json, map.png go; default: in ./runs/.")  # fmt: skip
 @click.option(
     "--virtual-damping",
     "dampings",
@@ -73,19 +66,17 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
     help="Size of the motion at the start [rad]; default: 0.003 to 0.3.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes (all cores).")
-@set_option
-@force_option
-@json_option
+@experiment(
+    folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
+    "simulated",
+    moves=False,
+)
 def command(
-    config: str,
-    out: Path | None,
+    asked: Asked,
     dampings: list[float] | None,
     steps: list[float] | None,
     kicks: list[float] | None,
     workers: int | None,
-    sets: tuple[str, ...],
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
@@ -99,22 +90,21 @@ def command(
         critical_map,
     )
 
-    loaded = load_config(config, sets)
-    setting = Setting.of(loaded.config)
-    chosen_steps = _whole(_STEPS if steps is None else steps)
+    setting = Setting.of(asked.config)
+    chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
-    if out is None:
+    if asked.out is None:
         folder = new_stem("--out", "map")
         folder.mkdir()
     else:
-        folder = out
-        take_folder("--out", folder, _FILES, force=force)
+        folder = asked.out
+        take_folder("--out", folder, _FILES, force=asked.force)
     total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
     interrupted = False
-    label = f"{loaded.name}: {total} points"
+    label = f"{asked.name}: {total} points"
     say(label)
     done = 0
 
@@ -137,20 +127,13 @@ def command(
     if interrupted and not found.begun:
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
-    report = _report(found, loaded.name)
-    files = _write(found, report, folder, force=force)
+    report = _report(found, asked.name)
+    files = _write(found, report, folder, force=asked.force)
     report["files"] = files
-    answer(as_json(report) if as_json_wanted else _text(found, files))
+    asked.answer(report, lambda: _text(found, files))
     if interrupted:
         say("interrupted: what was done until then is kept, the rest is empty")
         sys.exit(INTERRUPTED)
-
-
-def _whole(values: list[float] | tuple[int, ...]) -> list[int]:
-    for value in values:
-        if value != int(value) or not 0 <= value <= 1000:
-            raise UserError(f"--delay-steps: found {value:g}, wanted whole periods from 0 to 1000")
-    return [int(value) for value in values]
 
 
 def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:

@@ -6,9 +6,11 @@ They are callbacks of options that take text, so that a message names the option
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import click
 
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Bounded
 
 _DIGITS = 9
@@ -49,6 +51,24 @@ def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> l
             param=parameter,
         )
     return good
+
+
+def whole_periods(values: Collection[float], most: int) -> list[int]:
+    """The values of ``--delay-steps`` as whole numbers.
+
+    Args:
+        values: As given [periods].
+        most: The largest [periods].
+
+    Raises:
+        UserError: One is not a whole number from 0 to ``most``.
+    """
+    for value in values:
+        if value != int(value) or not 0 <= value <= most:
+            raise UserError(
+                f"--delay-steps: found {value:g}, wanted whole periods from 0 to {most}"
+            )
+    return [int(value) for value in values]
 
 
 def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Bounded | None:

@@ -2,58 +2,26 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from haptic_wall.controller.cli.experiment import (
-    ask_to_move,
-    endings,
-    folder_for,
-    keep,
-    moving,
-    yes_option,
-)
-from haptic_wall.controller.cli.options import (
-    answer,
-    as_json,
-    config_argument,
-    json_option,
-    say,
-    set_option,
-)
-from haptic_wall.controller.cli.places import force_option
-from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.system.file_kinds import RESULT_MARK
+from haptic_wall.controller.cli.experiment import Asked, carry_out, experiment, folder_option
+from haptic_wall.controller.cli.options import say
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.rendered.rendering import Rendering
 
 
 @click.command()
-@config_argument()
-@set_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all that is random.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/.",
+@experiment(
+    folder_option(
+        "Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/."
+    )
 )
-@yes_option
-@force_option
-@json_option
-def command(
-    config: str,
-    sets: tuple[str, ...],
-    seed: int,
-    out: Path | None,
-    yes: bool,
-    force: bool,
-    as_json_wanted: bool,
-) -> None:
+def command(asked: Asked, seed: int) -> None:
     """Measure what CONFIG's servo renders: is the commanded stiffness that of the wall?
 
     The wall that a run would command is pushed as a spring, the free shaft is moved at several
@@ -64,18 +32,17 @@ def command(
         measure_rendering,
         rendering_report,
     )
-
-    loaded = load_config(config, sets)
-    folder = folder_for(out, "rendered", force=force)
-    ask_to_move(loaded.config.servo, yes)
-    with moving(loaded.config, SECONDS), endings():
-        found = measure_rendering(loaded.config, folder, seed, say)
     from haptic_wall.controller.report.rendered import plot_rendering
 
-    files = [folder / "rendered.json", folder / "rendered.png"]
-    report = {**RESULT_MARK, "name": loaded.name, **rendering_report(found), "files": files}
-    keep(folder, "rendered", report, partial(plot_rendering, found, loaded.name), force=force)
-    answer(as_json(report) if as_json_wanted else _text(found, files))
+    carry_out(
+        asked,
+        "rendered",
+        SECONDS,
+        measure=lambda folder: measure_rendering(asked.config, folder, seed, say),
+        report=rendering_report,
+        draw=plot_rendering,
+        text=_text,
+    )
 
 
 def _text(found: Rendering, files: list[Path]) -> str:

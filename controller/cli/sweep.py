@@ -9,22 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from haptic_wall.controller.cli.experiment import ask_to_move, moving, yes_option
+from haptic_wall.controller.cli.experiment import Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.cli.numbers import numbers, periods
+from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import (
-    answer,
-    as_json,
-    config_argument,
-    json_option,
     say,
-    set_option,
     writing,
 )
-from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
+from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
 from haptic_wall.controller.system.whole_file import whole
 
@@ -37,7 +31,6 @@ _MOST_STEPS = 1000
 
 
 @click.command()
-@config_argument()
 @click.option(
     "--virtual-damping",
     "dampings",
@@ -61,13 +54,6 @@ _MOST_STEPS = 1000
     help="How far from the wall the shaft is let go [rad]; default: for each point the largest up"
     " to 0.1 that leaves the torque room.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
-    " was interrupted there goes on. Default: a new folder in ./runs/.",
-)
 @click.option("--fresh", is_flag=True, help="Replace what an earlier sweep left in DIR.")
 @click.option(
     "--repeats",
@@ -87,24 +73,21 @@ _MOST_STEPS = 1000
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
               help="Processes on the simulated clock (all cores).")  # fmt: skip
-@set_option
-@yes_option
-@force_option
-@json_option
+@experiment(
+    folder_option(
+        "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
+        " was interrupted there goes on. Default: a new folder in ./runs/."
+    )
+)
 def command(
-    config: str,
+    asked: Asked,
     dampings: list[float],
     steps: list[float],
     kick: float | None,
-    out: Path | None,
     fresh: bool,
     repeats: int,
     tolerance: float,
     workers: int | None,
-    sets: tuple[str, ...],
-    yes: bool,
-    force: bool,
-    as_json_wanted: bool,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at every B and delay.
 
@@ -113,23 +96,23 @@ def command(
     """
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
-    from haptic_wall.controller.experiments.sweep.store import PNG, Asked, SweepStore
+    from haptic_wall.controller.experiments.sweep.store import PNG, SweepStore
+    from haptic_wall.controller.experiments.sweep.store import Asked as SweepAsked
     from haptic_wall.controller.experiments.sweep.sweep import expected_s, experiment_config, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
-    loaded = load_config(config, sets)
-    effective = experiment_config(loaded.config)
+    effective = experiment_config(asked.config)
     settings = _settings(dampings, steps)
     options = Options(kick, repeats, tolerance)
     device = Device.of(effective)
-    folder = _folder(out, loaded.name, fresh=fresh, force=force)
-    store = SweepStore(folder, Asked(effective, settings, options), fresh)
+    folder = _folder(asked, fresh=fresh)
+    store = SweepStore(folder, SweepAsked(effective, settings, options), fresh)
     _announce(effective, settings, options, store.done)
     if not store.complete:
-        ask_to_move(effective.servo, yes)
+        asked.may_move()
     progress = _Progress(len(settings), len(store.done))
     tripped: ExperimentTrippedError | None = None
     try:
@@ -151,11 +134,11 @@ def command(
         from haptic_wall.controller.report.sweep import plot_sweep
 
         store.write()
-        picture = whole(folder / PNG, PICTURE, force=force)
+        picture = whole(folder / PNG, PICTURE, force=asked.force)
         with working("drawing the picture", DRAWING_S), writing("--out", folder), picture as part:
-            plot_sweep(points, device, loaded.name, part)
-    report = {**store.report(loaded.name), "out": folder}
-    answer(as_json(report) if as_json_wanted else _text(points, folder))
+            plot_sweep(points, device, asked.name, part)
+    report = {**store.report(asked.name), "out": folder}
+    asked.answer(report, lambda: _text(points, folder))
     if not finished:
         why = "interrupted" if tripped is None else f"{tripped.stop_reason}: {tripped}"
         say(
@@ -168,25 +151,21 @@ def command(
 def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
     from haptic_wall.controller.experiments.sweep.plan import Setting
 
-    for value in steps:
-        if value != int(value) or not 0 <= value <= _MOST_STEPS:
-            raise UserError(
-                f"--delay-steps: found {value:g}, wanted whole periods from 0 to {_MOST_STEPS}"
-            )
-    # Without repetitions: results are stored by point.
-    return tuple(dict.fromkeys(Setting(b, int(n)) for n in steps for b in dampings))
+    whole = whole_periods(steps, _MOST_STEPS)
+    # Each once: results are kept by point.
+    return tuple(dict.fromkeys(Setting(b, n) for n in whole for b in dampings))
 
 
-def _folder(out: Path | None, name: str, *, fresh: bool, force: bool) -> Path:
+def _folder(asked: Asked, *, fresh: bool) -> Path:
     from haptic_wall.controller.experiments.sweep.store import CSV, JSON, PNG
 
-    if out is None:
-        return new_stem("--out", f"sweep-{Path(name).stem}")
+    if asked.out is None:
+        return new_stem("--out", f"sweep-{Path(asked.name).stem}")
     kinds = {CSV: table("virtual_damping,delay_steps,"), PNG: PICTURE}
     if fresh:  # else the store checks it
         kinds[JSON] = RESULT
-    take_folder("--out", out, kinds, force=force)
-    return out
+    take_folder("--out", asked.out, kinds, force=asked.force)
+    return asked.out
 
 
 def _announce(

@@ -47,7 +47,7 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(module, monke
         assert servo.kind == "hardware" and not yes
         raise click.Abort
 
-    monkeypatch.setattr(module, "ask_to_move", stop)
+    monkeypatch.setattr(experiment, "ask_to_move", stop)
     monkeypatch.chdir(tmp_path)
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if module is sweep else []
     result = CliRunner().invoke(module.command, ["xm430-w350", *options])
