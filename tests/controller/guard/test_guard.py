@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
 
@@ -18,7 +18,10 @@ from haptic_wall.controller.guard.guard import (
     Situation,
     decide,
 )
-from haptic_wall.controller.guard.sentences import sentences
+from haptic_wall.controller.guard.limits import Found
+from haptic_wall.controller.guard.reasons import LimitName
+from haptic_wall.controller.guard.sentences import MEANING, sentences
+from haptic_wall.controller.guard.types import Limits
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
 
 COUNT = 2 * math.pi / 4096
@@ -292,3 +295,9 @@ def test_errors_name_what_is_wrong(make: object, message: str) -> None:
     assert callable(make)
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_every_limit_has_a_name_a_value_and_a_meaning() -> None:
+    assert [field.name for field in fields(Limits)] == list(LimitName)
+    assert {*LimitName} <= {field.name for field in fields(Found)}
+    assert {*MEANING} == {*LimitName}
