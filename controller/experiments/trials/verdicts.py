@@ -135,7 +135,7 @@ def answered(case: Case) -> Answered:
         in_time=own.in_time,
         late_s=0.0 if own.in_time else over - own.deadline_s,
         late_at_any_speed=late,
-        never=not own.tripped and own.decays_s > own.ended_s - WINDOW_S,
+        never=not (own.in_time or own.tripped) and own.decays_s > own.ended_s - WINDOW_S,
         trip=trial.trip,
         gave_up=trial.gave_up,
         unseen=unseen(trial),
