@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from scripts import chaos_shots
+from scripts.chaos import shots
 from scripts.chaos.loads import others, ran_at_real_time
 
 
@@ -22,8 +22,8 @@ def test_a_core_is_held_from_when_who_holds_it_says_so(monkeypatch, says, from_s
         assert arguments[:2] == ("hog", "1")
         return subprocess.Popen([sys.executable, "-c", f"print(end={says!r})"], stdout=output)
 
-    monkeypatch.setattr(chaos_shots, "load", load)
-    lasting = chaos_shots.hog(0.1, 0.3)(SimpleNamespace(core=1, random=Random(1)))
+    monkeypatch.setattr(shots, "load", load)
+    lasting = shots.hog(0.1, 0.3)(SimpleNamespace(core=1, random=Random(1)))
     lasting.undo()
     assert (lasting.from_s, lasting.seconds) == (from_s, seconds)
 

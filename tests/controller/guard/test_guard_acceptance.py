@@ -15,10 +15,10 @@ from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
     Request,
-    Side,
     Situation,
     decide,
 )
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import max_virtual_damping
 from tests.theory.oracles import Loop, bounce, radius
 
