@@ -20,9 +20,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
+from typing import NoReturn
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.identify.identification import UnidentifiableError
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.system.printable import printable
 from scripts import mutated_folders, mutated_texts, mutation_judges
 from scripts.crafted_logs import crafted
@@ -121,7 +122,7 @@ def _answer(words: list[str], limited: bool) -> Answer:
             answer.defect = _last_lines()
     for stream, name in ((out, "out"), (err, "err")):
         stream.flush()
-        setattr(answer, name, stream.buffer.getvalue().decode("utf-8", "replace"))  # type: ignore[attr-defined]
+        setattr(answer, name, stream.buffer.getvalue().decode("utf-8", "replace"))
     if "Traceback (most recent call last)" in answer.err:
         answer.defect = answer.err[-1000:]
     return answer
@@ -237,7 +238,7 @@ def _still() -> Iterator[None]:
     """While steps of a commissioning move nothing, and fail."""
     from haptic_wall.controller.experiments.commission import steps
 
-    def refuse(_bench: object) -> None:
+    def refuse(_bench: object) -> NoReturn:
         raise UnidentifiableError("nothing is moved here")
 
     before = dict(steps.RUN)

@@ -139,7 +139,8 @@ def beyond_the_limit(rng: np.random.Generator, count: int) -> list[Case]:
         columns.pop("delay"),
         position_step=STEP,
         tolerance=0.01,
-        **columns,
+        coulomb=columns.pop("coulomb"),
+        kick=columns.pop("kick"),
     )
     cases = []
     for one, limit in zip(drawn, critical, strict=True):

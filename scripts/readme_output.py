@@ -319,6 +319,7 @@ def back_emf() -> tuple[list[str], list[list[object]]]:
     """Table of what the guard would command if the motor's back-EMF counted as friction."""
     name = "xm430-w350"
     model = MODELS["XM430-W350"]
+    assert model.stall_torque is not None and model.stall_current is not None
     braking = motor_of(model, model.stall_torque / model.stall_current).braking
     belief = load_config(name).config.belief()
     truth = decided(name, [2e-4], stiffness=1e6)[0].limits.smallest()[1]

@@ -16,15 +16,15 @@ import math
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.experiments.commission.verdict import ASKED, Question
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
     Identified,
-    UnidentifiableError,
     identify,
 )
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
@@ -134,7 +134,8 @@ def ordinary_identified(case: Ordinary) -> Bounded | str:
         except UnidentifiableError as error:
             return str(error)
     truth = {name: getattr(config.servo, name) for name in NAMES}
-    exact = replace(found, **{name: Estimated(value, 0.0) for name, value in truth.items()})
+    sure: dict[str, Any] = {name: Estimated(value, 0.0) for name, value in truth.items()}
+    exact = replace(found, **sure)
     models = [identified_model(each, config.period_s) for each in (found, exact)]
     ends = {
         end: tuple(models[0][name][end] / truth[name] for name in NAMES[:2])

@@ -12,7 +12,8 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-from haptic_wall.controller.experiments.identify.identification import UnidentifiableError, identify
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
+from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from scripts.ordinary_servos import MISFITS, drawn_misfit, ordinary
 from scripts.studies.identify_check import KINDS, drawn
@@ -51,12 +52,14 @@ def identified(case: tuple[str, int]) -> Bounds | None:
         except UnidentifiableError:
             return None
     model = identified_model(found, config.period_s)
-    damping = config.servo.damping * min(1.0, effects.backward)
+    inertia, damping = config.servo.inertia, config.servo.damping
+    assert inertia is not None and damping is not None, "the drawn servo has both"
+    damping *= min(1.0, effects.backward)
 
     def over(name: str, truth: float) -> tuple[float, float]:
         return model[name]["low"] / truth, model[name]["high"] / truth
 
-    return Bounds(over("inertia", config.servo.inertia), over("damping", damping), found.warnings)
+    return Bounds(over("inertia", inertia), over("damping", damping), found.warnings)
 
 
 def effects(found: Found[tuple[str, int], Bounds | None]) -> list[str]:
