@@ -1,4 +1,4 @@
-"""What a servo may offer beyond the interface. A caller looks for it once, and does without."""
+"""Optional abilities of a servo beyond the interface: a caller asks once, and does without."""
 
 from __future__ import annotations
 
@@ -38,4 +38,4 @@ class HasTrouble(Protocol):
     """A servo that can say what was wrong with it."""
 
     trouble: str
-    """What was wrong, and what to do; empty: nothing. Known after ``stop``"""
+    """The fault and its remedy, known after ``stop``; empty: none"""

@@ -92,7 +92,7 @@ class BusCounts:
 
 @dataclass(slots=True)
 class Bus:
-    """What a loop sees of the bus between it and the servo."""
+    """The bus between a loop and the servo, as the loop sees it."""
 
     counts: BusCounts = field(default_factory=BusCounts)
     """Begin anew with each ``start``"""

@@ -17,7 +17,6 @@ restructuring, run the sample before it, run ``--like BEFORE.json`` after it, an
 from __future__ import annotations
 
 import argparse
-import ast
 import hashlib
 import json
 import os
@@ -35,6 +34,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
+from scripts.imported import imported
 from scripts.mutant_kinds import ROLES, Mutant, all_mutants, modules_of, mutated, watched
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -74,18 +74,11 @@ def sample(found: Iterable[Mutant], count: int, seed: int) -> list[Mutant]:
     return drawn
 
 
-def _imported(path: Path, root: Path) -> set[str]:
+def _files_imported(path: Path, root: Path) -> set[str]:
     """Files of the project that a file imports, as paths from its folder."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            names.update(part.name for part in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names.add(node.module)
-            names.update(f"{node.module}.{part.name}" for part in node.names)
     found: set[str] = set()
-    for name in names:
-        at = name.removeprefix("haptic_wall.").replace(".", "/")
+    for name in imported(path):
+        at = name.replace(".", "/")
         found.update(end for end in (f"{at}.py", f"{at}/__init__.py") if (root / end).is_file())
     return found
 
@@ -93,7 +86,7 @@ def _imported(path: Path, root: Path) -> set[str]:
 def imports_of_tests(root: Path) -> dict[str, set[str]]:
     """Files of the project that each file of the tests imports."""
     files = sorted(root.glob("tests/**/*.py"))
-    return {str(path.relative_to(root)): _imported(path, root) for path in files}
+    return {str(path.relative_to(root)): _files_imported(path, root) for path in files}
 
 
 def files_for(role: str, root: Path, imports: Mapping[str, set[str]]) -> list[str]:
@@ -178,7 +171,7 @@ class Workers:
 
 
 def import_paths(tree: Path) -> list[str]:
-    """What an editable install would put into sys.path."""
+    """Entries that an editable install would add to sys.path."""
     project = tomllib.loads((tree / "pyproject.toml").read_text("utf-8"))
     folders = project["tool"]["hatch"]["build"].get("dev-mode-dirs", [])
     return [str(tree), *(str(tree / folder) for folder in folders if folder != ".")]

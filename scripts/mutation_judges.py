@@ -95,7 +95,7 @@ def _disagreement(cells: list[list[str]], report: dict[str, Any]) -> Iterator[st
 
 
 def of_configuration(text: str, report: dict[str, Any]) -> str:
-    """Which number that is in force is not that in the file, by another reader; empty: none."""
+    """Numbers in force that are not those in the file, by another reader; empty: none."""
     held = yaml.load(text, yaml.BaseLoader)
     if not isinstance(held, dict) or "<<" in text:
         return ""

@@ -10,15 +10,16 @@ counted.
 from __future__ import annotations
 
 import argparse
-import ast
 import io
 import subprocess
 import tarfile
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from scripts.imported import imported
 
 ROOT = Path(__file__).resolve().parent.parent
 _PARTS = ("controller", "hw")
@@ -47,9 +48,9 @@ def counted(root: Path) -> dict[str, Room]:
         raise FileNotFoundError(f"{root} holds no {' and no '.join(_PARTS)}: give another tree")
     names = {_name(path.relative_to(root)): path for path in files}
     importers: Counter[str] = Counter()
-    for path in [*files, *sorted((root / "scripts").glob("*.py"))]:
+    for path in [*files, *sorted((root / "scripts").rglob("*.py"))]:
         own = _name(path.relative_to(root))
-        importers.update({name for name in _imports(path) if name in names and name != own})
+        importers.update(names.keys() & imported(path) - {own})
     rooms: defaultdict[str, Room] = defaultdict(Room)
     for name, path in names.items():
         room = rooms["/".join(path.relative_to(root).parts[:-1][:2])]
@@ -61,18 +62,6 @@ def counted(root: Path) -> dict[str, Room]:
 
 def _name(path: Path) -> str:
     return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
-
-
-def _imports(path: Path) -> Iterator[str]:
-    """Names of what a file imports, as paths with dots from the top of the tree."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        found: list[str] = []
-        if isinstance(node, ast.Import):
-            found = [part.name for part in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found = [node.module, *(f"{node.module}.{part.name}" for part in node.names)]
-        for name in found:
-            yield name.removeprefix("haptic_wall.")
 
 
 def at_revision(revision: str) -> dict[str, Room]:

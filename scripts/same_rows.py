@@ -1,6 +1,6 @@
 """Runs some 76 short simulated walls and tells which of them give other rows than before.
 
-    scripts/same_rows [--write] [--keep FOLDER] [--against PLACE] [--only NAME ...]
+    scripts/study same_rows [--write] [--keep FOLDER] [--against PLACE] [--only NAME ...]
 
 A restructuring changes no number: not one bit of any row. tests/same_rows.txt holds a line for each
 run: its rows, its stop reason, its exit status, and digests of its rows and of the report's
@@ -183,7 +183,7 @@ def rounded(text: str) -> str:
 
 
 def machine() -> str:
-    """What exact digests depend on, as one line."""
+    """Processor and versions that exact digests depend on, as one line."""
     found: dict[str, str] = {}
     with contextlib.suppress(OSError):
         for text in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
@@ -307,7 +307,7 @@ def _rows_of(place: Path, names: Iterable[str], folder: Path) -> Path:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="scripts/same_rows",
+        prog="scripts/study same_rows",
         description=(__doc__ or "").splitlines()[0],
         epilog="Exit status: 0 all the same; 1 some differ. In a checkout of before:"
         " --keep FOLDER; then here: --against FOLDER.",

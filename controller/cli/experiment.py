@@ -51,7 +51,7 @@ class Asked:
     file: Path | None
     """The configuration's file; None for a preset"""
     out: Path | None
-    """What ``--out`` names"""
+    """Argument of ``--out``"""
     yes: bool
     force: bool
     json: bool

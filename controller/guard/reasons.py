@@ -84,7 +84,7 @@ class StiffnessBound:
     margin: float
     """Share of the limit that is allowed [1]"""
     commanded: bool
-    """What is allowed is commanded; else something besides the guard commands less"""
+    """The allowed stiffness is commanded; else something besides the guard commands less"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,7 +179,7 @@ class Config(Sections):
         )
 
     def servo_settings(self) -> ServoSettings:
-        """What ``haptic_wall.hw.open`` needs.
+        """Settings with which ``haptic_wall.hw.open`` opens the servo.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
         process of its own, and whoever started it knows its port.

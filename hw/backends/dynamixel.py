@@ -17,6 +17,7 @@ from haptic_wall.hw.settings import ServoSettings, TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.hw.dynamixel.line import Line
+    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
@@ -71,7 +72,7 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
                 "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
                 "path."
             )
-        return DynamixelServo(driver, _memory_line(settings, settings.true, clock))
+        return DynamixelServo(driver, _memory_line(settings, driver, settings.true, clock))
 
     from haptic_wall.hw.dynamixel.serial_line import FdLine
 
@@ -83,16 +84,17 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
         raise
 
 
-def _memory_line(settings: ServoSettings, true: TrueServo, clock: SimulatedClock) -> Line:
+def _memory_line(
+    settings: ServoSettings, driver: DynamixelSettings, true: TrueServo, clock: SimulatedClock
+) -> Line:
     """An emulated bus in memory with the configured servo on it."""
     from haptic_wall.hw.dynamixel.drivable import drivable
-    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
     from haptic_wall.hw.emulated.bus import EmulatedBus
     from haptic_wall.hw.emulated.injection import Faults
     from haptic_wall.hw.emulated.memory_line import MemoryLine
     from haptic_wall.hw.emulated.servo import EmulatedServo
 
-    model, _ = drivable(DynamixelSettings.of(settings))
+    model, _ = drivable(driver)
     now_ns = clock.now_ns()
     servo = EmulatedServo(
         model, settings.id, EMULATED_FIRMWARE, true, start_ns=now_ns, baud=settings.baud

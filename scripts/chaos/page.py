@@ -22,7 +22,7 @@ AT_ONCE = (
 )
 """The shots that this is promised for"""
 WATCHED = ("emulator", "loop", "recorder", "supervisor")
-"""Whose memory is"""
+"""Processes whose memory is watched"""
 
 
 @dataclass(slots=True)

@@ -262,7 +262,7 @@ def _gone(pid: int | None, patience_s: float = 5.0) -> bool:
 
 
 def _doing(pids: dict[str, int]) -> str:
-    """Which processes are there, and in which state."""
+    """Names of the processes that are there, each with its state."""
     words = []
     for name, pid in pids.items():
         with contextlib.suppress(OSError):

@@ -27,7 +27,7 @@ OUTCOMES = ("OK", "LOST", "CORRUPT", "REFUSED")
 
 
 class Memory(NamedTuple):
-    """What became of the cycles in memory, and of random frames."""
+    """Outcomes of the cycles in memory, and of random frames."""
 
     fastest: float
     """Speed of the shaft [rad/s]"""
@@ -73,7 +73,7 @@ def memory(rows: Found[tuple[int, int, int], Memory]) -> list[str]:
     )
     return [
         f"{cycles} cycles at 1 kHz, seed {seed}, a shaft that swings at up to"
-        f" {found.fastest:.1f} rad/s. What was done to a reply, and what its cycle became:",
+        f" {found.fastest:.1f} rad/s. Damage to a reply, and the outcome of its cycle:",
         "",
         *lines,
         "",

@@ -221,7 +221,7 @@ def disk(folder: str) -> Disk:
 
 
 def waits(found: Found[str, Disk]) -> list[str]:
-    """What the disk takes, in words."""
+    """Waits of the disk, in words."""
     ((_, (syncs, waited)),) = found
     rows = "; ".join(
         f"at {rate} rows a second at most {count} of {CAPACITY} waited, {count / rate:.2f} s"

@@ -304,7 +304,7 @@ RUNAWAYS: dict[str, Draw] = {
 
 
 Named = tuple[str, Case]
-"""What happens, and to which servo"""
+"""An event, and the servo it happens to"""
 
 
 def drawn(kinds: Mapping[str, Draw]) -> Callable[[Given], list[Named]]:

@@ -19,7 +19,7 @@ SEED = 7
 
 
 def cost(virtual: float) -> tuple[float, ...]:
-    """What an MX-64 is allowed if everything is known, at worst, and what each unknown takes."""
+    """Stiffness allowed to an MX-64 if all is known, at worst, and the loss by each unknown."""
     found = cost_of_each_unknown(MX_64, NOMINAL, virtual, PERIOD)
     lost = [each.lost for each in found.unknowns]
     return found.known, found.limit.stiffness, *lost, found.lost

@@ -36,7 +36,7 @@ def test_rows_are_as_they_were(case):
     found = ran(CASES[case])
     now, exactly = line_of(case, found), machine() == MADE_ON
     told = change(LINES[case], now, kept(same_rows.KEPT, case), found)
-    assert same(LINES[case], now, exactly=exactly), f"{told}; scripts/same_rows tells more"
+    assert same(LINES[case], now, exactly=exactly), f"{told}; scripts/study same_rows tells more"
 
 
 def test_each_run_has_a_line():

@@ -121,20 +121,20 @@ def answered(case: Case) -> Answered:
     """Run a case with ``reduce`` and judge it; repeat it longer if it was too short."""
     trial = case.run()
     own = _judged(case, trial)
+    late_at_any_speed = False
     if not own.judged or not own.in_time:
         longer = replace(case, duration_s=case.duration_s + _LONGER_S)
         trial = longer.run()
         own = _judged(case, trial)
-    late = not own.in_time
-    if late:
-        late = not _judged(case, longer.run(speed_limits=True)).in_time
+        if not own.in_time:
+            late_at_any_speed = not _judged(case, longer.run(speed_limits=True)).in_time
     over = own.ended_s if own.tripped else own.decays_s
     at_alarm, after = at_alarm_and_after(trial)
     return Answered(
         case=case,
         in_time=own.in_time,
         late_s=0.0 if own.in_time else over - own.deadline_s,
-        late_at_any_speed=late,
+        late_at_any_speed=late_at_any_speed,
         never=not (own.in_time or own.tripped) and own.decays_s > own.ended_s - WINDOW_S,
         trip=trial.trip,
         gave_up=trial.gave_up,
