@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
-from haptic_wall.controller.experiments.trials.beyond_limit import LIMIT
-from haptic_wall.controller.experiments.trials.bouncing import BOUNCES
-from haptic_wall.controller.experiments.trials.detector_trials import (
+from scripts.page_sections import add_options, amount_of, command_of, write
+from scripts.trials.beyond_limit import LIMIT
+from scripts.trials.bouncing import BOUNCES
+from scripts.trials.detector_trials import (
     NAMES,
     HandTrial,
     KickTrial,
@@ -27,13 +28,12 @@ from haptic_wall.controller.experiments.trials.detector_trials import (
     kick_trials,
     sustained_trials,
 )
-from haptic_wall.controller.experiments.trials.hand_hours import HOURS
-from haptic_wall.controller.experiments.trials.hands import HANDS
-from haptic_wall.controller.experiments.trials.own_walls import WALLS
-from haptic_wall.controller.experiments.trials.recordings import RECORDINGS
-from haptic_wall.controller.experiments.trials.sections import measured
-from haptic_wall.controller.experiments.trials.small_cycles import BACKLASH_CYCLES
-from scripts.page_sections import add_options, amount_of, command_of, write
+from scripts.trials.hand_hours import HOURS
+from scripts.trials.hands import HANDS
+from scripts.trials.own_walls import WALLS
+from scripts.trials.recordings import RECORDINGS
+from scripts.trials.sections import measured
+from scripts.trials.small_cycles import BACKLASH_CYCLES
 from scripts.whole_program import measured_on, page_options
 
 SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)

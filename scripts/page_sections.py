@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from haptic_wall.controller.experiments.trials.sections import QUICK, Amount, Made, renewed
+from scripts.trials.sections import QUICK, Amount, Made, renewed
 
 
 def add_options(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:

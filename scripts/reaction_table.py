@@ -19,9 +19,6 @@ import numpy as np
 
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
-from haptic_wall.controller.experiments.trials.own_walls import GROWTH
-from haptic_wall.controller.experiments.trials.sections import measured
-from haptic_wall.controller.experiments.trials.worst import WORST
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.runtime.assembly import (
@@ -39,6 +36,9 @@ from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
 from scripts.page_sections import add_options, amount_of, command_of, write
+from scripts.trials.own_walls import GROWTH
+from scripts.trials.sections import measured
+from scripts.trials.worst import WORST
 from scripts.whole_program import measured_on, page_options, say_time
 
 PERIOD = 1e-3

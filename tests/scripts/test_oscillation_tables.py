@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from haptic_wall.controller.experiments.trials.cases import Case
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.truth import Truth
 from scripts import detector_table, reaction_table
+from scripts.trials.cases import Case
+from scripts.trials.run import WallAsked
+from scripts.trials.truth import Truth
 
 CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}
 

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
-from haptic_wall.controller.experiments.trials.draws import bench_of
-from haptic_wall.controller.experiments.trials.judges import own_oscillation
-from haptic_wall.controller.experiments.trials.operators import NOBODY, operator_of
-from haptic_wall.controller.experiments.trials.run import WallAsked, run_trial
-from haptic_wall.controller.experiments.trials.truth import Truth
-from tests.controller.experiments.trial_help import called_quiet
+from scripts.trials.draws import bench_of
+from scripts.trials.judges import own_oscillation
+from scripts.trials.operators import NOBODY, operator_of
+from scripts.trials.run import WallAsked, run_trial
+from scripts.trials.truth import Truth
+from tests.scripts.trial_help import called_quiet
 
 BENCH = bench_of("xm430-w350")
 RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)

@@ -10,11 +10,11 @@ from haptic_wall.controller.detector.detection import detect
 from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls
-from haptic_wall.controller.experiments.trials.detector_trials import kick_trials
-from haptic_wall.controller.experiments.trials.hands import HANDS, draw_hands, goes_on, handled
-from haptic_wall.controller.experiments.trials.listening import COUNT, listen
-from haptic_wall.controller.experiments.trials.watched import Trace, kicked, steady_oscillation
 from haptic_wall.controller.theory import critical_stiffness
+from scripts.trials.detector_trials import kick_trials
+from scripts.trials.hands import HANDS, draw_hands, goes_on, handled
+from scripts.trials.listening import COUNT, listen
+from scripts.trials.watched import Trace, kicked, steady_oscillation
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3
 EXACTLY = np.ones(4)

@@ -15,9 +15,9 @@ from haptic_wall.controller.experiments.steps.shaken import (
 )
 from haptic_wall.controller.experiments.steps.step_fit import lost_motion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
-from haptic_wall.controller.experiments.trials.servo import TrialServo
-from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.controller.settings.load import load_config
+from scripts.trials.servo import TrialServo
+from scripts.trials.truth import Truth
 
 SMALL = (
     "servo.inertia=0.0018142",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.controller.experiments.trials.cases import (
+from scripts.trials.cases import (
     LAGS,
     PRESETS,
     Case,
@@ -15,15 +15,15 @@ from haptic_wall.controller.experiments.trials.cases import (
     draw_row,
     log_uniform,
 )
-from haptic_wall.controller.experiments.trials.draws import (
+from scripts.trials.draws import (
     bench_of,
     critical_of,
     damping_ceiling_of,
 )
-from haptic_wall.controller.experiments.trials.rates import most
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+from scripts.trials.rates import most
+from scripts.trials.run import WallAsked
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 RATIOS = (1.2, 2.0)
 _ANY = Row("any back-EMF", back_emf=None)

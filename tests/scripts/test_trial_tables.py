@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.trials.cases import LAGS, ROWS, Case, draw_row, hand_case
-from haptic_wall.controller.experiments.trials.draws import bench_of
-from haptic_wall.controller.experiments.trials.hand_hours import judged
-from haptic_wall.controller.experiments.trials.rates import (
+from scripts.trials.cases import LAGS, ROWS, Case, draw_row, hand_case
+from scripts.trials.draws import bench_of
+from scripts.trials.hand_hours import judged
+from scripts.trials.rates import (
     few,
     hourly,
     lower_bound,
@@ -18,10 +18,10 @@ from haptic_wall.controller.experiments.trials.rates import (
     most_per_hour,
     upper_bound,
 )
-from haptic_wall.controller.experiments.trials.run import Trial, WallAsked
-from haptic_wall.controller.experiments.trials.sections import Made, renewed
-from haptic_wall.controller.experiments.trials.truth import Truth
-from haptic_wall.controller.experiments.trials.verdicts import (
+from scripts.trials.run import Trial, WallAsked
+from scripts.trials.sections import Made, renewed
+from scripts.trials.truth import Truth
+from scripts.trials.verdicts import (
     answered,
     at_alarm_and_after,
     goes_on_by_itself,
@@ -30,8 +30,8 @@ from haptic_wall.controller.experiments.trials.verdicts import (
     time_above_s,
     unseen,
 )
-from haptic_wall.controller.experiments.trials.worst import BODIES, box, case_of
-from tests.controller.experiments.trial_help import mode_hz
+from scripts.trials.worst import BODIES, box, case_of
+from tests.scripts.trial_help import mode_hz
 
 BENCH = bench_of("xm430-w350")
 COUNT = math.tau / 4096

@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.draws import (
+from scripts.trials.draws import (
     LAG_FACTOR,
     Bench,
     bench_of,
     draw_truth,
     natural_hz,
 )
-from haptic_wall.controller.experiments.trials.operators import (
+from scripts.trials.operators import (
     NOBODY,
     Operator,
     draw_operator,
     operator_of,
 )
-from haptic_wall.controller.experiments.trials.run import Trial, WallAsked, run_trial
-from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
+from scripts.trials.run import Trial, WallAsked, run_trial
+from scripts.trials.truth import BackEmf, Truth
 
 PRESETS = ("xm430-w350", "xl330-m288")
 DAMPINGS = {

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.trials.draws import (
+from haptic_wall.controller.runtime.assembly import guard_schedule
+from haptic_wall.hw.clock import SimulatedClock
+from scripts.trials.draws import (
     LAG_FACTOR,
     MODE_HZ,
     MOST_BACKLASH,
@@ -16,30 +18,28 @@ from haptic_wall.controller.experiments.trials.draws import (
     critical_of,
     draw_truth,
 )
-from haptic_wall.controller.experiments.trials.judges import (
+from scripts.trials.judges import (
     deadline_after,
     ending,
     half_cycles,
     large,
     own_oscillation,
 )
-from haptic_wall.controller.experiments.trials.operators import (
+from scripts.trials.operators import (
     OPERATORS,
     draw_operator,
     operator_of,
 )
-from haptic_wall.controller.experiments.trials.run import (
+from scripts.trials.run import (
     Trial,
     WallAsked,
     run_trial,
     trial_config,
 )
-from haptic_wall.controller.experiments.trials.search import Axis, worst_cases
-from haptic_wall.controller.experiments.trials.servo import TrialServo
-from haptic_wall.controller.experiments.trials.truth import Truth
-from haptic_wall.controller.runtime.assembly import guard_schedule
-from haptic_wall.hw.clock import SimulatedClock
-from tests.controller.experiments.trial_help import called_quiet, mode_hz, released
+from scripts.trials.search import Axis, worst_cases
+from scripts.trials.servo import TrialServo
+from scripts.trials.truth import Truth
+from tests.scripts.trial_help import called_quiet, mode_hz, released
 
 BENCH = bench_of("xm430-w350")
 TRUTH = Truth(0.012, 0.012, 0.09, delay=0.001)

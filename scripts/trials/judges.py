@@ -9,9 +9,9 @@ import numpy as np
 
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.experiments.sweep.decrement import reversals
-from haptic_wall.controller.experiments.trials.run import Trial
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.theory.checks import FloatArray
+from scripts.trials.run import Trial
 
 LARGE_RAD = math.radians(1.0)
 LARGE_COUNTS = 10.0

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.watch import oscillation_report
-from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator
-from haptic_wall.controller.experiments.trials.servo import TrialServo
-from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Side
@@ -29,6 +26,9 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
+from scripts.trials.operators import NOBODY, Operator
+from scripts.trials.servo import TrialServo
+from scripts.trials.truth import Truth
 
 _CHUNK = 8192
 """Ticks between two readings of the rows; the ring holds one more at least."""

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from haptic_wall.controller.experiments.trials.cases import DAMPINGS, KICKS, PRESETS, Case
-from haptic_wall.controller.experiments.trials.draws import (
+from scripts.trials.cases import DAMPINGS, KICKS, PRESETS, Case
+from scripts.trials.draws import (
     LAG_FACTOR,
     MODE_DAMPING,
     MODE_HZ,
@@ -16,13 +16,13 @@ from haptic_wall.controller.experiments.trials.draws import (
     MOST_BACKLASH,
     bench_of,
 )
-from haptic_wall.controller.experiments.trials.judges import LONGEST_S, large, own_oscillation
-from haptic_wall.controller.experiments.trials.own_walls import ANY_STIFFNESS
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.search import Axis, Found, worst_cases
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section
-from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
-from haptic_wall.controller.experiments.trials.verdicts import (
+from scripts.trials.judges import LONGEST_S, large, own_oscillation
+from scripts.trials.own_walls import ANY_STIFFNESS
+from scripts.trials.run import WallAsked
+from scripts.trials.search import Axis, Found, worst_cases
+from scripts.trials.sections import Amount, Job, Made, Section
+from scripts.trials.truth import BackEmf, Truth
+from scripts.trials.verdicts import (
     at_alarm_and_after,
     longest_unseen_s,
     sustains,

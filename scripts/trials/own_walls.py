@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.cases import (
+from scripts.trials.cases import (
     LAGS,
     PRESETS,
     ROWS,
@@ -15,11 +15,11 @@ from haptic_wall.controller.experiments.trials.cases import (
     draw_kick,
     draw_row,
 )
-from haptic_wall.controller.experiments.trials.draws import bench_of
-from haptic_wall.controller.experiments.trials.rates import few, most
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+from scripts.trials.draws import bench_of
+from scripts.trials.rates import few, most
+from scripts.trials.run import WallAsked
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 ANY_STIFFNESS = 1e6
 """A request above every limit, so that the guard commands its own limit [N·m/rad]"""

@@ -9,8 +9,8 @@ import numpy as np
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.experiments.maps.many_walls import Walls
-from haptic_wall.controller.experiments.trials.watched import Trace
 from haptic_wall.controller.theory.checks import FloatArray
+from scripts.trials.watched import Trace
 
 COUNT = 2.0 * np.pi / 4096
 """One count of the encoder [rad]"""

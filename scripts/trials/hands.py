@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
-from haptic_wall.controller.experiments.trials.watched import Trace, as_traces
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from scripts.trials.watched import Trace, as_traces
 
 HANDS = ("voluntary", "rhythm", "tremor", "tap", "lean")
 _SLOW = 20

@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.truth import BackEmf, Truth
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from scripts.trials.truth import BackEmf, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""

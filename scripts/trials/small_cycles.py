@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.cases import (
+from scripts.trials.cases import (
     LAGS,
     PRESETS,
     Case,
@@ -15,12 +15,12 @@ from haptic_wall.controller.experiments.trials.cases import (
     draw_damping,
     draw_row,
 )
-from haptic_wall.controller.experiments.trials.draws import bench_of
-from haptic_wall.controller.experiments.trials.own_walls import ANY_STIFFNESS
-from haptic_wall.controller.experiments.trials.rates import few, most
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.verdicts import (
+from scripts.trials.draws import bench_of
+from scripts.trials.own_walls import ANY_STIFFNESS
+from scripts.trials.rates import few, most
+from scripts.trials.run import WallAsked
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.verdicts import (
     longest_unseen_s,
     small,
     sustains,

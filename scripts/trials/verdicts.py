@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.detector.oscillation import State
-from haptic_wall.controller.experiments.trials.cases import Case
-from haptic_wall.controller.experiments.trials.draws import bench_of
-from haptic_wall.controller.experiments.trials.judges import (
+from scripts.trials.cases import Case
+from scripts.trials.draws import bench_of
+from scripts.trials.judges import (
     LOST,
     SMALL_COUNTS,
     OwnOscillation,
@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.trials.judges import (
     large,
     own_oscillation,
 )
-from haptic_wall.controller.experiments.trials.run import Trial
+from scripts.trials.run import Trial
 
 WINDOW_S = 4.0
 """Time at the end of a trial in which a motion must persist to count as self-sustained [s]"""

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from haptic_wall.controller.experiments.trials.body import Body
-from haptic_wall.controller.experiments.trials.operators import NOBODY, NOTHING, Operator
-from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
+from scripts.trials.body import Body
+from scripts.trials.operators import NOBODY, NOTHING, Operator
+from scripts.trials.truth import Truth
 
 _OK = Outcome.OK
 _NEVER_NS = 1 << 62

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from haptic_wall.controller.experiments.trials.operators import NOBODY, Operator, operator_of
-from haptic_wall.controller.experiments.trials.servo import TrialServo
-from haptic_wall.controller.experiments.trials.truth import Truth
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
-from tests.controller.experiments.trial_help import kick, mode_hz, released
+from scripts.trials.operators import NOBODY, Operator, operator_of
+from scripts.trials.servo import TrialServo
+from scripts.trials.truth import Truth
+from tests.scripts.trial_help import kick, mode_hz, released
 
 COUNT = math.tau / 4096
 SERVO = Truth(0.012, 0.012, 0.09, counts_per_rev=0, torque_limit=100.0)

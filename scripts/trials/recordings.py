@@ -16,12 +16,12 @@ from haptic_wall.controller.detector.detection import detect
 from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.servo_fit import fitted_servo
 from haptic_wall.controller.detector.wall_fit import fitted_wall
-from haptic_wall.controller.experiments.trials.detector_trials import NAMES, above_limit
-from haptic_wall.controller.experiments.trials.listening import COUNT, PERIOD
-from haptic_wall.controller.experiments.trials.rates import most
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.watched import kicked
 from haptic_wall.controller.logs.detected import with_fit
+from scripts.trials.detector_trials import NAMES, above_limit
+from scripts.trials.listening import COUNT, PERIOD
+from scripts.trials.rates import most
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.watched import kicked
 
 SHARES = 1.3, 2.2
 """Range of K over the limit for the kick [1]"""

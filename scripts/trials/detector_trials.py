@@ -16,12 +16,12 @@ from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
 from haptic_wall.controller.experiments.maps.many_walls import Walls, split_delay
 from haptic_wall.controller.experiments.maps.onset import onset
-from haptic_wall.controller.experiments.trials.hands import draw_hands, goes_on, handled
-from haptic_wall.controller.experiments.trials.listening import COUNT, PERIOD, listen
-from haptic_wall.controller.experiments.trials.watched import Trace, kicked, steady_oscillation
 from haptic_wall.controller.theory import max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.servos import SERVOS
+from scripts.trials.hands import draw_hands, goes_on, handled
+from scripts.trials.listening import COUNT, PERIOD, listen
+from scripts.trials.watched import Trace, kicked, steady_oscillation
 
 LEAST_KICK, LARGEST_KICK = 10.0 * COUNT, 0.3
 WRONG = 0.2

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.cases import (
+from scripts.trials.cases import (
     LAGS,
     PRESETS,
     Case,
@@ -16,13 +16,13 @@ from haptic_wall.controller.experiments.trials.cases import (
     draw_row,
     log_uniform,
 )
-from haptic_wall.controller.experiments.trials.draws import Bench, bench_of, critical_of
-from haptic_wall.controller.experiments.trials.own_walls import ANY_STIFFNESS
-from haptic_wall.controller.experiments.trials.rates import few, most
-from haptic_wall.controller.experiments.trials.run import WallAsked
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.truth import Truth
-from haptic_wall.controller.experiments.trials.verdicts import Answered, answered, goes_on_by_itself
+from scripts.trials.draws import Bench, bench_of, critical_of
+from scripts.trials.own_walls import ANY_STIFFNESS
+from scripts.trials.rates import few, most
+from scripts.trials.run import WallAsked
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.truth import Truth
+from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 WALLS_TRIED = ("the guard's K", "1.2 to 3 times the limit")
 _FORCED = (1.2, 3.0)

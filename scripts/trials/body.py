@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.experiments.trials.operators import NOTHING, Row
-from haptic_wall.controller.experiments.trials.truth import Truth
+from scripts.trials.operators import NOTHING, Row
+from scripts.trials.truth import Truth
 
 RIGID_STEP_S = 5e-4
 """Longest step of a rigid servo [s]: exact between changes of friction, except for the operator's

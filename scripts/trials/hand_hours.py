@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.trials.cases import PRESETS, Case, draw_damping, hand_case
-from haptic_wall.controller.experiments.trials.draws import (
+from scripts.trials.cases import PRESETS, Case, draw_damping, hand_case
+from scripts.trials.draws import (
     bench_of,
     critical_of,
     damping_ceiling_of,
     draw_truth,
 )
-from haptic_wall.controller.experiments.trials.hands import HANDS
-from haptic_wall.controller.experiments.trials.operators import HARDER, Operator, operator_of
-from haptic_wall.controller.experiments.trials.rates import hourly
-from haptic_wall.controller.experiments.trials.run import Trial, WallAsked
-from haptic_wall.controller.experiments.trials.sections import Amount, Job, Made, Section, draws
-from haptic_wall.controller.experiments.trials.verdicts import small, sustains
+from scripts.trials.hands import HANDS
+from scripts.trials.operators import HARDER, Operator, operator_of
+from scripts.trials.rates import hourly
+from scripts.trials.run import Trial, WallAsked
+from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.verdicts import small, sustains
 
 OF_THE_LIMIT = 0.9
 _ONE_SIDED = 0.4

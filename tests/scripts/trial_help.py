@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from haptic_wall.controller.experiments.trials.judges import SMALL_COUNTS, ending
-from haptic_wall.controller.experiments.trials.operators import NOTHING, ROW_NS, Operator
-from haptic_wall.controller.experiments.trials.run import Trial
-from haptic_wall.controller.experiments.trials.truth import Truth
+from scripts.trials.judges import SMALL_COUNTS, ending
+from scripts.trials.operators import NOTHING, ROW_NS, Operator
+from scripts.trials.run import Trial
+from scripts.trials.truth import Truth
 
 
 def called_quiet(trial: Trial, *, counts_per_rev: int = 4096) -> bool:

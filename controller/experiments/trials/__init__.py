@@ -1,1 +1,0 @@
-"""Closed-loop trials: runs the loop's own tick on servos that are worse than the belief."""
