@@ -1,1 +1,1 @@
-"""Closed-loop trials for the pages on the detector: the loop's own tick on servos worse than the belief."""
+"""Trials for the detector's pages: the loop's own tick on servos worse than the belief."""
