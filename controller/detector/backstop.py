@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from haptic_wall.controller.detector.evidence import (
-    DYING,
     NEVER,
     Sighting,
     alike,
@@ -28,64 +27,9 @@ from haptic_wall.controller.detector.evidence import (
     sighting,
 )
 from haptic_wall.controller.detector.half_cycles import Repeated
-from haptic_wall.controller.detector.probe import SAME_AMPLITUDE, SAME_PERIOD, STILL, Probe, Verdict
+from haptic_wall.controller.detector.probe import Probe, Verdict
 from haptic_wall.controller.detector.steady import Steadiness
-
-_PROBED, _PROBED_COUNTS = 0.01745, 10.0
-"""Amplitude from which a persisting motion is probed: 1° [rad], or in encoder counts"""
-_SMALL, _SMALL_COUNTS = 0.005, 3.0
-"""The same for suspected motion, or motion more regular than a hand's"""
-PROBE = 0.25
-"""Scale of elastic torque, its limit and damping in a probe [1]"""
-_LOADED = 0.24
-"""Mean torque over the limit from which a motion is not probed: the probed wall would give way"""
-STEADY = 40
-"""Consecutive half-cycles that no hand makes so regularly"""
-_LEAST_GAIN = -0.05
-"""Contacts with a smaller logarithm of exit over entry speed decay by themselves."""
-_THROWS, _THROWS_LOADED = 3, 12
-"""Consecutive contacts left clearly faster than entered that cause a probe; or that end the run,
-where the wall must not be probed"""
-_BOUNCE = 0.75
-"""Longest bounce of the heaviest servo, in cycles; a hand that presses the wall stays longer"""
-_UNPROBED = 20
-"""Regular half-cycles that end the run where the wall must not be probed and the servo may have the
-apparent inertia"""
-_CYCLES_EVEN = 2
-"""Consecutive regular ends of half-cycles that a motion needs before a probe"""
-_UNLIKELY = 10
-"""Regular half-cycles that cause a probe although the servo cannot have the apparent inertia"""
-_BEYOND = 8
-"""Half-cycles whose largest is compared with that of as many before where they are beyond hands"""
-_HOLD_OFF_S = 10.0
-"""Time for which a motion similar to a hand's is not probed again"""
-_OTHER_PERIOD, _OTHER_AMPLITUDE = 0.25, 1.6
-"""Logarithm of the ratio of periods, and growth, from which a motion is not similar"""
-_AGAIN_S = 5.0
-"""A motion that stopped in a probe and returns within this time is the wall's."""
-_AS_BEFORE = 0.85, 1.25, 1.6
-"""Range of the period over that before the alarm in which the alarm was wrong; the upper end for
-the first step, and for later ones"""
-_AS_LARGE = 0.4
-"""Amplitude over that before the alarm from which a hand may make the motion: where the torque
-saturated before, what the softer wall keeps up has the same period when it is much smaller."""
-_OWN = 1.3, 2.0, 3.0
-"""Ratio of the period to that before the alarm that proves the wall's motion, step by step; a
-linear spring makes it 2, 4 and 8"""
-_GOES_ON = 6
-"""Half-cycles of persisting motion on the softest wall that prove a hand"""
-_STEPS = 3
-"""Steps of the reduction: a quarter, a sixteenth, a sixty-fourth"""
-_BACKLASH = 4.0
-"""Largest amplitude of a limit cycle attributed to backlash, in thresholds"""
-_BETWEEN = 4.0
-"""Factor on the rest torque where the spring was at rest between two samples"""
-_LEAST_STEPS = 2.0
-"""Encoder counts within which the spring is at rest at any stiffness [1]"""
-CYCLES, LONGEST_S = 6.0, 5.0
-"""Time within which a motion must decay: cycles of the slowest motion, and at most this long [s]"""
-_HURRY = 0.9
-"""Fraction of that time after which a persisting motion ends the run"""
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 
 
 class Phase(IntEnum):
@@ -136,15 +80,17 @@ class BackstopSettings:
     """It may change the wall; else it only reports."""
     bounces: bool = False
     """It watches contacts, not half-cycles."""
-    unprobed: int = STEADY
+    unprobed: int = TUNING.steadiness.half_cycles
     """Regular half-cycles after which a motion that must not be probed counts as steady"""
+    tuning: Tuning = TUNING
 
 
-def sizes(position_step: float) -> tuple[float, float]:
+def sizes(position_step: float, tuning: Tuning) -> tuple[float, float]:
     """Return ``threshold`` and ``small`` [rad] for an encoder count [rad]; 0: no encoder step."""
+    least = tuning.backstop
     if not position_step:
-        return _PROBED, _SMALL
-    return _PROBED_COUNTS * position_step, _SMALL_COUNTS * position_step
+        return least.large_rad, least.small_rad
+    return least.large_counts * position_step, least.small_counts * position_step
 
 
 class Backstop:
@@ -171,24 +117,30 @@ class Backstop:
     __slots__ = (
         "_begun",
         "_beyond",
+        "_bounce",
         "_cause",
         "_count",
         "_elongation",
+        "_evenly",
+        "_evidence",
         "_gaining",
         "_hands",
         "_largest",
         "_largest_before",
         "_motion",
         "_probe",
+        "_probing",
         "_settings",
         "_settled",
         "_since",
         "_steadiness",
         "_step",
         "_stiffness",
+        "_still",
         "_stop",
         "_streak",
         "_time",
+        "_tuning",
         "_whole",
         "alarm",
         "backlash",
@@ -214,12 +166,16 @@ class Backstop:
         """
         self._settings = settings
         self._motion = motion
-        self._steadiness = Steadiness(settings.period, settings.position_step)
+        tuning = settings.tuning
+        self._tuning, self._evidence = tuning.backstop, tuning.evidence
+        self._probing, self._still = tuning.probe, tuning.half_cycles.still
+        self._evenly, self._bounce = tuning.steadiness.half_cycles, tuning.contacts.bounce
+        self._steadiness = Steadiness(settings.period, settings.position_step, tuning.steadiness)
         self._time = self._since = self._begun = 0.0
         self._stiffness = self._elongation = 0.0
         self._streak = self._count = self._step = self._whole = self._gaining = 0
         self._cause = Cause.STOPPED
-        self._probe = Probe(settings.threshold, contacts=settings.bounces)
+        self._probe = Probe(settings.threshold, tuning, contacts=settings.bounces)
         self._hands = self._stop = NEVER
         self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
         self.phase = Phase.WATCHING
@@ -251,13 +207,13 @@ class Backstop:
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation, last)
-        elif self._motion.elapsed > STILL * self._motion.interval:
+        elif self._motion.elapsed > self._still * self._motion.interval:
             self._died()  # the reduced wall is at rest
         if ended:
             self._ended()
         if self.phase == Phase.WATCHING and self._motion.gaining != self._gaining:
             self._gaining = self._motion.gaining
-            if self._gaining >= _THROWS:
+            if self._gaining >= self._tuning.throws:
                 self._probe_what_throws()
 
     def _return(self, elongation: float, last: float) -> None:
@@ -270,8 +226,9 @@ class Backstop:
         missing = abs((1.0 - self.stiffness_scale) * self._stiffness * elongation)
         most = self._settings.rest_torque
         if elongation * last < 0.0:
-            most *= _BETWEEN
-        if missing <= most or abs(elongation) <= _LEAST_STEPS * self._settings.position_step:
+            most *= self._tuning.rest_between
+        least = self._tuning.rest_counts * self._settings.position_step
+        if missing <= most or abs(elongation) <= least:
             self.stiffness_scale = self.damping_scale = 1.0
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
@@ -296,9 +253,9 @@ class Backstop:
         self._count += 1
         size = min(motion.amplitude, motion.amplitude_2)
         self._steadiness.take(motion)
-        self.steady = self._steadiness.count >= STEADY and size >= settings.small
-        undying = lasts(motion)
-        even = undying and same_period(motion)
+        self.steady = self._steadiness.count >= self._evenly and size >= settings.small
+        undying = lasts(motion, self._evidence)
+        even = undying and same_period(motion, self._evidence)
         self._streak = self._streak + 1 if even else 0
         if not settings.acts and size >= settings.threshold:
             self.steady = self.steady or self._streak >= settings.unprobed
@@ -330,9 +287,9 @@ class Backstop:
             regular = self.steady
         else:
             before = min(motion.amplitude_3, motion.amplitude_4)
-            even = self._streak >= _CYCLES_EVEN and before >= settings.threshold
-            regular = even or saturates(motion, settings.torque_limit)
-        if regular and motion.gain > _LEAST_GAIN:
+            even = self._streak >= self._tuning.regular and before >= settings.threshold
+            regular = even or saturates(motion, settings.torque_limit, self._evidence)
+        if regular and motion.gain > self._tuning.least_gain:
             self._consider()
         elif size >= settings.threshold and self._goes_on_beyond_hands():
             self._since = self._time
@@ -348,9 +305,9 @@ class Backstop:
             return False
         self._beyond += 1
         self._largest = max(self._largest, seen.amplitude)
-        if self._beyond % _BEYOND:
+        if self._beyond % self._tuning.beyond_half_cycles:
             return False
-        goes_on = self._largest > DYING * self._largest_before
+        goes_on = self._largest > self._evidence.dying * self._largest_before
         self._largest, self._largest_before = 0.0, self._largest
         return goes_on
 
@@ -358,7 +315,7 @@ class Backstop:
         """Decide how to react to a regular motion that does not decay."""
         motion, settings = self._motion, self._settings
         self._begun = self._since
-        self._settled = is_limit_cycle(motion, settings.torque_limit)
+        self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
         self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
@@ -367,7 +324,7 @@ class Backstop:
             return
         elif self._loaded:
             possible = settings.light < seen.inertia < settings.heavy
-            own = self._streak >= _UNPROBED and possible
+            own = self._streak >= self._tuning.regular_loaded and possible
             if (self.steady or own) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
@@ -376,7 +333,7 @@ class Backstop:
                 self._alarm(Cause.BEYOND_HANDS)  # no hand is so regular
         elif (
             self.steady
-            or self._streak >= _UNLIKELY
+            or self._streak >= self._tuning.regular_unlikely
             or settings.light < seen.inertia < settings.heavy
         ):
             self._ask(within=False)
@@ -394,14 +351,13 @@ class Backstop:
         seen = sighting(motion, self._time)
         if known < 2:
             seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
-        hands = self._hands
-        if seen.at - hands.at < _HOLD_OFF_S and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude:
+        if self._recent_hand(seen):
             return
         self._begun = self._time - motion.elapsed - motion.duration
-        self._settled = is_limit_cycle(motion, settings.torque_limit)
+        self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
         self._probe.before = seen
         large = known > 1 and min(motion.amplitude, motion.amplitude_2) >= settings.threshold
-        if large and lasts(motion) and self._beyond_hands(seen):
+        if large and lasts(motion, self._evidence) and self._beyond_hands(seen):
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)
@@ -421,7 +377,7 @@ class Backstop:
         self._probe.before = seen
         if not self._loaded:
             self._ask(within=False)
-        elif self._gaining >= _THROWS_LOADED and self._bounced:
+        elif self._gaining >= self._tuning.throws_loaded and self._bounced:
             self._alarm(Cause.BEYOND_HANDS)
             self.failed = True
 
@@ -430,7 +386,7 @@ class Backstop:
         """Whether the last four contacts were as short as bounces."""
         motion = self._motion
         longest = max(motion.duration, motion.duration_2, motion.duration_3, motion.duration_4)
-        return longest < _BOUNCE * self._slowest
+        return longest < 0.5 * self._bounce * self._slowest
 
     @property
     def _loaded(self) -> bool:
@@ -439,25 +395,33 @@ class Backstop:
 
     def _gives_way(self, steps: int) -> bool:
         """Whether the load would push through a wall reduced from so many steps."""
-        limit = PROBE**steps * self._settings.torque_limit
-        return abs(self._motion.load) > _LOADED * limit
+        limit = self._probing.scale**steps * self._settings.torque_limit
+        return abs(self._motion.load) > self._tuning.loaded * limit
 
     @property
     def _softest(self) -> bool:
         """Whether the wall cannot be reduced further, or would give way to its load."""
-        return self._step >= _STEPS or self._gives_way(self._step)
+        return self._step >= self._tuning.steps or self._gives_way(self._step)
 
     def _beyond_hands(self, seen: Sighting) -> bool:
         pull = min(self._motion.pull, self._motion.pull_2, self._motion.pull_3)
-        return not self._settings.bounces and beyond_hands(seen.cycle, seen.amplitude, pull)
+        return not self._settings.bounces and beyond_hands(
+            seen.cycle, seen.amplitude, pull, self._evidence
+        )
 
     def _held_off(self, seen: Sighting) -> bool:
         """Whether a hand was recently found to make a similar motion."""
-        hands = self._hands
         return (
-            seen.at - hands.at < _HOLD_OFF_S
-            and abs(math.log(seen.cycle / hands.cycle)) < _OTHER_PERIOD
-            and seen.amplitude < _OTHER_AMPLITUDE * hands.amplitude
+            self._recent_hand(seen)
+            and abs(math.log(seen.cycle / self._hands.cycle)) < self._tuning.other_period
+        )
+
+    def _recent_hand(self, seen: Sighting) -> bool:
+        """Whether a hand was found not long ago to make a motion about as large."""
+        hands, tuning = self._hands, self._tuning
+        return (
+            seen.at - hands.at < tuning.held_off_s
+            and seen.amplitude < tuning.other_amplitude * hands.amplitude
         )
 
     def _ask(self, *, within: bool) -> None:
@@ -465,7 +429,7 @@ class Backstop:
         self.phase = Phase.PROBING
         self.probes += 1
         self._probe.begin(self._motion, within=within)
-        self.stiffness_scale = self.damping_scale = PROBE
+        self.stiffness_scale = self.damping_scale = self._probing.scale
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""
@@ -484,9 +448,8 @@ class Backstop:
         It was the wall's if that was suspected, or if it returns and stops again.
         """
         before = self._probe.before
-        again = self._time - self._stop.at < _AGAIN_S and alike(
-            before, self._stop, SAME_PERIOD, SAME_AMPLITUDE
-        )
+        recent = self._time - self._stop.at < self._tuning.again_s
+        again = recent and alike(before, self._stop, self._probing)
         if again or (self.suspected and before.amplitude >= self._settings.threshold):
             self._alarm(Cause.STOPPED)
             return
@@ -502,15 +465,15 @@ class Backstop:
         self.alarm = True
         self.suspected = False
         self.small_cycle = self._probe.before.amplitude < self._settings.threshold
-        small = self._probe.before.amplitude < _BACKLASH * self._settings.threshold
+        small = self._probe.before.amplitude < self._tuning.backlash * self._settings.threshold
         self.backlash = small and self._settled
         if not self._settings.acts:
             return
         self._cause = cause
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
-        self.stiffness_scale = PROBE
-        self.damping_scale = PROBE if cause == Cause.STOPPED else 1.0
+        self.stiffness_scale = self._probing.scale
+        self.damping_scale = self._probing.scale if cause == Cause.STOPPED else 1.0
 
     def _judge(self, undying: bool) -> None:
         """Continue to reduce a persisting motion; restore the gains if a hand makes it."""
@@ -521,11 +484,11 @@ class Backstop:
             return
         if self._count < 2:
             return
-        shrinks = motion.amplitude < DYING * motion.amplitude_3
+        shrinks = motion.amplitude < self._evidence.dying * motion.amplitude_3
         if shrinks and motion.amplitude_2 <= motion.amplitude_4:
             self.alarm = False
             return
-        if self.small_cycle and not (undying and self._count >= STEADY):
+        if self.small_cycle and not (undying and self._count >= self._evenly):
             return
         self.alarm = True
         seen = sighting(motion, self._time)
@@ -534,14 +497,14 @@ class Backstop:
         elif size >= settings.threshold and self._own(seen) and self._is_last():
             self.failed = not settings.bounces or motion.gain > 0.0
         elif self._softest:
-            as_large = seen.amplitude > _AS_LARGE * self._probe.before.amplitude
+            as_large = seen.amplitude > self._tuning.hand_smallest * self._probe.before.amplitude
             hand = as_large and not (self.small_cycle or self._beyond_hands(seen))
-            if hand and self._count >= _GOES_ON:
+            if hand and self._count >= self._tuning.hand_half_cycles:
                 self._was_wrong()
         else:
-            self.damping_scale = PROBE**self._step
+            self.damping_scale = self._probing.scale**self._step
             self._step += 1
-            self.stiffness_scale = PROBE**self._step
+            self.stiffness_scale = self._probing.scale**self._step
             self._count = 0
 
     def _hand_after_all(self, seen: Sighting) -> bool:
@@ -550,16 +513,17 @@ class Backstop:
         Args:
             seen: The motion now.
         """
-        least, most, later = _AS_BEFORE
+        tuning = self._tuning
         ratio = seen.cycle / self._probe.before.cycle
-        if self._motion.amplitude < _AS_LARGE * self._probe.before.amplitude:
+        if self._motion.amplitude < tuning.hand_smallest * self._probe.before.amplitude:
             return False
+        least, most = tuning.hand_shortest, tuning.hand_longest
         if self._cause == Cause.LONGER:
-            return least < ratio < (most if self._step == 1 else later)
+            return least < ratio < (most if self._step == 1 else tuning.hand_longest_later)
         return (
             self._cause == Cause.STOPPED
             and not self.steady
-            and self._streak >= _CYCLES_EVEN
+            and self._streak >= tuning.regular
             and least < ratio < most
         )
 
@@ -570,9 +534,11 @@ class Backstop:
             seen: The motion now.
         """
         before = self._probe.before
-        explained = explains(seen.inertia, before.inertia)
+        explained = explains(seen.inertia, before.inertia, self._probing)
         if self._cause == Cause.LONGER:
-            longer = seen.cycle / before.cycle > _OWN[self._step - 1]
+            tuning = self._tuning
+            ratios = tuning.own_first, tuning.own_second, tuning.own_third
+            longer = seen.cycle / before.cycle > ratios[min(self._step, 3) - 1]
             return explained and longer and self._streak > 0
         if self._cause == Cause.BEYOND_HANDS:
             return explained or self.steady or self._beyond_hands(seen)
@@ -584,7 +550,9 @@ class Backstop:
 
     def _late(self) -> bool:
         """Whether the time within which the motion must decay is nearly over."""
-        return self._time - self._begun > _HURRY * min(CYCLES * self._slowest, LONGEST_S)
+        tuning = self._tuning
+        allowed = min(tuning.cycles * self._slowest, tuning.longest_s)
+        return self._time - self._begun > tuning.hurry * allowed
 
     @property
     def _slowest(self) -> float:

@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import math
 
-_GATE_COUNTS, _GATE = 8.0, 0.005
-"""The speeds before and after a contact are measured between the surface and a gate this far
-outside: in encoder counts; without an encoder step [rad]"""
-_SMOOTH = 0.4
-"""Fraction of a new gain in the smoothed one"""
-_THROWN = 0.2
-"""Logarithm of exit over entry speed from which the wall returns the shaft faster: hands seldom
-leave three consecutive contacts so fast"""
+from haptic_wall.controller.detector.tuning import ContactTuning
+
 _FINEST = 1e-6
 """Depth of the least contact without an encoder step [rad]: avoids a division by zero."""
 
@@ -46,7 +40,9 @@ class Contacts:
         "_last",
         "_least",
         "_moment",
+        "_smoothing",
         "_square",
+        "_thrown",
         "_time",
         "_took",
         "_way_in",
@@ -72,14 +68,16 @@ class Contacts:
         "pull_3",
     )
 
-    def __init__(self, position_step: float) -> None:
+    def __init__(self, position_step: float, tuning: ContactTuning) -> None:
         """Start with no contact.
 
         Args:
             position_step: Encoder count [rad]; 0: none. A contact is at least one deep.
+            tuning: Numbers for contacts.
         """
         self._least = position_step or _FINEST
-        self._gate = _GATE_COUNTS * position_step if position_step else _GATE
+        self._gate = tuning.gate_counts * position_step if position_step else tuning.gate_rad
+        self._smoothing, self._thrown = tuning.smoothing, tuning.thrown
         # Times since passing the gate inward and the surface outward, and the duration of the last
         # way in; NaN: none [s].
         self._way_in = self._way_out = self._took = math.nan
@@ -148,7 +146,7 @@ class Contacts:
             if before <= 0.0 < depth:
                 self._took = self._way_in - before * slowness
                 if math.isnan(self._took):
-                    self.gain -= _SMOOTH * self.gain
+                    self.gain -= self._smoothing * self.gain
                     self.gaining = 0
                 self._way_in = self._way_out = math.nan
             return
@@ -158,8 +156,8 @@ class Contacts:
             took = self._way_out + (gate - before) * slowness
             if took > 0.0 and self._took > 0.0:  # also false where either is NaN
                 gain = math.log(self._took / took)
-                self.gain += _SMOOTH * (gain - self.gain)
-                self.gaining = self.gaining + 1 if gain > _THROWN else 0
+                self.gain += self._smoothing * (gain - self.gain)
+                self.gaining = self.gaining + 1 if gain > self._thrown else 0
             self._way_in = self._way_out = self._took = math.nan
 
     def _keep(self) -> None:

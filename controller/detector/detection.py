@@ -12,13 +12,10 @@ from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.detector.tuning import TUNING, RecordingTuning
 
 Array = NDArray[np.float64]
 
-LONGEST_GAP_S = 0.05
-"""After a longer gap the detector restarts: turning points may be missing."""
-_LEAST_STEPS = 20
-"""Number of differences that must be multiples of the smallest for it to be a count."""
 _ROUNDING = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
@@ -122,7 +119,9 @@ def detect(
         raise ValueError("times do not increase; give the samples in order of time")
     known = wall or KnownWall(stiffness)
     if math.isnan(settings.position_step):
-        settings = replace(settings, position_step=position_step(positions))
+        settings = replace(
+            settings, position_step=position_step(positions, settings.tuning.recording)
+        )
     detector = _detector(settings, known, lag)
     own = _own_motion(settings, known.side)
     surface = known.surface if math.isfinite(known.surface) else 0.0
@@ -138,7 +137,7 @@ def detect(
             gap = 0.0 if last is None else when[k] - last
             periods = max(1, round(gap / settings.period))
             last = when[k]
-            if gap > max(LONGEST_GAP_S, 2.0 * settings.period):
+            if gap > max(settings.tuning.recording.gap_s, 2.0 * settings.period):
                 detector.restart()
                 own.resume()
             detector.stiffness = stiff[k]
@@ -158,7 +157,7 @@ def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
     """Return the watch for motion beyond hands, on any servo; a record cannot be probed."""
     step = settings.position_step
     step = step if step > 0.0 else 0.0
-    threshold, small = sizes(step)
+    threshold, small = sizes(step, settings.tuning)
     watched = BackstopSettings(
         period=settings.period,
         position_step=step,
@@ -170,6 +169,7 @@ def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
         rest_torque=0.0,
         torque_limit=math.inf,
         acts=False,
+        tuning=settings.tuning,
     )
     return OwnMotion(watched, None, side)
 
@@ -182,11 +182,11 @@ def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detect
     return detector
 
 
-def position_step(positions: Array) -> float:
+def position_step(positions: Array, tuning: RecordingTuning = TUNING.recording) -> float:
     """Return the encoder count if all positions differ by multiples of one [rad]; else 0."""
     steps = np.abs(np.diff(positions[np.isfinite(positions)]))
     steps = steps[steps > _ROUNDING * np.max(steps, initial=0.0)]
-    if steps.size < _LEAST_STEPS:
+    if steps.size < tuning.count_steps:
         return 0.0
     # Files are rounded to some digits, which limits the precision of the smallest difference.
     smallest = float(np.median(steps[steps < 1.5 * steps.min()]))

@@ -16,27 +16,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.detector.half_cycle_sums import HalfCycle, Sums
-
-_FRICTION_ROOM = 0.3
-"""Fraction by which friction may exceed its belief."""
-_DELAY_ROOM = 0.15
-"""Tolerance for the damping that balances the delay, as a fraction of ``K t_d``: with a believed
-delay a fifth too long, a wall at nine tenths of its limit seems to give nearly a tenth of its
-energy."""
-_CLEAR = 0.06
-"""Least excess, as a fraction of the motion's energy."""
-_COUNTS = 0.6
-"""Least excess, as a fraction of the work of one count's spring torque: each count's torque acts
-after the count, so that a motion of less than a count per delay seems to get this much."""
-_FEWEST = 2.5
-"""Periods that must have passed first: a turning point between samples is known to one period."""
-_WRONG = 0.3
-"""Fraction by which a true value may exceed its belief: a fifth, and some more."""
-_LIGHTEST, _HEAVIEST, _MASS_COUNTS = 1.0 / 1.3, 1.4, 1.0
-"""Range of the apparent over the believed inertia: a belief a fifth off, and the effect of delayed
-damping on a fast-growing motion; the third per amplitude in counts"""
-_LOSS_ROOM, _LOSS_COUNTS = 0.02, 0.35
-"""Tolerance for the filter and the encoder; the second per amplitude in counts."""
+from haptic_wall.controller.detector.tuning import EnergyTuning
 
 
 class EnergyBalance:
@@ -57,12 +37,14 @@ class EnergyBalance:
     __slots__ = (
         "_coulomb",
         "_damping",
+        "_fewest",
         "_inertia",
         "_limit",
         "_natural",
         "_period",
         "_step",
         "_stiffness",
+        "_tuning",
         "growth",
         "lag",
         "left",
@@ -82,9 +64,12 @@ class EnergyBalance:
         coulomb: float,
         position_step: float,
         limit: float,
+        tuning: EnergyTuning,
     ) -> None:
         """Take the believed values of the servo; see ``DetectorSettings``."""
+        self._tuning = tuning
         self._period = period
+        self._fewest = tuning.fewest_periods * period
         self._inertia = inertia
         self._damping = 0.0 if math.isnan(damping) else damping
         self._coulomb = 0.0 if math.isnan(coulomb) else coulomb
@@ -140,14 +125,15 @@ class EnergyBalance:
         """
         step = self._step
         elapsed = now[1] - since[1]
-        if elapsed < _FEWEST * self._period:
+        if elapsed < self._fewest:
             return False
+        tuning = self._tuning
         square = now[3] - since[3]
         stored = self.potential(since[0])
         lost = self._damping * square + self._coulomb * way
         given = now[2] - since[2] + self.potential(now[0]) - stored
         late = self._stiffness * self.lag
-        left = given - (1.0 + _FRICTION_ROOM) * lost - _DELAY_ROOM * late * square
+        left = given - (1.0 + tuning.wrong) * lost - tuning.delay * late * square
         # A delayed damper gives energy in the middle of a half-cycle, as if the body were lighter;
         # hold and difference add to it in second order.
         spring, damper = self.lag + 0.5 * self._period, self.lag + self._period
@@ -156,7 +142,7 @@ class EnergyBalance:
             left -= 0.5 * lent * speed * speed
         # Over a whole half-cycle both terms are the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
-        if not left > _CLEAR * energy + _COUNTS * self._stiffness * step * way:
+        if not left > tuning.clear * energy + tuning.counts * self._stiffness * step * way:
             return False  # also where the surface is not known
         self.growth = 0.5 * (given - lost) / (energy * elapsed)
         return True
@@ -164,10 +150,8 @@ class EnergyBalance:
     def gave(self, half_cycle: HalfCycle) -> bool:
         """Whether over this whole half-cycle the wall gave more than the believed friction."""
         lost = self._damping * half_cycle.square + self._coulomb * half_cycle.path
-        return (
-            half_cycle.work + self.potential(half_cycle.end) - self.potential(half_cycle.start)
-            > lost
-        )
+        start, end = self.potential(half_cycle.start), self.potential(half_cycle.end)
+        return half_cycle.work + end - start > lost
 
     def judge(self, half_cycle: HalfCycle, before: HalfCycle | None) -> None:
         """Judge what moves the servo over this half-cycle, and the source of its energy.
@@ -203,13 +187,15 @@ class EnergyBalance:
         inertia = self._inertia if known else abs(seems)
         fine = self._step / half_cycle.amplitude
         self.share = seems / inertia if inertia > 0.0 else 0.0
-        self.moves = _LIGHTEST - _MASS_COUNTS * fine < self.share < _HEAVIEST + _MASS_COUNTS * fine
+        tuning = self._tuning
+        room = tuning.inertia_counts * fine
+        self.moves = tuning.lightest - room < self.share < tuning.heaviest + room
         # As dampings, all of them [N·m·s/rad].
         lost = self._damping + self._coulomb * path / square
         left = work / square - lost
         scale = speed * inertia
         late = scale * speed * self.lag  # K t_d, at the frequency that this is
-        room = _WRONG * (lost + late) + (_LOSS_ROOM + _LOSS_COUNTS * fine) * scale
+        room = tuning.wrong * (lost + late) + (tuning.loss + tuning.loss_counts * fine) * scale
         self.left = left / scale if known else 0.0
         # The torque also supplies unknown friction.
         self.pays = left > -room and (left < room or not known)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-HYSTERESIS = 1.5
-"""Distance from a turning point that confirms it [counts]: a flicker of one count does not."""
+from haptic_wall.controller.detector.tuning import HalfCycleTuning
+
 _FINEST = 1e-9
 """The same without an encoder's steps [rad]."""
 
@@ -95,16 +95,19 @@ class HalfCycleSums:
         "work",
     )
 
-    def __init__(self, period: float, position_step: float, position: float) -> None:
+    def __init__(
+        self, period: float, position_step: float, position: float, tuning: HalfCycleTuning
+    ) -> None:
         """Start at rest.
 
         Args:
             period: T [s].
             position_step: Encoder count q >= 0 [rad].
             position: Rest position [rad].
+            tuning: Numbers for turning points.
         """
         self._period = period
-        self._hysteresis = max(HYSTERESIS * position_step, _FINEST)
+        self._hysteresis = max(tuning.turning_counts * position_step, _FINEST)
         self._torque = 0.0
         self._tau = self._gain = 0.0
         self.filter(0.0)

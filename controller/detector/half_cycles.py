@@ -4,19 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-_HYSTERESIS_COUNTS = 1.5
-"""Distance from a turning point that confirms it [counts]: a flicker of one count does not."""
-_HYSTERESIS = 0.05
-"""The same, as a fraction of the distance between the last two turning points"""
-_RIPPLE, _FORGETS = 0.35, 0.8
-"""A half-cycle smaller than this, relative to the largest lately, is a ripple on it, as of a
-flexible transmission; in each half-cycle the largest is reduced by the second factor."""
-_COARSE, _REMEMBERS = 0.25, 20
-"""For so many half-cycles after a ripple, a turning point is confirmed by this fraction of the
-largest distance: ripples then end no half-cycle."""
-_PATIENCE = 3.0
-"""Unconfirmed half-cycles after which the size of the motion is forgotten: otherwise a motion that
-has become much smaller would never be found again."""
+from haptic_wall.controller.detector.tuning import HalfCycleTuning
+
 _FINEST = 1e-6
 """The least hysteresis, without an encoder step [rad]."""
 
@@ -85,6 +74,8 @@ class HalfCycles:
         "_square_then",
         "_start",
         "_started",
+        "_still",
+        "_tuning",
         "amplitude",
         "amplitude_2",
         "amplitude_3",
@@ -106,15 +97,18 @@ class HalfCycles:
         "pull_3",
     )
 
-    def __init__(self, period: float, position_step: float) -> None:
+    def __init__(self, period: float, position_step: float, tuning: HalfCycleTuning) -> None:
         """Start with no half-cycle.
 
         Args:
             period: T [s].
             position_step: Encoder count [rad]; 0: none.
+            tuning: Numbers for turning points.
         """
         self._period = period
-        self._least = max(_HYSTERESIS_COUNTS * position_step, _FINEST)
+        self._tuning = tuning
+        self._still = tuning.still
+        self._least = max(tuning.turning_counts * position_step, _FINEST)
         self.known = 0
         self.duration = 0.0
         self.duration_2 = 0.0
@@ -190,7 +184,8 @@ class HalfCycles:
                 self._reach(position)
             return False
         if abs(away) <= self._hysteresis:
-            if self._since_extreme > _PATIENCE * self.duration:
+            if self._since_extreme > self._still * self.duration:
+                # A motion that has become so much smaller would else never be seen again.
                 self._hysteresis, self._largest, self._rippled = self._least, 0.0, 0
             return False
         self._turn(position)
@@ -236,8 +231,13 @@ class HalfCycles:
         self.elapsed = self._since_extreme
         self._direction = -self._direction
         self.known += 1
-        self._largest = largest = max(self.amplitude, _FORGETS * self._largest)
-        self._rippled = _REMEMBERS if self.amplitude < _RIPPLE * largest else self._rippled - 1
-        fraction = _HYSTERESIS * self.amplitude if self._rippled <= 0 else _COARSE * largest
+        tuning = self._tuning
+        self._largest = largest = max(self.amplitude, tuning.forgets * self._largest)
+        ripple = self.amplitude < tuning.ripple * largest
+        self._rippled = tuning.coarse_half_cycles if ripple else self._rippled - 1
+        if self._rippled <= 0:
+            fraction = tuning.turning_fraction * self.amplitude
+        else:
+            fraction = tuning.coarse * largest
         self._hysteresis = max(self._least, 2.0 * fraction)
         self._reach(position)

@@ -7,7 +7,6 @@ import math
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles, Repeated
-from haptic_wall.controller.detector.probe import STILL
 
 
 class OwnMotion:
@@ -28,6 +27,7 @@ class OwnMotion:
         "_half_cycles",
         "_inside",
         "_side",
+        "_still_for",
         "_threshold",
         "damping_scale",
         "scale",
@@ -45,9 +45,11 @@ class OwnMotion:
         """
         self._side = side
         self._threshold = settings.threshold
-        self._half_cycles = HalfCycles(settings.period, settings.position_step)
+        tuning = settings.tuning
+        self._still_for = tuning.half_cycles.still
+        self._half_cycles = HalfCycles(settings.period, settings.position_step, tuning.half_cycles)
         self._backstop = Backstop(settings, self._half_cycles)
-        self._contacts = Contacts(settings.position_step)
+        self._contacts = Contacts(settings.position_step, tuning.contacts)
         self._bounces = None if bounces is None else Backstop(bounces, self._contacts)
         self._inside = True
         self.scale = self.damping_scale = 1.0
@@ -99,7 +101,7 @@ class OwnMotion:
     def _still(self) -> bool:
         """Whether no turning point comes any more, inside the wall or outside."""
         motion = self._half_cycles
-        return motion.elapsed > STILL * motion.interval > 0.0
+        return motion.elapsed > self._still_for * motion.interval > 0.0
 
     @property
     def suspected(self) -> bool:

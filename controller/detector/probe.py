@@ -10,26 +10,10 @@ from haptic_wall.controller.detector.evidence import (
     Sighting,
     alike,
     as_unsure,
-    may_be_a_load,
     took_longer,
 )
 from haptic_wall.controller.detector.half_cycles import Repeated
-
-SAME_PERIOD, SAME_AMPLITUDE = 0.1, 0.5
-"""Largest logarithms of the ratios of periods and of amplitudes of one motion at two times"""
-STILL = 3.0
-"""Turning-point intervals without a turning point after which a motion has stopped [1]"""
-_EARLY = 0.15
-"""Part of a half-cycle within which a probe has begun at its turning point [1]"""
-_FADE_SIZE = 2.5
-"""Motions with constant period in a probe and smaller than so many thresholds may be tremor; larger
-ones may be a load that swings on its transmission."""
-_FADE_EACH, _FADE_ALL, _FADE_LONGEST = 0.985, 0.75, 8
-"""Such a motion fades by this ratio in each half-cycle, and in all, within so many half-cycles."""
-_COLLAPSED, _QUICKER, _SLOWER = 0.6, 0.8, 3.2
-"""Ratio of amplitudes below which a motion has stopped in the probe, and of durations below and
-above which it is another one: the wall makes no motion quicker by giving way; under a load that all
-but pushes through the probed wall it becomes so slow, a hand's does not."""
+from haptic_wall.controller.detector.tuning import Tuning
 
 
 class Verdict(IntEnum):
@@ -54,16 +38,29 @@ class Probe:
         before: The motion before the probe.
     """
 
-    __slots__ = ("_contacts", "_count", "_fading", "_first", "_threshold", "_unsure", "before")
+    __slots__ = (
+        "_contacts",
+        "_count",
+        "_fading",
+        "_first",
+        "_still",
+        "_threshold",
+        "_tuning",
+        "_unsure",
+        "before",
+    )
 
-    def __init__(self, threshold: float, *, contacts: bool) -> None:
+    def __init__(self, threshold: float, tuning: Tuning, *, contacts: bool) -> None:
         """No probe has begun.
 
         Args:
             threshold: Amplitude from which a regular motion is probed [rad].
+            tuning: Numbers of the detector.
             contacts: Contacts with a one-sided wall are probed, not half-cycles.
         """
         self._threshold = threshold
+        self._tuning = tuning.probe
+        self._still = tuning.half_cycles.still
         self._contacts = contacts
         self._count = 0
         self._first = self._fading = 0.0
@@ -77,11 +74,12 @@ class Probe:
             motion: The motion until now.
             within: A half-cycle has begun before; its length is no evidence if that is long ago.
         """
-        self._count = -1 if within and motion.elapsed > _EARLY * motion.duration else 0
+        late = motion.elapsed > self._tuning.early * motion.duration
+        self._count = -1 if within and late else 0
 
     def still(self, motion: Repeated) -> bool:
         """Whether the motion has stopped: no turning point comes any more."""
-        return motion.elapsed > STILL * max(motion.interval, 0.5 * self.before.cycle)
+        return motion.elapsed > self._still * max(motion.interval, 0.5 * self.before.cycle)
 
     def ended(self, motion: Repeated, now: Sighting) -> Verdict:
         """Judge the end of a half-cycle.
@@ -101,25 +99,27 @@ class Probe:
                 Answer(self._first, ratio, inertia, now.amplitude / before.amplitude), now.amplitude
             )
         elif self._count > 2:
-            if now.amplitude < _FADE_ALL * self._fading:
+            tuning = self._tuning
+            if now.amplitude < tuning.load_all * self._fading:
                 return Verdict.STOPPED
-            if motion.amplitude > _FADE_EACH * motion.amplitude_2 or self._count > _FADE_LONGEST:
+            fades = motion.amplitude <= tuning.load_each * motion.amplitude_2
+            if not fades or self._count > tuning.load_half_cycles:
                 return Verdict.HAND
         return Verdict.OPEN
 
     def _both(self, answer: Answer, amplitude: float) -> Verdict:
         """Judge the first two half-cycles, with their mean amplitude [rad]."""
-        if took_longer(answer, contacts=self._contacts) or self._twice_unsure(answer):
+        tuning, before = self._tuning, self.before
+        if took_longer(answer, tuning, contacts=self._contacts) or self._twice_unsure(answer):
             return Verdict.WALL
-        if answer.amplitude < _COLLAPSED:
-            return Verdict.STOPPED if answer.first > _QUICKER else Verdict.CHANGED
-        if answer.second >= _SLOWER and not self._contacts:
+        if answer.amplitude < tuning.collapsed:
+            return Verdict.STOPPED if answer.first > tuning.quicker else Verdict.CHANGED
+        if answer.second >= tuning.longest and not self._contacts:
             return Verdict.CHANGED
-        if self._contacts or not may_be_a_load(self.before.cycle):
+        fast = before.cycle * tuning.load_hz < 1.0
+        if self._contacts or not fast or before.amplitude <= tuning.load_size * self._threshold:
             return Verdict.HAND
-        if self.before.amplitude <= _FADE_SIZE * self._threshold:
-            return Verdict.HAND
-        self._fading = amplitude
+        self._fading = amplitude  # it may be a load that swings on its transmission
         return Verdict.OPEN
 
     def _twice_unsure(self, answer: Answer) -> bool:
@@ -128,6 +128,6 @@ class Probe:
         return (
             last is not None
             and not self._contacts
-            and as_unsure(answer, last[0])
-            and alike(self.before, last[1], SAME_PERIOD, SAME_AMPLITUDE)
+            and as_unsure(answer, last[0], self._tuning)
+            and alike(self.before, last[1], self._tuning)
         )

@@ -11,11 +11,7 @@ from collections import deque
 from itertools import islice
 from typing import NamedTuple
 
-_NONE = 5e-4
-"""Negligible loss per half-cycle."""
-_BOUNCES, _BOUNCED, _BACK = 12, 0.25, 0.01
-"""Half-cycles of bouncing, the growth over them, and the tolerated loss from one bounce to the next
-"""
+from haptic_wall.controller.detector.tuning import BeliefTuning, Rules
 
 
 class Line(NamedTuple):
@@ -41,7 +37,7 @@ def line(values: deque[float], n: int) -> Line:
 
 def grows_evenly(
     sizes: deque[float],
-    rules: tuple[tuple[int, float], ...],
+    rules: Rules,
     streak: int,
     least: float,
     allowed: float,
@@ -55,31 +51,33 @@ def grows_evenly(
         least: Smallest amplitude from which growth is told.
         allowed: Largest scatter.
     """
-    for half_cycles, growth in rules:
-        if streak < half_cycles:
+    for count, growth in rules:
+        if streak < count:
             return False
-        if sizes[-half_cycles] > least:
-            found = line(sizes, half_cycles)
-            if found.slope * half_cycles > growth and found.scatter < allowed:
+        if sizes[-count] > least:
+            found = line(sizes, count)
+            if found.slope * count > growth and found.scatter < allowed:
                 return True
     return False
 
 
-def goes_on(sizes: deque[float], allowed: float) -> bool:
+def goes_on(sizes: deque[float], allowed: float, tuning: BeliefTuning) -> bool:
     """Whether all the amplitudes are equal, or grow; ``allowed``: largest scatter."""
     found = line(sizes, len(sizes))
-    return found.slope > -2.0 * found.error - _NONE and found.scatter < allowed
+    return found.slope > -2.0 * found.error - tuning.no_loss and found.scatter < allowed
 
 
-def bounces_grow(sizes: deque[float], streak: int) -> bool:
+def bounces_grow(sizes: deque[float], streak: int, tuning: BeliefTuning) -> bool:
     """Whether each bounce off a wall that never pulls is higher than the one before, or as high.
 
     Every other half-cycle is compared, because the way out of the wall equals the way back. The
     contact begins at another phase of the period each time, so that the growth is not as even as
     that of an oscillation.
     """
-    if streak < _BOUNCES or len(sizes) <= _BOUNCES:
+    count = tuning.bounces
+    if streak < count or len(sizes) <= count:
         return False
-    last = list(islice(sizes, len(sizes) - _BOUNCES - 1, None))
+    last = list(islice(sizes, len(sizes) - count - 1, None))
     pairs = zip(last, last[2:], strict=False)
-    return last[-1] - last[0] > _BOUNCED and all(then - now > -_BACK for now, then in pairs)
+    least = -tuning.bounces_back
+    return last[-1] - last[0] > tuning.bounces_grown and all(b - a > least for a, b in pairs)

@@ -9,17 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.tuning import TUNING, RecordingTuning
+
 Array = NDArray[np.float64]
 
-_LEAST_CYCLES: Final = 1.5
-_WINDOW: Final = 0.6
-"""Length of the weighting window [cycles]"""
 _MOST: Final = 200_000
 """Largest number of used samples; more add no information"""
-_FINITE: Final = 0.95
-"""Least fraction of valid samples"""
-_UNEXPLAINED: Final = 0.15
-"""Largest fraction of the torque that inertia and damping may leave unexplained, rms"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +42,9 @@ class FittedServo:
         return max(0.0, self.balance + self.inertia * self.speed * math.sin(self.speed * lag))
 
 
-def fitted_servo(positions: Array, torques: Array, period: float) -> FittedServo | None:
+def fitted_servo(
+    positions: Array, torques: Array, period: float, tuning: RecordingTuning = TUNING.recording
+) -> FittedServo | None:
     """Estimate the servo from these torques alone; None: a hand moves it, or it does not oscillate.
 
     ``torque = J a + b v``. Every term is weighted by a smooth window and integrated by parts, so
@@ -58,16 +55,18 @@ def fitted_servo(positions: Array, torques: Array, period: float) -> FittedServo
         positions: Shape (n,) [rad]; NaN where one is missing.
         torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known.
         period: T [s]
+        tuning: Numbers for recordings
     """
-    x, u = _whole(positions[:_MOST]), _whole(torques[:_MOST])
+    least = tuning.servo_finite
+    x, u = _whole(positions[:_MOST], least), _whole(torques[:_MOST], least)
     if x is None or u is None:
         return None
     above = x > 0.0
     passed = np.count_nonzero(above[1:] != above[:-1])
-    if passed < 2.0 * _LEAST_CYCLES:
+    if passed < 2.0 * tuning.servo_cycles:
         return None
     cycle = 2.0 * x.size / float(passed)
-    n = max(5, round(_WINDOW * cycle)) | 1
+    n = max(5, round(tuning.servo_window * cycle)) | 1
     if x.size < 2 * n:
         return None
     t = np.linspace(-1.0, 1.0, n + 2)[1:-1]
@@ -89,15 +88,15 @@ def fitted_servo(positions: Array, torques: Array, period: float) -> FittedServo
     left = fed - columns / size @ solved
     inertia, balance = float(solved[0] / size[0]), float(solved[1] / size[1])
     unexplained = math.sqrt(float(np.mean(left * left))) / spread
-    if rank < 3 or unexplained > _UNEXPLAINED or not inertia > 0.0:
+    if rank < 3 or unexplained > tuning.servo_unexplained or not inertia > 0.0:
         return None
     return FittedServo(inertia, math.tau / (cycle * period), balance)
 
 
-def _whole(values: Array) -> Array | None:
+def _whole(values: Array, least: float) -> Array | None:
     """Return values about their mean, missing ones interpolated; None: too many are missing."""
     fine = np.isfinite(values)
-    if np.count_nonzero(fine) < max(1.0, _FINITE * values.size):
+    if np.count_nonzero(fine) < max(1.0, least * values.size):
         return None
     places = np.arange(values.size)
     filled: Array = np.interp(places, places[fine], values[fine])

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from haptic_wall.controller.detector.half_cycles import Repeated
-
-_AMPLITUDE, _COUNTS = 0.02, 0.6
-"""Largest difference of amplitudes, relative, or in encoder counts."""
-_DURATION, _PERIODS = 0.03, 2.1
-"""Largest difference of durations, relative, or in periods."""
+from haptic_wall.controller.detector.tuning import SteadinessTuning
 
 
 class Steadiness:
@@ -17,17 +13,19 @@ class Steadiness:
         count: Consecutive repetitions.
     """
 
-    __slots__ = ("_amplitude", "_counts", "_duration", "_periods", "count")
+    __slots__ = ("_amplitude", "_counts", "_duration", "_periods", "_tuning", "count")
 
-    def __init__(self, period: float, position_step: float) -> None:
+    def __init__(self, period: float, position_step: float, tuning: SteadinessTuning) -> None:
         """Start with none.
 
         Args:
             period: T [s].
             position_step: Encoder count [rad]; 0: none.
+            tuning: Numbers for steadiness.
         """
-        self._counts = _COUNTS * position_step
-        self._periods = _PERIODS * period
+        self._counts = tuning.amplitude_counts * position_step
+        self._periods = tuning.duration_periods * period
+        self._tuning = tuning
         self._amplitude = [0.0, 0.0]
         self._duration = [0.0, 0.0]
         self.count = 0
@@ -37,9 +35,12 @@ class Steadiness:
         way = motion.known & 1
         if self.count > 1:
             first, lasted = self._amplitude[way], self._duration[way]
-            if abs(motion.amplitude - first) <= max(_AMPLITUDE * first, self._counts) and abs(
-                motion.duration - lasted
-            ) <= max(_DURATION * lasted, self._periods):
+            amplitude = max(self._tuning.amplitude * first, self._counts)
+            duration = max(self._tuning.duration * lasted, self._periods)
+            if (
+                abs(motion.amplitude - first) <= amplitude
+                and abs(motion.duration - lasted) <= duration
+            ):
                 self.count += 1
                 return
             self.count = 0

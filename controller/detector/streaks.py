@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import math
 
-_SAME, _SAME_COUNTS = 0.03, 0.525
-"""Largest variation of the remainder within a streak, in ``m ω``; the second per amplitude in
-counts."""
-_ONE_MASS, _ONE_MASS_COUNTS = 0.2, 1.0
-"""Largest relative variation of the apparent inertia, likewise."""
+from haptic_wall.controller.detector.tuning import StreakTuning
 
 
 class Streaks:
@@ -31,6 +27,7 @@ class Streaks:
         "_last",
         "_left",
         "_share",
+        "_tuning",
         "even",
         "explained",
         "grown",
@@ -38,7 +35,9 @@ class Streaks:
         "outward",
     )
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: StreakTuning) -> None:
+        """Begin with none; ``tuning`` says how much two remainders of a streak differ."""
+        self._tuning = tuning
         self.clear()
 
     def clear(self) -> None:
@@ -58,9 +57,12 @@ class Streaks:
             left: Its work beyond friction's, as a damping over ``m ω``.
             fine: A count of the encoder, over the amplitude.
         """
-        self._share, same = _within(self._share, share, _ONE_MASS + _ONE_MASS_COUNTS * fine)
+        tuning = self._tuning
+        most = tuning.inertia + tuning.inertia_counts * fine
+        self._share, same = _within(self._share, share, most)
         self.moved = (self.moved + 1 if same else 1) if moved else 0
-        self._left, same = _within(self._left, left, _SAME + _SAME_COUNTS * fine)
+        most = tuning.damping + tuning.damping_counts * fine
+        self._left, same = _within(self._left, left, most)
         self.even = self.even + 1 if same else 1
         self.explained = min(self.explained + 1, self.even) if explained else 0
 

@@ -22,13 +22,6 @@ from haptic_wall.controller.laws.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
 
-GIVEN, BOUNCES = 0.02, 1.5
-"""Energy that a one-sided wall may give in a bounce beyond what it took and what friction may
-dissipate [J]; and the time after the entry in which it counts, in half-cycles of the heaviest servo
-"""
-_OUTGROWN = 1.25
-"""Growth since the alarm that is more than passivity control can hold [1]"""
-
 
 @dataclass(frozen=True, slots=True)
 class WatchSettings:
@@ -90,6 +83,7 @@ class Watch:
         "_size",
         "_stiffness",
         "_ticks",
+        "_tuning",
         "_turned_at",
         "acted",
         "amplitude",
@@ -107,6 +101,7 @@ class Watch:
     def __init__(self, settings: WatchSettings) -> None:
         self._settings = settings
         self._period = settings.detector.period
+        self._tuning = settings.detector.tuning
         self._detector = Detector(settings.detector)
         self._detector.balance.side = settings.side
         self._acting = ActingTorque(0.0)
@@ -221,9 +216,10 @@ class Watch:
         work_then, square_then, ticks_then = self._entered
         if self._stiffness > 0.0 and self._acts:
             bounce = math.pi * math.sqrt(self._settings.heavy / self._stiffness)
-            if (self._ticks - ticks_then) * self._period < BOUNCES * bounce:
+            if (self._ticks - ticks_then) * self._period < self._tuning.contacts.bounce * bounce:
                 eaten = self._settings.damping_high * (square - square_then)
-                self.failed = self.failed or work - work_then - eaten > GIVEN
+                given = work - work_then - eaten
+                self.failed = self.failed or given > self._tuning.watch.given_j
 
     def raise_again(self) -> None:
         """Restore the guard's gains, and restart the watch."""
@@ -297,7 +293,7 @@ class Watch:
         """Whether the motion goes clearly further than before the alarm."""
         if isnan(self._size):
             self._size = self._turned_at + 2.0 * self._settings.detector.position_step
-        return abs(away) > _OUTGROWN * self._size
+        return abs(away) > self._tuning.watch.outgrown * self._size
 
     def _answer(self) -> None:
         """Answer an alarm of the believed values: end the run, or have the wall probed."""

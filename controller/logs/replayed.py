@@ -127,9 +127,15 @@ def _replay(
     clip = math.inf if wall.torque_clip is None else wall.torque_clip
     law = Wall(0.0, 0.0, surface, wall.side, clip)
     settings = watch_settings(config, facts, law)
-    servo = {name: given[name] for name in ("inertia", "damping", "coulomb")}
-    of_servo = {name: value for name, value in servo.items() if value is not None}
-    settings = replace(settings, detector=replace(settings.detector, **of_servo))
+    believed = settings.detector
+    inertia, damping, coulomb = given["inertia"], given["damping"], given["coulomb"]
+    known = replace(
+        believed,
+        inertia=believed.inertia if inertia is None else inertia,
+        damping=believed.damping if damping is None else damping,
+        coulomb=believed.coulomb if coulomb is None else coulomb,
+    )
+    settings = replace(settings, detector=known)
     before_age_s: float | None = settings.inserted + config.belief().delay.high
     lag = given["lag"]
     if lag is not None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Watch
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Situation, decide
 from haptic_wall.controller.guard.plants import Plants, is_heavy
@@ -199,6 +200,7 @@ def tick_parts(
     injected: Sequence[float],
     *,
     engage_at_once: bool = False,
+    tuning: Tuning = TUNING,
 ) -> TickParts:
     """Return all parts of a tick.
 
@@ -212,6 +214,7 @@ def tick_parts(
         injected: ``most_injected`` of the schedule.
         engage_at_once: The wall comes on wherever the shaft is, as with the setting of that name.
             A program always does: it starts at the shaft's position.
+        tuning: Numbers of the detector.
     """
     period_ns = config.period_ns
     period = period_ns * 1e-9
@@ -249,7 +252,7 @@ def tick_parts(
         motion=MotionWatch(
             law,
             gains,
-            Watch(watch_settings(config, servo.facts, law)),
+            Watch(watch_settings(config, servo.facts, law, tuning)),
             DrivenSpeed(_driven_limits(config, servo, driven)),
             (
                 PassivityControl(period, SLOWEST)

@@ -6,17 +6,11 @@ from typing import Protocol
 
 from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
 from haptic_wall.controller.detector.oscillation import DetectorSettings
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Answer, WatchSettings
 from haptic_wall.controller.laws.engagement import engage_torque
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.config import Config
-
-UNPROBED = 12
-"""Regular half-cycles after which an oscillation is reported where the wall must not be probed [1]
-"""
-LIGHTER, HEAVIER = 0.8, 1.6
-"""Factors on the least and the largest believed inertia that bound an oscillation's apparent
-inertia [1]"""
 
 
 class WatchFacts(Protocol):
@@ -35,7 +29,9 @@ class WatchFacts(Protocol):
         """Return one count of the encoder [rad]; 0: the position is not quantised."""
 
 
-def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings:
+def watch_settings(
+    config: Config, facts: WatchFacts, law: Law, tuning: Tuning = TUNING
+) -> WatchSettings:
     """Return the settings of the watch.
 
     A program is only watched, without a reaction; without a guard an alarm trips.
@@ -44,6 +40,7 @@ def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings
         config: The effective configuration.
         facts: Of the servo.
         law: The rendered law.
+        tuning: Numbers of the detector.
     """
     belief = config.belief()
     gain = belief.torque_gain.value  # torques are in commanded units
@@ -58,39 +55,41 @@ def watch_settings(config: Config, facts: WatchFacts, law: Law) -> WatchSettings
             coulomb=belief.coulomb.value / gain,
             position_step=facts.position_step,
             torque_limit=min(facts.torque_limit, law.clip),
+            tuning=tuning,
         ),
         answer=answer if law.guarded else "report",
         lag=belief.delay.value,
         inserted=config.delay.steps * config.period_ns * 1e-9,
         patient=law.guarded and config.wall.passivity_control,
         side=SIGNS[config.wall.side],
-        backstop=_backstop(config, facts, law.clip, bounces=False) if law.guarded else None,
-        bounces=_backstop(config, facts, law.clip, bounces=True),
+        backstop=_backstop(config, facts, law.clip, tuning, bounces=False) if law.guarded else None,
+        bounces=_backstop(config, facts, law.clip, tuning, bounces=True),
         damping_high=belief.damping.high / belief.torque_gain.low,
         heavy=belief.inertia.high / belief.torque_gain.low,
     )
 
 
 def _backstop(
-    config: Config, facts: WatchFacts, clip: float, *, bounces: bool
+    config: Config, facts: WatchFacts, clip: float, tuning: Tuning, *, bounces: bool
 ) -> BackstopSettings | None:
     """Return when the wall is probed for self-sustained motion; ``bounces``: by its contacts."""
     if bounces and config.wall.side == "both":
         return None
     belief = config.belief()
     step = facts.position_step
-    threshold, small = sizes(step)
+    threshold, small = sizes(step, tuning)
     return BackstopSettings(
         period=config.period_ns * 1e-9,
         position_step=step,
         threshold=threshold,
         small=small,
-        light=LIGHTER * belief.inertia.low / belief.torque_gain.high,
-        heavy=HEAVIER * belief.inertia.high / belief.torque_gain.low,
+        light=tuning.backstop.lightest * belief.inertia.low / belief.torque_gain.high,
+        heavy=tuning.backstop.heaviest * belief.inertia.high / belief.torque_gain.low,
         heaviest=belief.inertia.high / belief.torque_gain.low,
         rest_torque=engage_torque(config.safety.engage_torque, facts.stall_torque),
         torque_limit=min(facts.torque_limit, clip),
         acts=config.safety.on_oscillation != "report" or config.guard.mode == "off",
         bounces=bounces,
-        unprobed=UNPROBED,
+        unprobed=tuning.backstop.regular_told,
+        tuning=tuning,
     )

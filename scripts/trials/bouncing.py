@@ -47,6 +47,20 @@ class Bounces:
     """The walls on which the shaft keeps bouncing while the detector only reports"""
 
 
+def draw_bounces(preset: str, kind: int, lags: int, random: np.random.Generator) -> Case:
+    """Draw a wall and the push against it, see ``bounces``."""
+    bench = bench_of(preset)
+    truth = draw_row(bench, _ANY, LAGS[lags], random)
+    damping = draw_damping(preset, random)
+    wall = WallAsked(ANY_STIFFNESS, damping, "above", forced=False)
+    if kind:
+        ratio = log_uniform(_FORCED, random)
+        limit = max(critical_of(truth, damping, 1e-3), 0.1 * bench.torque_limit)
+        wall = WallAsked(ratio * limit, damping, "above")
+    push = _push(bench, truth, random)
+    return Case(preset, truth, wall, position=-draw_kick(random), push=push)
+
+
 def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]) -> Bounces:
     """Try some walls.
 
@@ -57,18 +71,10 @@ def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]
         walls: Number of walls.
         seed: Of everything drawn.
     """
-    random, bench = draws(seed), bench_of(preset)
+    random = draws(seed)
     found = []
     for _ in range(walls):
-        truth = draw_row(bench, _ANY, LAGS[lags], random)
-        damping = draw_damping(preset, random)
-        wall = WallAsked(ANY_STIFFNESS, damping, "above", forced=False)
-        if kind:
-            ratio = log_uniform(_FORCED, random)
-            limit = max(critical_of(truth, damping, 1e-3), 0.1 * bench.torque_limit)
-            wall = WallAsked(ratio * limit, damping, "above")
-        push = _push(bench, truth, random)
-        case = Case(preset, truth, wall, position=-draw_kick(random), push=push)
+        case = draw_bounces(preset, kind, lags, random)
         if goes_on_by_itself(case):
             found.append(answered(case))
     return Bounces(preset, WALLS_TRIED[kind], LAGS[lags].name, walls, found)

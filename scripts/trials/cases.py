@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from scripts.trials.draws import (
     LAG_FACTOR,
     Bench,
@@ -109,6 +110,7 @@ class Case:
         operator: Operator | None = None,
         *,
         speed_limits: bool = False,
+        tuning: Tuning = TUNING,
     ) -> Trial:
         """Run the trial.
 
@@ -117,6 +119,7 @@ class Case:
             operator: Moves the output; None: the case's own.
             speed_limits: The run may trip at the servo's speed, as it does by default; else only
                 the detector ends it.
+            tuning: Numbers of the detector.
         """
         limits = ("safety.max_speed=null",) if speed_limits else ()
         return run_trial(
@@ -126,6 +129,7 @@ class Case:
             self.moved_by() if operator is None else operator,
             duration_s=self.duration_s,
             position=self.position,
+            tuning=tuning,
         )
 
 

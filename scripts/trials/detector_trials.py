@@ -152,6 +152,20 @@ def _at_limit(
     return Drawn(some.take(large), who[index][large], start[large], 1.0 + wrong)
 
 
+def draw_kicked(count: int, random: np.random.Generator) -> Drawn:
+    """Draw walls at their limit for a kick, see ``kick_trials``."""
+    walls, who = _draw(count, random)
+    kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
+    return _at_limit(walls, who, kick, _KICK_TOLERANCE, random)
+
+
+def kicked_at(drawn: Drawn, share: float) -> tuple[Walls, FloatArray, list[Trace]]:
+    """Kick walls at this fraction of their limit; return walls, kicks [rad] and traces."""
+    some = drawn.walls.with_stiffness(share * drawn.walls.stiffness[:, None])
+    start = np.maximum(unsaturated(some, drawn.kick), LEAST_KICK)
+    return some, start, kicked(some, start, _CYCLES, _UNTIL)
+
+
 def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTrial]:
     """Draw walls, kick each at these fractions of its limit for the kick, and run the detector.
 
@@ -160,24 +174,31 @@ def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTr
         seed: Of the draw.
         shares: K over the limit.
     """
-    random = np.random.default_rng(seed)
-    walls, who = _draw(count, random)
-    kick = np.exp(random.uniform(np.log(LEAST_KICK), np.log(LARGEST_KICK), count))
-    drawn = _at_limit(walls, who, kick, _KICK_TOLERANCE, random)
+    drawn = draw_kicked(count, np.random.default_rng(seed))
     trials = []
     for share in shares:
-        some = drawn.walls.with_stiffness(share * drawn.walls.stiffness[:, None])
-        start = np.maximum(unsaturated(some, drawn.kick), LEAST_KICK)
-        for i, trace in enumerate(kicked(some, start, _CYCLES, _UNTIL)):
+        some, start, traces = kicked_at(drawn, share)
+        for i, trace in enumerate(traces):
             heard = listen(some, i, trace, drawn.belief[i], once=True)
             name = NAMES[drawn.who[i]]
-            trials.append(_kick_trial(name, share, some, i, float(start[i]), trace, heard.alarms))
+            trials.append(kick_trial(name, share, some, i, float(start[i]), trace, heard.alarms))
     return trials
 
 
-def _kick_trial(
+def kick_trial(
     name: str, share: float, walls: Walls, i: int, kick: float, trace: Trace, alarms: list[int]
 ) -> KickTrial:
+    """Judge one kick.
+
+    Args:
+        name: Of the servo.
+        share: K over the limit.
+        walls: What was simulated.
+        i: Which of them.
+        kick: [rad]
+        trace: Its record.
+        alarms: Samples at which an alarm began.
+    """
     size, place = np.abs(trace.position), trace.position
     large = np.flatnonzero(size >= max(2.0 * kick, LEAST_KICK))
     cycle = int(2.0 * np.pi * np.sqrt(walls.inertia[i] / walls.stiffness[i]) / PERIOD) + 1
@@ -232,6 +253,17 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
     return trials
 
 
+def draw_held(count: int, random: np.random.Generator) -> Drawn:
+    """Draw walls at nine tenths of their limit, see ``hand_trials``."""
+    walls, who = _draw(count, random)
+    walls = replace(walls, one_sided=random.random(count) < 0.4)
+    # Without Coulomb friction: the limit for the largest motion that an operator may make.
+    slippery = replace(walls, coulomb=np.zeros(count))
+    drawn = _at_limit(slippery, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
+    some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
+    return replace(drawn, walls=replace(some, coulomb=np.array(_PLANTS)[drawn.who, 2]))
+
+
 def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTrial]:
     """Try an operator on walls at 0.9 of their limit without friction; four in ten one-sided.
 
@@ -242,13 +274,8 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
         seconds: For each wall.
     """
     random = np.random.default_rng(seed)
-    walls, who = _draw(count, random)
-    walls = replace(walls, one_sided=random.random(count) < 0.4)
-    # Without Coulomb friction: the limit for the largest motion that an operator may make.
-    slippery = replace(walls, coulomb=np.zeros(count))
-    drawn = _at_limit(slippery, who, np.full(count, LARGEST_KICK), _HAND_TOLERANCE, random)
-    some = drawn.walls.with_stiffness(0.9 * drawn.walls.stiffness[:, None])
-    some = replace(some, coulomb=np.array(_PLANTS)[drawn.who, 2])
+    drawn = draw_held(count, random)
+    some = drawn.walls
     trials = []
     hands = draw_hands(some, hand, round(seconds / PERIOD), random)
     for i, trace in enumerate(handled(some, hands)):

@@ -65,9 +65,14 @@ def hand_trials(
         trial_s: Length of each [s].
         seed: Of everything drawn.
     """
-    random, bench = draws(seed), bench_of(preset)
-    found: list[HandTrial] = []
-    while len(found) < trials:
+    random = draws(seed)
+    return [judged(draw_held(preset, operator, trial_s, random)) for _ in range(trials)]
+
+
+def draw_held(preset: str, operator: str, trial_s: float, random: np.random.Generator) -> Case:
+    """Draw a wall and the operator who holds its shaft, see ``hand_trials``."""
+    bench = bench_of(preset)
+    while True:
         truth = draw_truth(bench, random, lag_factor=1.0, back_emf=None)
         damping = draw_damping(preset, random)
         one_sided = random.random() < _ONE_SIDED
@@ -76,8 +81,7 @@ def hand_trials(
             continue
         stiffness = OF_THE_LIMIT * critical_of(truth, damping, 1e-3)
         wall = WallAsked(stiffness, damping, "above" if one_sided else "both")
-        found.append(judged(hand_case(preset, truth, wall, operator, hand_seed, trial_s)))
-    return found
+        return hand_case(preset, truth, wall, operator, hand_seed, trial_s)
 
 
 def judged(case: Case) -> HandTrial:

@@ -8,6 +8,7 @@ import numpy as np
 
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.experiments.maps.many_walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.trials.watched import Trace
@@ -31,7 +32,15 @@ class Heard:
     """Samples at which it began to call the motion sustained without an alarm"""
 
 
-def listen(walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool) -> Heard:
+def listen(
+    walls: Walls,
+    i: int,
+    trace: Trace,
+    belief: FloatArray,
+    *,
+    once: bool,
+    tuning: Tuning = TUNING,
+) -> Heard:
     """Run the detector over a trace, with wrong beliefs.
 
     Args:
@@ -40,6 +49,7 @@ def listen(walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool
         trace: Its record.
         belief: Factors on inertia, damping, Coulomb friction and delay.
         once: Stop at the first alarm.
+        tuning: Numbers of the detector.
     """
     m, b, c, delay = belief.tolist()
     settings = DetectorSettings(
@@ -49,6 +59,7 @@ def listen(walls: Walls, i: int, trace: Trace, belief: FloatArray, *, once: bool
         float(walls.coulomb[i]) * c,
         COUNT,
         float(walls.torque_limit[i]),
+        tuning,
     )
     lag = float(walls.whole[i] * PERIOD + walls.lag[i]) * delay
     detector = Detector(settings)

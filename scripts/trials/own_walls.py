@@ -40,6 +40,16 @@ class Cell:
     """The walls that oscillate by themselves"""
 
 
+def draw_wall(preset: str, row: int, lags: int, random: np.random.Generator) -> Case:
+    """Draw a wall of a cell, see ``cell``."""
+    return Case(
+        preset,
+        draw_row(bench_of(preset), ROWS[row], LAGS[lags], random),
+        WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
+        position=draw_kick(random),
+    )
+
+
 def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) -> Cell:
     """Try some walls.
 
@@ -50,15 +60,10 @@ def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) ->
         walls: Number of walls.
         seed: Of everything drawn.
     """
-    random, bench = draws(seed), bench_of(preset)
+    random = draws(seed)
     found = []
     for _ in range(walls):
-        case = Case(
-            preset,
-            draw_row(bench, ROWS[row], LAGS[lags], random),
-            WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
-            position=draw_kick(random),
-        )
+        case = draw_wall(preset, row, lags, random)
         if goes_on_by_itself(case):
             found.append(answered(case))
     return Cell(preset, ROWS[row].name, LAGS[lags].name, walls, found)

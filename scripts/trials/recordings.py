@@ -70,8 +70,10 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
         at = []
         for told in (servo, {**nothing, "lag": servo["lag"]}, nothing):
             known = with_fit(told, fit)
-            late = known.pop("lag")
-            settings = DetectorSettings(PERIOD, **known)
+            settings = DetectorSettings(
+                PERIOD, known["inertia"], known["damping"], known["coulomb"]
+            )
+            late = known["lag"]
             record = detect(times, positions, trace.torque, settings, lag=late, wall=wall)
             at.append(record.first_alarm_s)
         enough = max(2.0 * float(drawn.kick[i]), _FEW)

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
@@ -116,6 +117,7 @@ def run_trial(
     position: float = 0.0,
     velocity: float = 0.0,
     step_s: float | None = None,
+    tuning: Tuning = TUNING,
 ) -> Trial:
     """Run the tick until the duration is over or a trip ends the run.
 
@@ -128,6 +130,7 @@ def run_trial(
         position: Of the servo at the start [rad].
         velocity: Of the servo at the start [rad/s].
         step_s: Longest step of the servo's computation [s]; None: the usual one.
+        tuning: Numbers of the detector.
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
     clock = SimulatedClock()
@@ -137,7 +140,15 @@ def run_trial(
     schedule = _schedule(config, servo, tuple(sets), wall)
     law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
     parts = tick_parts(
-        config, clock, servo, telemetry, schedule, law, injected, engage_at_once=True
+        config,
+        clock,
+        servo,
+        telemetry,
+        schedule,
+        law,
+        injected,
+        engage_at_once=True,
+        tuning=tuning,
     )
     tick = Tick(parts)
     tick.wall_on()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from scripts.trials.cases import (
     LAGS,
     PRESETS,
@@ -79,26 +80,36 @@ def small_cycles(preset: str, walls: int, seed: tuple[int, ...]) -> SmallCycles:
         walls: Number of walls.
         seed: Of everything drawn.
     """
-    random, bench = draws(seed), bench_of(preset)
+    random = draws(seed)
     found = []
     for _ in range(walls):
-        truth = replace(
-            draw_row(bench, _ROW, LAGS[0], random), backlash=float(random.uniform(*BACKLASH))
-        )
-        case = Case(
-            preset,
-            truth,
-            WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
-            duration_s=_WATCHED_S,
-            position=float(random.uniform(*KICK)),
-        )
-        if sustains(case.run("report"), small()):
-            found.append(_answered(replace(case, duration_s=_ANSWERED_S)))
+        case = draw_small_cycle(preset, random)
+        if keeps_up(case):
+            found.append(settled(case))
     return SmallCycles(preset, walls, found)
 
 
-def _answered(case: Case) -> SmallCycle:
-    trial = case.run()
+def draw_small_cycle(preset: str, random: np.random.Generator) -> Case:
+    """Draw a servo with backlash and its wall."""
+    row = draw_row(bench_of(preset), _ROW, LAGS[0], random)
+    return Case(
+        preset,
+        replace(row, backlash=float(random.uniform(*BACKLASH))),
+        WallAsked(ANY_STIFFNESS, draw_damping(preset, random), forced=False),
+        duration_s=_WATCHED_S,
+        position=float(random.uniform(*KICK)),
+    )
+
+
+def keeps_up(case: Case) -> bool:
+    """Whether a motion above four counts sustains itself while the detector reports."""
+    return sustains(case.run("report"), small())
+
+
+def settled(case: Case, tuning: Tuning = TUNING) -> SmallCycle:
+    """Run a case for longer with ``reduce`` and judge it."""
+    case = replace(case, duration_s=_ANSWERED_S)
+    trial = case.run(tuning=tuning)
     return SmallCycle(
         case=case,
         below_s=time_above_s(trial, small()),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from scripts.trials.cases import Case
 from scripts.trials.draws import bench_of
 from scripts.trials.judges import (
@@ -117,17 +118,19 @@ def goes_on_by_itself(case: Case) -> bool:
     return sustains(case.run("report"), large(case.truth.counts_per_rev))
 
 
-def answered(case: Case) -> Answered:
+def answered(case: Case, tuning: Tuning = TUNING) -> Answered:
     """Run a case with ``reduce`` and judge it; repeat it longer if it was too short."""
-    trial = case.run()
+    trial = case.run(tuning=tuning)
     own = _judged(case, trial)
     late_at_any_speed = False
     if not own.judged or not own.in_time:
         longer = replace(case, duration_s=case.duration_s + _LONGER_S)
-        trial = longer.run()
+        trial = longer.run(tuning=tuning)
         own = _judged(case, trial)
         if not own.in_time:
-            late_at_any_speed = not _judged(case, longer.run(speed_limits=True)).in_time
+            late_at_any_speed = not _judged(
+                case, longer.run(speed_limits=True, tuning=tuning)
+            ).in_time
     over = own.ended_s if own.tripped else own.decays_s
     at_alarm, after = at_alarm_and_after(trial)
     return Answered(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.evidence import lasts, same_period
+from haptic_wall.controller.detector.tuning import TUNING
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
@@ -45,7 +46,7 @@ def bounces(stiffness, speed, times=1, *, damping=0.0, lag=0, gravity=2.0, count
 
 
 def watched(samples, count=0.0, span=PERIOD):
-    seen = Contacts(count)
+    seen = Contacts(count, TUNING.contacts)
     for depth, torque in samples:
         seen.update(depth, torque, span)
     return seen
@@ -83,11 +84,11 @@ def test_the_interval_is_from_exit_to_exit():
 
 def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not():
     even = watched(bounces(10.0, 1.0, 5, gravity=20.0))
-    assert lasts(even)
-    assert same_period(even)
-    assert not lasts(watched(bounces(10.0, 1.0, 5, gravity=20.0, damping=0.1)))
+    assert lasts(even, TUNING.evidence)
+    assert same_period(even, TUNING.evidence)
+    assert not lasts(watched(bounces(10.0, 1.0, 5, gravity=20.0, damping=0.1)), TUNING.evidence)
     late = watched(bounces(10.0, 1.0, 5, gravity=20.0, lag=6))
-    assert lasts(late)
+    assert lasts(late, TUNING.evidence)
     assert late.amplitude > late.amplitude_3
 
 
@@ -128,7 +129,7 @@ def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy():
     st.sampled_from([0.0, COUNT]),
 )
 def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples, count):
-    seen = Contacts(count)
+    seen = Contacts(count, TUNING.contacts)
     total = inside = 0.0
     last = None
     for depth, torque, periods in samples:

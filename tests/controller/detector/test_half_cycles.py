@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.evidence import lasts, same_period
 from haptic_wall.controller.detector.half_cycles import HalfCycles
+from haptic_wall.controller.detector.tuning import TUNING
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
@@ -20,7 +21,7 @@ COUNT = math.tau / 4096
 def watched(positions, torques=None, count=0.0, spans=None):
     """The watcher after all samples, and a row (duration, amplitude) for each half-cycle."""
     found = []
-    seen = HalfCycles(PERIOD, count)
+    seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
     for k, position in enumerate(positions):
         torque = 0.0 if torques is None else torques[k]
         if seen.update(position, torque, PERIOD if spans is None else spans[k]):
@@ -42,8 +43,8 @@ def test_a_sinusoid_is_cut_at_its_turning_points(hertz):
     # A turning point lies at most half a period beside a sample.
     lost = 1.0 - math.cos(math.pi * hertz * PERIOD)
     assert found[:, 1] == pytest.approx(0.1, abs=0.1 * lost + 1e-9)
-    assert lasts(seen)
-    assert same_period(seen)
+    assert lasts(seen, TUNING.evidence)
+    assert same_period(seen, TUNING.evidence)
 
 
 @pytest.mark.parametrize("counts", [4, 10, 100])
@@ -62,23 +63,23 @@ def test_the_two_ways_may_last_differently():
     assert found[:, 1] == pytest.approx(1.0)
     assert found[0::2, 0] == pytest.approx(0.03)
     assert found[1::2, 0] == pytest.approx(0.07)
-    assert same_period(seen), "compared to the half-cycle of the same way"
+    assert same_period(seen, TUNING.evidence), "compared to the half-cycle of the same way"
 
 
 def test_a_growing_motion_lasts_and_a_dying_one_does_not():
     time = np.arange(1500) * PERIOD
     wave = np.cos(math.tau * 5.0 * time)
     growing, _ = watched(0.1 * np.exp(0.3 * time) * wave)
-    assert lasts(growing)
+    assert lasts(growing, TUNING.evidence)
     dying, _ = watched(0.1 * np.exp(-0.3 * time) * wave)
-    assert not lasts(dying)
+    assert not lasts(dying, TUNING.evidence)
 
 
 def test_nothing_lasts_before_four_are_known():
     seen, found = watched(cosine(5.0, 0.1, 0.36))
     assert seen.known == len(found) == 3
-    assert not lasts(seen)
-    assert not same_period(seen)
+    assert not lasts(seen, TUNING.evidence)
+    assert not same_period(seen, TUNING.evidence)
 
 
 @pytest.mark.parametrize("size", [0.4, 1.0, 1.49])
@@ -178,7 +179,7 @@ def test_what_was_forgotten_does_not_count():
     assert seen.known > 4
     seen.forget()
     assert seen.known == 0
-    assert not lasts(seen)
+    assert not lasts(seen, TUNING.evidence)
     for position in 3.0 + cosine(5.0, 0.1, 0.25):
         seen.update(position, 0.0, PERIOD)
     assert seen.known == 2
@@ -191,7 +192,7 @@ spans = st.integers(1, 5)
 
 @given(st.lists(st.tuples(moves, moves, spans), max_size=200), st.sampled_from([0.0, COUNT]))
 def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(samples, count):
-    seen = HalfCycles(PERIOD, count)
+    seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
     total = elapsed = 0.0
     turns = None
     for position, torque, periods in samples:
@@ -234,7 +235,7 @@ def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count):
 
 
 def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for():
-    seen = HalfCycles(PERIOD, COUNT)
+    seen = HalfCycles(PERIOD, COUNT, TUNING.half_cycles)
     for position in cosine(5.0, 0.5, 0.65, COUNT):
         seen.update(position, 0.0, PERIOD)
     ended = sum(

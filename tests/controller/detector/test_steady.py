@@ -8,17 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.controller.detector.backstop import STEADY
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.steady import Steadiness
+from haptic_wall.controller.detector.tuning import TUNING
 
+STEADY = TUNING.steadiness.half_cycles
 PERIOD = 1e-3
 COUNT = math.tau / 4096
 
 
 def counted(rows, count=COUNT):
     """Take rows of (amplitude, duration); the counts after each."""
-    steady = Steadiness(PERIOD, count)
+    steady = Steadiness(PERIOD, count, TUNING.steadiness)
     counts = []
     for known, (amplitude, duration) in enumerate(rows, 1):
         steady.take(SimpleNamespace(known=known, amplitude=amplitude, duration=duration))
@@ -28,7 +29,8 @@ def counted(rows, count=COUNT):
 
 def of_motion(positions, count=COUNT):
     """The largest count in a motion."""
-    steady, seen, most = Steadiness(PERIOD, count), HalfCycles(PERIOD, count), 0
+    steady, most = Steadiness(PERIOD, count, TUNING.steadiness), 0
+    seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
     for position in positions:
         if seen.update(position, 0.0, PERIOD):
             steady.take(seen)
